@@ -1,0 +1,29 @@
+"""Ament package of the recorder, the replayer and the bag tools."""
+
+from setuptools import find_packages, setup
+
+package_name = "fsw_recorder"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    install_requires=["setuptools", "mcap", "rosbags", "zstandard", "numpy", "PyYAML"],
+    zip_safe=True,
+    maintainer="fsw-control maintainers",
+    maintainer_email="maintainer@example.com",
+    description="Recorder, replayer and bag tools of the weld control graph",
+    license="Apache-2.0",
+    tests_require=["pytest"],
+    entry_points={
+        "console_scripts": [
+            "recorder = fsw_recorder.recorder_node:main",
+            "replay = fsw_recorder.replay_node:main",
+        ]
+    },
+)
