@@ -1,0 +1,155 @@
+"""What a controller is: pure data in, pure data out.
+
+Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times come from the clock handed in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+SENSORS = ("depth", "torque", "thermocouple")
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The sensors at one tick.
+
+    Attributes
+    ----------
+    time_s : float
+        Stamp of the tick.
+    depth_mm, torque_nm, temperature_c : float
+        Sensor values; NaN where the sensor is invalid.
+    depth_valid, torque_valid, temperature_valid : bool
+        Whether the value may be used.
+    """
+
+    time_s: float
+    depth_mm: float
+    torque_nm: float
+    temperature_c: float
+    depth_valid: bool = True
+    torque_valid: bool = True
+    temperature_valid: bool = True
+
+    def invalid_sensors(self) -> tuple[str, ...]:
+        """Names (of ``SENSORS``) whose value may not be used."""
+        flags = (self.depth_valid, self.torque_valid, self.temperature_valid)
+        return tuple(name for name, valid in zip(SENSORS, flags, strict=True) if not valid)
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Set-points: shoulder depth and stir-zone temperature."""
+
+    depth_mm: float
+    temperature_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """The two handles: axial force and spindle speed."""
+
+    force_kn: float
+    speed_rpm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds and largest change per tick of the handles (chosen; the paper gives only the rates)."""
+
+    force_min_kn: float = 60.0
+    force_max_kn: float = 95.0
+    speed_min_rpm: float = 300.0
+    speed_max_rpm: float = 500.0
+    force_step_kn: float = 1.0
+    speed_step_rpm: float = 3.0
+
+    def clip(self, wanted: Command, previous: Command | None) -> Command:
+        """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
+        force = min(max(wanted.force_kn, self.force_min_kn), self.force_max_kn)
+        speed = min(max(wanted.speed_rpm, self.speed_min_rpm), self.speed_max_rpm)
+        if previous is not None:
+            force = min(max(force, previous.force_kn - self.force_step_kn), previous.force_kn + self.force_step_kn)
+            speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)
+        return Command(force, speed)
+
+    def active(self, command: Command, previous: Command | None, tolerance: float = 1e-9) -> tuple[str, ...]:
+        """Names of the limits that ``command`` touches, e.g. ``force_max`` or ``speed_rate``."""
+        names: list[str] = []
+        if command.force_kn <= self.force_min_kn + tolerance:
+            names.append("force_min")
+        if command.force_kn >= self.force_max_kn - tolerance:
+            names.append("force_max")
+        if command.speed_rpm <= self.speed_min_rpm + tolerance:
+            names.append("speed_min")
+        if command.speed_rpm >= self.speed_max_rpm - tolerance:
+            names.append("speed_max")
+        if previous is not None:
+            if abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance:
+                names.append("force_rate")
+            if abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance:
+                names.append("speed_rate")
+        return tuple(names)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A predictive controller's horizon; every tuple has one value per entry of ``time_s``."""
+
+    time_s: tuple[float, ...]
+    depth_mm: tuple[float, ...]
+    temperature_c: tuple[float, ...]
+    force_kn: tuple[float, ...]
+    speed_rpm: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a controller tells of itself besides its proposal (all optional)."""
+
+    depth_estimate_mm: float = float("nan")
+    temperature_estimate_c: float = float("nan")
+    torque_estimate_nm: float = float("nan")
+    disturbances: dict[str, float] = field(default_factory=dict)
+    solver_status: str = ""
+    iterations: int = 0
+    solve_time_s: float = 0.0
+    active_limits: tuple[str, ...] = ()
+    bad_cycles: int = 0
+    plan: Plan | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What a controller would apply at this tick.
+
+    ``healthy`` false means: do not apply; ``reason`` says why in words.
+    """
+
+    command: Command
+    healthy: bool = True
+    reason: str = ""
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """Anything that turns measurements into proposals.
+
+    A controller is always warm: it is stepped at every tick, selected or not, and ``applied`` is the command
+    that the plant really obeyed during the tick that just ended. A controller that follows it is bumpless.
+    """
+
+    name: str
+    #: sensors (of ``SENSORS``) that may be invalid for a while without making the proposal unusable
+    tolerated_sensors: tuple[str, ...]
+
+    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        """Compute the proposal that answers ``measurement``; never raises on bad measurements."""
+        ...
+
+    def reset(self, applied: Command) -> None:
+        """Forget the past; the next step starts from ``applied`` without a bump."""
+        ...

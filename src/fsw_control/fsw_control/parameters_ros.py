@@ -1,0 +1,116 @@
+"""Declares the parameters of a YAML file on a node and keeps their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
+
+from fsw_control.parameters import ParameterError, ParameterSpec, load
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+_ROS_TYPE = {
+    "double": ParameterType.PARAMETER_DOUBLE,
+    "int": ParameterType.PARAMETER_INTEGER,
+    "bool": ParameterType.PARAMETER_BOOL,
+    "string": ParameterType.PARAMETER_STRING,
+    "string_array": ParameterType.PARAMETER_STRING_ARRAY,
+    "double_array": ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
+
+
+class ParameterValues:
+    """The declared parameters of one node, always as last accepted.
+
+    Attributes
+    ----------
+    specs : dict of str to ParameterSpec
+        What was declared.
+    values : dict of str to Any
+        Present values; replaced as a whole at a change, so a reader may keep the dict it has.
+    """
+
+    def __init__(self, node: Node, specs: Mapping[str, ParameterSpec]) -> None:
+        self.specs = dict(specs)
+        self.values: dict[str, Any] = {}
+        self._callbacks: list[Callable[[dict[str, Any]], None]] = []
+        self._checks: list[Callable[[dict[str, Any]], str | None]] = []
+        # The check comes first, so that it also sees the values given at start.
+        node.add_on_set_parameters_callback(self._check)
+        for spec in self.specs.values():
+            value = node.declare_parameter(spec.name, spec.default, descriptor(spec)).value
+            self.values[spec.name] = spec.check(value)
+        node.add_post_set_parameters_callback(self._accept)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.values[name]
+
+    def on_change(self, callback: Callable[[dict[str, Any]], None]) -> None:
+        """Call ``callback`` with all values after each accepted change."""
+        self._callbacks.append(callback)
+
+    def add_check(self, check: Callable[[dict[str, Any]], str | None]) -> None:
+        """Let ``check`` look at all values before a change is accepted; it returns why not, or None."""
+        self._checks.append(check)
+
+    def _check(self, parameters: list[Parameter]) -> SetParametersResult:
+        wanted = dict(self.values)
+        try:
+            for parameter in parameters:
+                if parameter.name in self.specs:
+                    wanted[parameter.name] = self.specs[parameter.name].check(parameter.value)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        for check in self._checks:
+            reason = check(wanted)
+            if reason is not None:
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _accept(self, parameters: list[Parameter]) -> None:
+        changed = {
+            parameter.name: self.specs[parameter.name].check(parameter.value)
+            for parameter in parameters
+            if parameter.name in self.specs
+        }
+        if changed:
+            self.values = self.values | changed
+            for callback in self._callbacks:
+                callback(self.values)
+
+
+def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    """Return the ROS descriptor of a parameter, with its range and its unit in the description."""
+    message = ParameterDescriptor(
+        name=spec.name, type=_ROS_TYPE[spec.type], description=spec.describe(), read_only=spec.read_only
+    )
+    if spec.range is not None:
+        low, high = spec.range
+        if spec.type == "int":
+            message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+        elif spec.type == "double":
+            message.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    return message
+
+
+def declare(node: Node, package: str, file: str) -> ParameterValues:
+    """Declare on ``node`` the parameters that ``package`` describes in ``file``.
+
+    Raises
+    ------
+    ParameterError
+        When the file is missing or wrong.
+    rclpy.exceptions.InvalidParameterValueException, rclpy.exceptions.InvalidParameterTypeException
+        When a value given at start does not fit.
+    """
+    return ParameterValues(node, load(package, file))
