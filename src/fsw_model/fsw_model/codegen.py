@@ -1,0 +1,62 @@
+"""Turns a CasADi SX function into plain Python on floats: same operations, no call overhead of CasADi."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import casadi as ca
+
+_BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
+_UNARY = {ca.OP_NEG: "-{0}", ca.OP_SQ: "{0}*{0}", ca.OP_TWICE: "2.0*{0}", ca.OP_INV: "1.0/{0}", ca.OP_ASSIGN: "{0}"}
+_CALLS = {ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_FABS: "fabs", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+
+
+def python_function(function: ca.Function) -> Callable[..., tuple[float, ...]]:
+    """Compile an SX function to a Python function of floats.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        SX function; dense inputs and outputs.
+
+    Returns
+    -------
+    callable
+        Takes all input elements as positional floats (inputs one after the other, column by column) and returns all
+        output elements as one flat tuple.
+
+    Raises
+    ------
+    ValueError
+        If the function uses an operation that has no Python counterpart here.
+    """
+    offsets = [0]
+    for i in range(function.n_in()):
+        offsets.append(offsets[-1] + function.nnz_in(i))
+    results: dict[tuple[int, int], str] = {}
+    lines: list[str] = []
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        into, given = function.instruction_output(k), function.instruction_input(k)
+        if op == ca.OP_INPUT:
+            lines.append(f"w{into[0]} = a{offsets[given[0]] + given[1]}")
+        elif op == ca.OP_OUTPUT:
+            results[(into[0], into[1])] = f"r{len(results)}"
+            lines.append(f"{results[(into[0], into[1])]} = w{given[0]}")
+        elif op == ca.OP_CONST:
+            lines.append(f"w{into[0]} = {function.instruction_constant(k)!r}")
+        elif op in _BINARY:
+            lines.append(f"w{into[0]} = w{given[0]} {_BINARY[op]} w{given[1]}")
+        elif op in _UNARY:
+            lines.append(f"w{into[0]} = " + _UNARY[op].format(f"w{given[0]}"))
+        elif op in _CALLS:
+            lines.append(f"w{into[0]} = {_CALLS[op]}({', '.join(f'w{g}' for g in given)})")
+        else:
+            raise ValueError(f"{function.name()}: CasADi operation {op} has no Python counterpart in fsw_model.codegen")
+    order = [(i, j) for i in range(function.n_out()) for j in range(function.nnz_out(i))]
+    arguments = ", ".join(f"a{i}" for i in range(offsets[-1]))
+    body = "\n    ".join([*lines, "return (" + ", ".join(results.get(key, "0.0") for key in order) + ",)"])
+    namespace = {name: getattr(math, name) for name in ("sqrt", "exp", "log", "fabs", "pow")}
+    exec(compile(f"def f({arguments}):\n    {body}\n", f"<{function.name()}>", "exec"), namespace)
+    return namespace["f"]  # type: ignore[return-value]
