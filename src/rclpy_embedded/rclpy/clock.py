@@ -1,0 +1,281 @@
+"""Clocks: system, steady and ROS time, time jumps, sleeping."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from enum import IntEnum
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from rclpy.clock_type import ClockType
+from rclpy.constants import S_TO_NS
+from rclpy.duration import Duration
+from rclpy.exceptions import NotInitializedException
+from rclpy.time import Time
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+
+#: Seconds of one wait: a sleep of centuries must not overflow the system's timeout.
+_LONGEST_WAIT = 3600.0
+
+
+class ClockChange(IntEnum):
+    """What happened to a clock's source; the values are those of ``rcl_clock_change_t``."""
+
+    ROS_TIME_NO_CHANGE = 1
+    ROS_TIME_ACTIVATED = 2
+    ROS_TIME_DEACTIVATED = 3
+    SYSTEM_TIME_NO_CHANGE = 4
+
+
+class JumpThreshold:
+    """When a change of time counts as a jump.
+
+    Parameters
+    ----------
+    min_forward : Duration or None
+        Smallest step forwards that counts; positive.
+    min_backward : Duration or None
+        Smallest step backwards that counts; negative.
+    on_clock_change : bool
+        Whether switching ROS time on or off counts.
+
+    Raises
+    ------
+    ValueError
+        If a threshold has the wrong sign or nothing is enabled.
+    """
+
+    def __init__(
+        self, *, min_forward: Duration | None, min_backward: Duration | None, on_clock_change: bool = True
+    ) -> None:
+        if min_forward is not None and min_forward.nanoseconds <= 0:
+            raise ValueError("min_forward must be a positive non-zero duration")
+        if min_backward is not None and min_backward.nanoseconds >= 0:
+            raise ValueError("min_backward must be a negative non-zero duration")
+        if min_forward is None and min_backward is None and not on_clock_change:
+            raise ValueError("At least one jump threshold must be enabled")
+        self.min_forward = min_forward
+        self.min_backward = min_backward
+        self.on_clock_change = on_clock_change
+
+    def exceeded_by(self, jump: TimeJump) -> bool:
+        """Return whether `jump` counts."""
+        if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
+            return self.on_clock_change
+        return (self.min_forward is not None and jump.delta >= self.min_forward) or (
+            self.min_backward is not None and jump.delta <= self.min_backward
+        )
+
+
+class TimeJump:
+    """A jump of a clock: what changed and by how much."""
+
+    def __init__(self, clock_change: ClockChange, delta: Duration) -> None:
+        if not isinstance(clock_change, ClockChange):
+            raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
+        self._clock_change = clock_change
+        self._delta = delta
+
+    @property
+    def clock_change(self) -> ClockChange:
+        """Whether ROS time was switched on or off."""
+        return self._clock_change
+
+    @property
+    def delta(self) -> Duration:
+        """New time minus old time."""
+        return self._delta
+
+
+class JumpHandle:
+    """A registered pair of jump callbacks; also a context manager that unregisters them.
+
+    Raises
+    ------
+    ValueError
+        If no callback is given or one is not callable.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        threshold: JumpThreshold,
+        pre_callback: Callable[[], None] | None,
+        post_callback: Callable[[TimeJump], None] | None,
+    ) -> None:
+        if pre_callback is None and post_callback is None:
+            raise ValueError("One of pre_callback or post_callback must be callable")
+        if pre_callback is not None and not callable(pre_callback):
+            raise ValueError("pre_callback must be callable if given")
+        if post_callback is not None and not callable(post_callback):
+            raise ValueError("post_callback must be callable if given")
+        self._clock: Clock | None = clock
+        self._threshold = threshold
+        self._pre_callback = pre_callback
+        self._post_callback = post_callback
+        clock._jump_handles.append(self)
+
+    def unregister(self) -> None:
+        """Remove the callbacks from the clock; harmless when done twice."""
+        if self._clock is not None:
+            self._clock._jump_handles.remove(self)
+            self._clock = None
+
+    def __enter__(self) -> JumpHandle:
+        return self
+
+    def __exit__(self, t: type[BaseException] | None, v: BaseException | None, tb: TracebackType | None) -> None:
+        self.unregister()
+
+
+class Clock:
+    """A source of time. ``Clock(clock_type=ClockType.ROS_TIME)`` gives a ROSClock."""
+
+    _clock_type: ClockType
+    _jump_handles: list[JumpHandle]
+
+    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        self = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
+        self._clock_type = clock_type
+        self._jump_handles = []
+        if isinstance(self, ROSClock):
+            self._override_ns = 0
+            self._override_active = False
+        return self
+
+    @property
+    def clock_type(self) -> ClockType:
+        """Kind of this clock."""
+        return self._clock_type
+
+    def __repr__(self) -> str:
+        return f"Clock(clock_type={self.clock_type.name})"
+
+    def _now_ns(self) -> int:
+        return time.monotonic_ns() if self._clock_type is ClockType.STEADY_TIME else time.time_ns()
+
+    def now(self) -> Time:
+        """Return the current time."""
+        return Time(nanoseconds=self._now_ns(), clock_type=self._clock_type)
+
+    def create_jump_callback(
+        self,
+        threshold: JumpThreshold,
+        *,
+        pre_callback: Callable[[], None] | None = None,
+        post_callback: Callable[[TimeJump], None] | None = None,
+    ) -> JumpHandle:
+        """Have callbacks called around every jump that exceeds `threshold`.
+
+        `pre_callback` runs before the new time is set and takes nothing, `post_callback` after it and takes the
+        TimeJump. They must be quick and must not block.
+        """
+        return JumpHandle(clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post_callback)
+
+    def _jump(self, jump: TimeJump, change: Callable[[], None]) -> None:
+        """Apply `change` between the callbacks that `jump` concerns."""
+        concerned = [handle for handle in list(self._jump_handles) if handle._threshold.exceeded_by(jump)]
+        for handle in concerned:
+            if handle._pre_callback is not None:
+                handle._pre_callback()
+        change()
+        for handle in concerned:
+            if handle._post_callback is not None:
+                handle._post_callback(jump)
+
+    def sleep_until(self, until: Time, context: Context | None = None) -> bool:
+        """Sleep until this clock shows `until`.
+
+        With ROS time active this lasts until /clock says so. Shutdown of the context and switching ROS time on or
+        off end the sleep early.
+
+        Returns
+        -------
+        bool
+            Whether `until` was reached.
+
+        Raises
+        ------
+        ValueError
+            If `until` belongs to another kind of clock.
+        NotInitializedException
+            If the context (default: the global one) is not initialized.
+        """
+        if context is None:
+            from rclpy.utilities import get_default_context
+
+            context = get_default_context()
+        if not context.ok():
+            raise NotInitializedException()
+        if until.clock_type != self._clock_type:
+            raise ValueError("until's clock type does not match this clock's type")
+
+        event = threading.Event()
+        source_changed = False
+
+        def on_jump(jump: TimeJump) -> None:
+            nonlocal source_changed
+            # Another source has another epoch, so `until` has lost its meaning.
+            source_changed = source_changed or jump.clock_change != ClockChange.ROS_TIME_NO_CHANGE
+            if source_changed or self.now() >= until:
+                event.set()
+
+        context.on_shutdown(event.set)
+        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
+        with self.create_jump_callback(threshold, post_callback=on_jump):
+            # The context may have gone down, or time may have come, before the callbacks were in place.
+            while context.ok() and not event.is_set() and self._now_ns() < until.nanoseconds:
+                overridden = isinstance(self, ROSClock) and self.ros_time_is_active
+                remaining = (until.nanoseconds - self._now_ns()) / S_TO_NS
+                event.wait(None if overridden else min(remaining, _LONGEST_WAIT))
+        if not context.ok() or source_changed:
+            return False
+        return self.now() >= until
+
+    def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
+        """Sleep for a duration; the same as ``sleep_until(now() + rel_time)``."""
+        return self.sleep_until(self.now() + rel_time, context)
+
+
+class ROSClock(Clock):
+    """ROS time: system time, or what a time source says (simulated time)."""
+
+    _override_ns: int
+    _override_active: bool
+
+    def __new__(cls) -> ROSClock:
+        self = super().__new__(Clock, clock_type=ClockType.ROS_TIME)
+        assert isinstance(self, ROSClock)
+        return self
+
+    def _now_ns(self) -> int:
+        return self._override_ns if self._override_active else time.time_ns()
+
+    @property
+    def ros_time_is_active(self) -> bool:
+        """Whether the time comes from a time source rather than from the system."""
+        return self._override_active
+
+    def _set_ros_time_is_active(self, enabled: bool) -> None:
+        if enabled == self._override_active:
+            return
+        change = ClockChange.ROS_TIME_ACTIVATED if enabled else ClockChange.ROS_TIME_DEACTIVATED
+        self._jump(TimeJump(change, Duration()), lambda: setattr(self, "_override_active", enabled))
+
+    def set_ros_time_override(self, time: Time) -> None:
+        """Set the time this clock shows while ROS time is active; TypeError if `time` is not a Time."""
+        if not isinstance(time, Time):
+            raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
+        if not self._override_active:
+            self._override_ns = time.nanoseconds
+            return
+        jump = TimeJump(ClockChange.ROS_TIME_NO_CHANGE, Duration(nanoseconds=time.nanoseconds - self._override_ns))
+        self._jump(jump, lambda: setattr(self, "_override_ns", time.nanoseconds))

@@ -1,0 +1,156 @@
+"""Exceptions of the client library, with the names and texts of the genuine ones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter
+
+
+class NotInitializedException(Exception):
+    """Raised when something needs a context that is not initialized or is already shut down."""
+
+    def __init__(self, message: str | None = None) -> None:
+        super().__init__("rclpy.init() has not been called." + (f" msg:{message}" if message else ""))
+
+
+class ROSInterruptException(Exception):
+    """Raised when an operation is cancelled by the shutdown of its context."""
+
+    def __init__(self) -> None:
+        super().__init__("rclpy.shutdown() has been called")
+
+
+class NoTypeSupportImportedException(Exception):
+    """Raised when there is no type support for an interface."""
+
+    def __init__(self) -> None:
+        super().__init__("no type_support imported")
+
+
+class RCUtilsError(RuntimeError):
+    """Raised by the utilities below the client library."""
+
+
+class RMWError(RuntimeError):
+    """Raised by the middleware layer."""
+
+
+class RCLError(RuntimeError):
+    """Raised by the client library's core."""
+
+
+class RCLInvalidROSArgsError(RCLError):
+    """Raised when a command line has malformed ROS arguments."""
+
+
+class UnknownROSArgsError(RuntimeError):
+    """Raised when a command line has ROS arguments that nobody knows."""
+
+
+class NodeNameNonExistentError(RCLError):
+    """Raised when a node is asked for that is not in the graph."""
+
+
+class UnsupportedEventTypeError(RCLError):
+    """Raised when the middleware does not offer an event."""
+
+
+class InvalidHandle(RuntimeError):
+    """Raised when an entity is used after it was destroyed."""
+
+
+class NameValidationException(Exception):
+    """Raised when a name is invalid; points at the first bad character."""
+
+    def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n   {' ' * invalid_index}^")
+
+
+class InvalidNamespaceException(NameValidationException):
+    """Raised when a namespace is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__("namespace", name, error_msg, invalid_index)
+
+
+class InvalidNodeNameException(NameValidationException):
+    """Raised when a node name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__("node name", name, error_msg, invalid_index)
+
+
+class InvalidTopicNameException(NameValidationException):
+    """Raised when a topic name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__("topic name", name, error_msg, invalid_index)
+
+
+class InvalidServiceNameException(NameValidationException):
+    """Raised when a service name is invalid."""
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__("service name", name, error_msg, invalid_index)
+
+
+class ParameterException(Exception):
+    """Base of the errors about parameters."""
+
+    def __init__(self, error_msg: str, parameters: str | list[str]) -> None:
+        super().__init__(f"{error_msg}: {parameters}")
+
+
+class ParameterNotDeclaredException(ParameterException):
+    """Raised when an undeclared parameter is used where that is not allowed."""
+
+    def __init__(self, parameters: str | list[str]) -> None:
+        super().__init__("Invalid access to undeclared parameter(s)", parameters)
+
+
+class ParameterAlreadyDeclaredException(ParameterException):
+    """Raised when a parameter is declared twice."""
+
+    def __init__(self, parameters: str | list[str]) -> None:
+        super().__init__("Parameter(s) already declared", parameters)
+
+
+class InvalidParameterException(ParameterException):
+    """Raised when a parameter is declared with an invalid name."""
+
+    def __init__(self, parameter_name: str) -> None:
+        super().__init__("Invalid parameter name", parameter_name)
+
+
+class InvalidParameterTypeException(ParameterException):
+    """Raised when a parameter is declared with a value of another type than it has."""
+
+    def __init__(self, desired_parameter: Parameter, expected_type: Any) -> None:
+        super().__init__(
+            f"Trying to set parameter '{desired_parameter.name}' to '{desired_parameter.value}'"
+            f" of type '{desired_parameter.type_.name}', expecting type '{expected_type}'",
+            desired_parameter.name,
+        )
+
+
+class InvalidParameterValueException(ParameterException):
+    """Raised when a value is refused by a callback or by the parameter's descriptor."""
+
+    def __init__(self, parameter: str, value: Any, reason: str) -> None:
+        super().__init__(f"Invalid parameter value ({value}) for parameter. Reason: {reason}", parameter)
+
+
+class ParameterImmutableException(ParameterException):
+    """Raised when a read-only parameter is modified."""
+
+    def __init__(self, parameter_name: str) -> None:
+        super().__init__("Attempted to modify read-only parameter", parameter_name)
+
+
+class ParameterUninitializedException(ParameterException):
+    """Raised when a statically typed parameter is read before it has a value."""
+
+    def __init__(self, parameter_name: str) -> None:
+        super().__init__(f"The parameter '{parameter_name}' is not initialized", parameter_name)

@@ -1,0 +1,354 @@
+"""Quality of service: policies, profiles and their compatibility."""
+
+from __future__ import annotations
+
+import warnings
+from enum import Enum, IntEnum
+from typing import Any
+
+from rclpy.constants import INT64_MAX
+from rclpy.duration import Duration
+
+
+class QoSPolicyKind(IntEnum):
+    """Kinds of policies; the values are those of rmw's incompatible-QoS events."""
+
+    INVALID = 1 << 0
+    DURABILITY = 1 << 1
+    DEADLINE = 1 << 2
+    LIVELINESS = 1 << 3
+    RELIABILITY = 1 << 4
+    HISTORY = 1 << 5
+    LIFESPAN = 1 << 6
+    DEPTH = 1 << 7
+    LIVELINESS_LEASE_DURATION = 1 << 8
+    AVOID_ROS_NAMESPACE_CONVENTIONS = 1 << 9
+
+
+def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
+    """Return the name of a kind of policy."""
+    return QoSPolicyKind(policy_kind).name
+
+
+class InvalidQoSProfileException(Exception):
+    """Raised when a profile lacks what it needs."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__("Invalid QoSProfile", *args)
+
+
+class QoSPolicyEnum(IntEnum):
+    """Base of the policies; the values are those of ``rmw/types.h``."""
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """Return the names in lower case, for command lines."""
+        return [key.lower() for key in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> int:
+        """Return the value for a name in any case."""
+        return cls[name.upper()].value
+
+    @property
+    def short_key(self) -> str:
+        """Name of the policy in lower case."""
+        return self.name.lower()
+
+
+class HistoryPolicy(QoSPolicyEnum):
+    """How many samples are kept."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+    UNKNOWN = 3
+
+
+class ReliabilityPolicy(QoSPolicyEnum):
+    """Whether samples are delivered for certain."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class DurabilityPolicy(QoSPolicyEnum):
+    """Whether late joiners get earlier samples."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class LivelinessPolicy(QoSPolicyEnum):
+    """Who asserts that a publisher is alive."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
+
+
+QoSHistoryPolicy = HistoryPolicy
+QoSReliabilityPolicy = ReliabilityPolicy
+QoSDurabilityPolicy = DurabilityPolicy
+QoSLivelinessPolicy = LivelinessPolicy
+
+#: The strictest deadline and lease that match the endpoints known when an entity is created.
+DeadlineBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
+LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
+
+
+def _policy(name: str, kind: type[Any]) -> property:
+    """Make a checked property; `kind` is a policy enum, or the exact type of the value."""
+
+    def get(self: QoSProfile) -> Any:
+        return getattr(self, "_" + name)
+
+    def set_(self: QoSProfile, value: Any) -> None:
+        accepted: tuple[type, ...] = (kind, int) if issubclass(kind, QoSPolicyEnum) else (kind,)
+        if not isinstance(value, accepted):
+            raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
+        if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
+            warnings.warn(
+                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                "This will be interpreted as SYSTEM_DEFAULT",
+                stacklevel=2,
+            )
+        setattr(self, "_" + name, kind(value) if issubclass(kind, QoSPolicyEnum) else value)
+
+    return property(get, set_, doc=f"Policy '{name}' ({kind.__name__}).")
+
+
+class QoSProfile:
+    """Quality of service of a publisher, subscription, client or service.
+
+    Parameters
+    ----------
+    history, depth
+        At least one is required; KEEP_LAST needs a depth.
+    reliability, durability, lifespan, deadline, liveliness, liveliness_lease_duration,
+    avoid_ros_namespace_conventions
+        Remaining policies; those not given are as in the default profile. A zero duration means unspecified.
+
+    Raises
+    ------
+    InvalidQoSProfileException
+        If neither history nor depth is given, or KEEP_LAST lacks its depth.
+    AssertionError
+        For an unknown keyword or a value of the wrong type, as the genuine class does.
+    """
+
+    __slots__ = [
+        "_history",
+        "_depth",
+        "_reliability",
+        "_durability",
+        "_lifespan",
+        "_deadline",
+        "_liveliness",
+        "_liveliness_lease_duration",
+        "_avoid_ros_namespace_conventions",
+    ]
+
+    history = _policy("history", HistoryPolicy)
+    depth = _policy("depth", int)
+    reliability = _policy("reliability", ReliabilityPolicy)
+    durability = _policy("durability", DurabilityPolicy)
+    lifespan = _policy("lifespan", Duration)
+    deadline = _policy("deadline", Duration)
+    liveliness = _policy("liveliness", LivelinessPolicy)
+    liveliness_lease_duration = _policy("liveliness_lease_duration", Duration)
+    avoid_ros_namespace_conventions = _policy("avoid_ros_namespace_conventions", bool)
+
+    def __init__(self, **kwargs: Any) -> None:
+        if not all("_" + key in self.__slots__ for key in kwargs):
+            raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
+        if "history" not in kwargs:
+            if "depth" not in kwargs:
+                raise InvalidQoSProfileException("History and/or depth settings are required.")
+            kwargs["history"] = HistoryPolicy.KEEP_LAST
+        if kwargs["history"] == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
+            raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
+        # History first: the check of the depth looks at it.
+        self.history = kwargs["history"]
+        self.depth = kwargs.get("depth", 10)
+        self.reliability = kwargs.get("reliability", ReliabilityPolicy.RELIABLE)
+        self.durability = kwargs.get("durability", DurabilityPolicy.VOLATILE)
+        self.lifespan = kwargs.get("lifespan", Duration())
+        self.deadline = kwargs.get("deadline", Duration())
+        self.liveliness = kwargs.get("liveliness", LivelinessPolicy.SYSTEM_DEFAULT)
+        self.liveliness_lease_duration = kwargs.get("liveliness_lease_duration", Duration())
+        self.avoid_ros_namespace_conventions = kwargs.get("avoid_ros_namespace_conventions", False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the policies by name."""
+        return {slot[1:]: getattr(self, slot) for slot in self.__slots__}
+
+    def get_c_qos_profile(self) -> QoSProfile:
+        """Return an object with ``to_dict``; there is no C profile below this runtime."""
+        return self
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, QoSProfile) and self.to_dict() == other.to_dict()
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{key}={value}' for key, value in self.to_dict().items())})"
+
+
+def _keep_last(depth: int, **kwargs: Any) -> QoSProfile:
+    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, **kwargs)
+
+
+#: For initialization only.
+qos_profile_unknown = QoSProfile(
+    history=HistoryPolicy.UNKNOWN,
+    depth=0,
+    reliability=ReliabilityPolicy.UNKNOWN,
+    durability=DurabilityPolicy.UNKNOWN,
+    liveliness=LivelinessPolicy.UNKNOWN,
+)
+qos_profile_default = _keep_last(10)
+#: The middleware's own defaults.
+qos_profile_system_default = QoSProfile(
+    history=HistoryPolicy.SYSTEM_DEFAULT,
+    depth=0,
+    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
+    durability=DurabilityPolicy.SYSTEM_DEFAULT,
+)
+#: Best effort with a short queue.
+qos_profile_sensor_data = _keep_last(5, reliability=ReliabilityPolicy.BEST_EFFORT)
+qos_profile_services_default = _keep_last(10)
+#: Like services, with a queue so long that no request is lost.
+qos_profile_parameters = _keep_last(1000)
+qos_profile_parameter_events = _keep_last(1000)
+#: Matches most of the endpoints present when the entity is created; not revised later.
+qos_profile_best_available = _keep_last(
+    10,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+    deadline=DeadlineBestAvailable,
+    liveliness=LivelinessPolicy.BEST_AVAILABLE,
+    liveliness_lease_duration=LivelinessLeaseDurationeBestAvailable,
+)
+qos_profile_action_status_default = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: Topic /rosout: ten seconds of history for whoever joins late.
+qos_profile_rosout_default = _keep_last(
+    1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10)
+)
+
+
+class QoSPresetProfiles(Enum):
+    """The predefined profiles."""
+
+    UNKNOWN = qos_profile_unknown
+    DEFAULT = qos_profile_default
+    SYSTEM_DEFAULT = qos_profile_system_default
+    SENSOR_DATA = qos_profile_sensor_data
+    SERVICES_DEFAULT = qos_profile_services_default
+    PARAMETERS = qos_profile_parameters
+    PARAMETER_EVENTS = qos_profile_parameter_events
+    ACTION_STATUS_DEFAULT = qos_profile_action_status_default
+    BEST_AVAILABLE = qos_profile_best_available
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """Return the names in lower case, for command lines."""
+        return [key.lower() for key in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> QoSProfile:
+        """Return the profile for a name in any case."""
+        return cls[name.upper()].value
+
+
+class QoSCompatibility(IntEnum):
+    """Verdict on a pair of profiles."""
+
+    OK = 0
+    WARNING = 1
+    ERROR = 2
+
+
+def _errors(pub: QoSProfile, sub: QoSProfile) -> list[str]:
+    found = []
+    if pub.reliability == ReliabilityPolicy.BEST_EFFORT and sub.reliability == ReliabilityPolicy.RELIABLE:
+        found.append("Best effort publisher and reliable subscription")
+    if pub.durability == DurabilityPolicy.VOLATILE and sub.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        found.append("Volatile publisher and transient local subscription")
+    if sub.deadline.nanoseconds and not pub.deadline.nanoseconds:
+        found.append("Subscription has a deadline, but publisher does not")
+    elif sub.deadline.nanoseconds and sub.deadline < pub.deadline:
+        found.append("Subscription deadline is less than publisher deadline")
+    if pub.liveliness == LivelinessPolicy.AUTOMATIC and sub.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC:
+        found.append("Publisher's liveliness is automatic and subscription's is manual by topic")
+    pub_lease, sub_lease = pub.liveliness_lease_duration, sub.liveliness_lease_duration
+    if sub_lease.nanoseconds and not pub_lease.nanoseconds:
+        found.append("Subscription has a liveliness lease duration, but publisher does not")
+    elif sub_lease.nanoseconds and sub_lease < pub_lease:
+        found.append("Subscription liveliness lease duration is less than publisher")
+    return found
+
+
+def _warnings(pub: QoSProfile, sub: QoSProfile) -> list[str]:
+    """Return doubts: one side's policy is left to the system, so nobody can know."""
+    found = []
+    for label, weakest, strictest, if_requested, if_offered in (
+        (
+            "reliability",
+            ReliabilityPolicy.BEST_EFFORT,
+            ReliabilityPolicy.RELIABLE,
+            "Reliable subscription, but publisher is",
+            "Best effort publisher, but subscription is",
+        ),
+        (
+            "durability",
+            DurabilityPolicy.VOLATILE,
+            DurabilityPolicy.TRANSIENT_LOCAL,
+            "Transient local subscription, but publisher is",
+            "Volatile publisher, but subscription is",
+        ),
+        (
+            "liveliness",
+            LivelinessPolicy.AUTOMATIC,
+            LivelinessPolicy.MANUAL_BY_TOPIC,
+            "Subscription's liveliness is manual by topic, but publisher's is",
+            "Publisher's liveliness is automatic, but subscription's is",
+        ),
+    ):
+        offered, requested = getattr(pub, label).short_key, getattr(sub, label).short_key
+        unknown = ("system_default", "unknown")
+        if offered in unknown and requested in unknown:
+            found.append(f"Publisher {label} is {offered} and subscription {label} is {requested}")
+        elif offered in unknown and getattr(sub, label) == strictest:
+            found.append(f"{if_requested} {offered}")
+        elif requested in unknown and getattr(pub, label) == weakest:
+            found.append(f"{if_offered} {requested}")
+    return found
+
+
+def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
+    """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS.
+
+    Returns
+    -------
+    compatibility : QoSCompatibility
+        WARNING if a policy is left to the system, so that nobody can know.
+    reason : str
+        Every problem found, each ended by ``;``; empty if there is none.
+    """
+    errors = _errors(publisher_qos, subscription_qos)
+    if errors:
+        return QoSCompatibility.ERROR, "".join(f"ERROR: {text};" for text in errors)
+    doubts = _warnings(publisher_qos, subscription_qos)
+    if doubts:
+        return QoSCompatibility.WARNING, "".join(f"WARNING: {text};" for text in doubts)
+    return QoSCompatibility.OK, ""

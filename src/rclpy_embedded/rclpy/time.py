@@ -1,0 +1,146 @@
+"""Points in time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, overload
+
+from rclpy.clock_type import ClockType
+from rclpy.constants import INT64_MAX, S_TO_NS
+from rclpy.duration import Duration
+
+if TYPE_CHECKING:
+    import builtin_interfaces.msg
+
+
+class Time:
+    """A point in time: nanoseconds since the epoch of a kind of clock.
+
+    Parameters
+    ----------
+    seconds : float
+        Seconds since the epoch; the fractional part counts.
+    nanoseconds : int
+        Added to `seconds`.
+    clock_type : ClockType
+        The kind of clock the point belongs to. Points of different kinds cannot be compared.
+
+    Raises
+    ------
+    ValueError
+        If `seconds` or `nanoseconds` is negative.
+    OverflowError
+        If the total does not fit into 64 bits.
+    TypeError
+        If `clock_type` is not a ClockType.
+    """
+
+    __slots__ = ("__weakref__", "_clock_type", "_nanoseconds")
+
+    def __init__(
+        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
+    ) -> None:
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        if seconds < 0:
+            raise ValueError("Seconds value must not be negative")
+        if nanoseconds < 0:
+            raise ValueError("Nanoseconds value must not be negative")
+        total = int(seconds * S_TO_NS) + int(nanoseconds)
+        if total > INT64_MAX:
+            raise OverflowError("Total nanoseconds value is too large to store in C time point.")
+        self._nanoseconds = total
+        self._clock_type = clock_type
+
+    @property
+    def nanoseconds(self) -> int:
+        """Nanoseconds since the epoch."""
+        return self._nanoseconds
+
+    @property
+    def clock_type(self) -> ClockType:
+        """Kind of clock this point belongs to."""
+        return self._clock_type
+
+    def seconds_nanoseconds(self) -> tuple[int, int]:
+        """Return whole seconds and the nanoseconds that remain."""
+        return divmod(self._nanoseconds, S_TO_NS)
+
+    def __repr__(self) -> str:
+        return f"Time(nanoseconds={self._nanoseconds}, clock_type={self._clock_type.name})"
+
+    def __add__(self, other: Duration) -> Time:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        try:
+            return Time(nanoseconds=self._nanoseconds + other.nanoseconds, clock_type=self._clock_type)
+        except OverflowError as error:
+            raise OverflowError("Addition leads to overflow in C storage.") from error
+
+    __radd__ = __add__
+
+    @overload
+    def __sub__(self, other: Time) -> Duration: ...
+    @overload
+    def __sub__(self, other: Duration) -> Time: ...
+    def __sub__(self, other: Time | Duration) -> Time | Duration:
+        if isinstance(other, Time):
+            if self._clock_type != other._clock_type:
+                raise TypeError("Can't subtract times with different clock types")
+            return Duration(nanoseconds=self._nanoseconds - other._nanoseconds)
+        if isinstance(other, Duration):
+            try:
+                return Time(nanoseconds=self._nanoseconds - other.nanoseconds, clock_type=self._clock_type)
+            except ValueError as error:
+                raise ValueError("Subtraction leads to negative time.") from error
+        return NotImplemented
+
+    def _comparable(self, other: object) -> int | None:
+        """Return the other point's nanoseconds, or None if `other` is not a Time."""
+        if not isinstance(other, Time):
+            return None
+        if self._clock_type != other._clock_type:
+            raise TypeError("Can't compare times with different clock types")
+        return other._nanoseconds
+
+    # Like the genuine class: equality without a hash.
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds == ns
+
+    def __ne__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds != ns
+
+    def __lt__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds < ns
+
+    def __le__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds <= ns
+
+    def __gt__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds > ns
+
+    def __ge__(self, other: object) -> bool:
+        ns = self._comparable(other)
+        return NotImplemented if ns is None else self._nanoseconds >= ns
+
+    def to_msg(self) -> builtin_interfaces.msg.Time:
+        """Return the point as ``builtin_interfaces/msg/Time``."""
+        from builtin_interfaces.msg import Time as TimeMsg
+
+        sec, nanosec = self.seconds_nanoseconds()
+        return TimeMsg(sec=sec, nanosec=nanosec)
+
+    @classmethod
+    def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
+        """Create a point from a ``builtin_interfaces/msg/Time``; anything else is a TypeError."""
+        from builtin_interfaces.msg import Time as TimeMsg
+
+        if not isinstance(msg, TimeMsg):
+            raise TypeError("Must pass a builtin_interfaces.msg.Time object")
+        return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)
