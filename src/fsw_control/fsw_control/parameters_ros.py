@@ -12,12 +12,12 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
+from rclpy.parameter import Parameter
 
 from fsw_control.parameters import ParameterError, ParameterSpec, load
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
 
 _ROS_TYPE = {
     "double": ParameterType.PARAMETER_DOUBLE,
@@ -48,8 +48,7 @@ class ParameterValues:
         # The check comes first, so that it also sees the values given at start.
         node.add_on_set_parameters_callback(self._check)
         for spec in self.specs.values():
-            value = node.declare_parameter(spec.name, spec.default, descriptor(spec)).value
-            self.values[spec.name] = spec.check(value)
+            self.values[spec.name] = spec.check(_declare(node, spec))
         node.add_post_set_parameters_callback(self._accept)
 
     def __getitem__(self, name: str) -> Any:
@@ -67,7 +66,8 @@ class ParameterValues:
         wanted = dict(self.values)
         try:
             for parameter in parameters:
-                if parameter.name in self.specs:
+                # A parameter of empty list type passes here once without a value, while it is declared.
+                if parameter.name in self.specs and parameter.value is not None:
                     wanted[parameter.name] = self.specs[parameter.name].check(parameter.value)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -87,6 +87,17 @@ class ParameterValues:
             self.values = self.values | changed
             for callback in self._callbacks:
                 callback(self.values)
+
+
+def _declare(node: Node, spec: ParameterSpec) -> Any:
+    if spec.default == []:
+        # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after.
+        kind = Parameter.Type(_ROS_TYPE[spec.type])
+        value = node.declare_parameter(spec.name, kind, descriptor(spec)).value
+        if value is None:
+            node.set_parameters([Parameter(spec.name, kind, [])])
+        return value or []
+    return node.declare_parameter(spec.name, spec.default, descriptor(spec)).value
 
 
 def descriptor(spec: ParameterSpec) -> ParameterDescriptor:

@@ -1,0 +1,305 @@
+"""The one node that hosts any controller."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Temperature
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import SENSORS, Command, Controller, Proposal
+from fsw_control.host import answer
+from fsw_control.join import Tick, TickJoin
+from fsw_control.node_main_ros import run
+from fsw_control.parameters import load, load_path
+from fsw_control.parameters_ros import ParameterValues
+from fsw_control.references import ReferenceQueue
+from fsw_control.validity import SensorGuard, SensorLimits
+from fsw_msgs.msg import (
+    ControllerStatus,
+    Prediction,
+    ShoulderDepth,
+    SpindleTorque,
+    WeldCommand,
+    WeldReference,
+)
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+#: from the controller's parameters (empty if it has none) to the controller
+Make = Callable[[dict[str, Any]], Controller]
+
+
+class ControllerNode(Node):
+    """Feeds a controller with ticks and publishes its proposals, status, diagnostics and prediction.
+
+    Callbacks only buffer; a tick is consumed when it is complete, or when its deadline has passed. Time is that
+    of the measurements: in simulated time nothing but data drives the node, apart from the deadline.
+
+    Parameters
+    ----------
+    name : str
+        Name of the controller, in topics and as the source of its proposals. The node is called ``fsw_<name>``.
+    make : callable
+        Makes the controller from its parameters.
+    parameters : (str, str) or path, optional
+        Package and file, or path, of the YAML that describes the controller's own parameters. At runtime they
+        reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods.
+    """
+
+    def __init__(self, name: str, make: Make, parameters: tuple[str, str] | str | Path | None = None) -> None:
+        super().__init__(f"fsw_{name}")
+        own = (
+            {} if parameters is None else load(*parameters) if isinstance(parameters, tuple) else load_path(parameters)
+        )
+        self._settings = ParameterValues(self, load("fsw_control", "controller.yaml"))
+        self._own = ParameterValues(self, own)
+        self._controller = make(self._own.values)
+        self._name = name
+        self._applied = Command(self._settings["initial_force"], self._settings["initial_speed"])
+        self._controller.reset(self._applied)
+        self._applied_by = ""
+        self._references = ReferenceQueue()
+        self._join = TickJoin()
+        self._guard = SensorGuard(self._limits(self._settings.values))
+        self._last_ns: int | None = None
+        self._lockstep = bool(self.get_parameter("use_sim_time").value)
+        self._health: tuple[bool, str] | None = None
+        self._steps = 0
+        self._unhealthy_steps = 0
+        self._step_time_s = 0.0
+        self._longest_step_s = 0.0
+        self._stream_of_ticks = False
+        self._open_parameters()
+        self._open_topics()
+
+    def _open_parameters(self) -> None:
+        self._settings.on_change(lambda values: self._guard.configure(self._limits(values)))
+        self._settings.add_check(self._check_limits)
+        check = getattr(self._controller, "check", None)
+        if check is not None:
+            self._own.add_check(check)
+        configure = getattr(self._controller, "configure", None)
+        if configure is not None:
+            self._own.on_change(configure)
+
+    def _open_topics(self) -> None:
+        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._name}/proposal", STREAM)
+        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._name}/status", STREAM)
+        self._predictions = self.create_publisher(Prediction, f"fsw/{self._name}/prediction", STREAM)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
+        self._deadline.cancel()
+        self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
+        self.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
+        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
+        self.create_subscription(SpindleTorque, "fsw/spindle_torque", self._on_torque, STREAM)
+        self.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, STREAM)
+
+    def _on_depth(self, message: ShoulderDepth) -> None:
+        self._on_sample("depth", message, convert.depth_mm(message))
+
+    def _on_torque(self, message: SpindleTorque) -> None:
+        self._on_sample("torque", message, convert.torque_nm(message))
+
+    def _on_temperature(self, message: Temperature) -> None:
+        self._on_sample("thermocouple", message, convert.temperature_c(message))
+
+    def _on_sample(self, sensor: str, message: Any, value: float) -> None:
+        began = self._join.waiting
+        ticks = self._join.add(sensor, convert.stamp_ns(message.header.stamp), value, time.monotonic())
+        self._consume(ticks, restart_deadline=bool(ticks) or not began)
+
+    def _on_command(self, message: WeldCommand) -> None:
+        command = convert.command(message)
+        if not (abs(command.force_kn) < float("inf") and abs(command.speed_rpm) < float("inf")):
+            self.get_logger().warning(
+                f"command from {message.source!r} is not finite, ignored", throttle_duration_sec=1.0
+            )
+            return
+        self._applied, self._applied_by = command, message.source
+        ticks = self._join.add_command(convert.stamp_ns(message.header.stamp))
+        if ticks:
+            self._consume(ticks, restart_deadline=True)
+
+    def _on_reference(self, message: WeldReference) -> None:
+        try:
+            reference = convert.reference(message)
+        except ValueError as error:
+            self.get_logger().error(f"{error}; the last one stays")
+            return
+        self._references.add(convert.stamp_ns(message.header.stamp), reference)
+
+    def _on_deadline(self) -> None:
+        self._deadline.cancel()
+        self._consume(self._join.flush(), restart_deadline=True)
+
+    def _patience_s(self) -> float:
+        # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
+        if self._lockstep and not self._join.missed:
+            return float(self._settings["lockstep_deadline"])
+        return float(self._settings["deadline"])
+
+    def _consume(self, ticks: list[Tick], restart_deadline: bool) -> None:
+        for tick in ticks:
+            self._tick(tick)
+        if not restart_deadline:
+            return
+        if self._join.waiting:
+            period_ns = round(self._patience_s() * 1e9)
+            if self._deadline.timer_period_ns != period_ns:
+                self._deadline.timer_period_ns = period_ns
+            self._deadline.reset()
+        elif not self._deadline.is_canceled():
+            self._deadline.cancel()
+
+    def _tick(self, tick: Tick) -> None:
+        if tick.restarted:
+            self._guard.reset()
+            self._controller.reset(self._applied)
+            self._last_ns = None
+            self.get_logger().warning("time of the measurements has jumped: controller starts anew")
+        dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) * 1e-9
+        self._last_ns = tick.stamp_ns
+        measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values)
+        reference = self._references.at(tick.stamp_ns)
+        begin = time.perf_counter()
+        proposal = answer(self._controller, measurement, reference, self._applied, dt_s)
+        elapsed_s = time.perf_counter() - begin
+        self._publish(tick.stamp_ns, proposal)
+        self._steps += 1
+        self._stream_of_ticks = True
+        self._step_time_s += elapsed_s
+        self._longest_step_s = max(self._longest_step_s, elapsed_s)
+        self._unhealthy_steps += not proposal.healthy
+        self._note_health(proposal)
+
+    def _publish(self, time_ns: int, proposal: Proposal) -> None:
+        self._proposals.publish(
+            convert.command_message(proposal.command, time_ns, self._name, proposal.healthy, proposal.reason)
+        )
+        try:
+            self._statuses.publish(
+                convert.status_message(
+                    proposal,
+                    time_ns,
+                    self._name,
+                    selected=self._applied_by == self._name,
+                    tolerated_sensors=self._controller.tolerated_sensors,
+                )
+            )
+            if proposal.diagnosis.plan is not None:
+                self._predictions.publish(convert.prediction_message(proposal.diagnosis.plan, time_ns))
+        except (TypeError, ValueError, AssertionError, AttributeError) as error:
+            # A user's controller may put anything into its diagnosis; its proposal is out already.
+            self.get_logger().error(f"diagnosis cannot be published: {error}", throttle_duration_sec=1.0)
+
+    def _note_health(self, proposal: Proposal) -> None:
+        health = (proposal.healthy, proposal.reason)
+        if health == self._health:
+            return
+        was_healthy = self._health is None or self._health[0]
+        self._health = health
+        if not proposal.healthy:
+            self.get_logger().warning(f"unhealthy: {proposal.reason}", throttle_duration_sec=0.5)
+        elif not was_healthy:
+            self.get_logger().info("healthy again")
+        self._publish_diagnostics()
+
+    def _on_heartbeat(self) -> None:
+        self._publish_diagnostics()
+        self._stream_of_ticks = False
+
+    def _publish_diagnostics(self) -> None:
+        healthy, reason = self._health or (False, "no measurement received yet")
+        if self._steps and not self._stream_of_ticks and not self._lockstep:
+            healthy, reason = False, "measurements have stopped"
+        reasons = {sensor: text for sensor, text in self._guard.reasons.items() if text}
+        level = DiagnosticStatus.OK if healthy and not reasons else DiagnosticStatus.WARN
+        if not healthy and self._steps:
+            level = DiagnosticStatus.ERROR
+        text = reason or ", ".join(f"{sensor}: {why}" for sensor, why in reasons.items()) or "proposing"
+        counts = self._join.counts
+        values: dict[str, object] = {
+            "steps": self._steps,
+            "unhealthy steps": self._unhealthy_steps,
+            "mean step time [ms]": f"{1e3 * self._step_time_s / max(self._steps, 1):.4f}",
+            "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
+            "applied from": self._applied_by,
+            "jumps of time": counts.jumps,
+        }
+        for sensor in SENSORS:
+            values[f"{sensor} late"] = counts.late[sensor]
+            values[f"{sensor} duplicate"] = counts.duplicate[sensor]
+            values[f"{sensor} missing"] = counts.missing[sensor]
+            values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
+        now_ns = self.get_clock().now().nanoseconds
+        self._diagnostics.publish(
+            convert.diagnostics_message(now_ns, f"{self.get_name()}: controller {self._name}", level, text, values)
+        )
+
+    @staticmethod
+    def _limits(values: dict[str, Any]) -> dict[str, SensorLimits]:
+        return {
+            sensor: SensorLimits(
+                minimum=values[f"validity.{sensor}.minimum"],
+                maximum=values[f"validity.{sensor}.maximum"],
+                max_rate=values[f"validity.{sensor}.max_rate"],
+                hold_s=values["validity.hold"],
+                frozen_samples=values["validity.frozen_samples"],
+                confirm_samples=values["validity.confirm_samples"],
+            )
+            for sensor in SENSORS
+        }
+
+    @classmethod
+    def _check_limits(cls, values: dict[str, Any]) -> str | None:
+        try:
+            cls._limits(values)
+        except ValueError as error:
+            return f"sensor validity: {error}"
+        return None
+
+
+def run_controller(
+    make: Callable[..., Controller],
+    name: str | None = None,
+    parameters: tuple[str, str] | str | Path | None = None,
+    args: Sequence[str] | None = None,
+) -> int:
+    """Run a controller as a node until it is told to end.
+
+    Parameters
+    ----------
+    make : callable
+        The controller's class, or a function that makes one: from its parameters if it has any, else from nothing.
+    name : str, optional
+        Name of the controller; by default the ``name`` of the class.
+    parameters : (str, str) or path, optional
+        As for :class:`ControllerNode`.
+    args : sequence of str, optional
+        Command line, ``sys.argv`` by default.
+
+    Returns
+    -------
+    int
+        Exit code for ``sys.exit``.
+    """
+    controller_name = name if name is not None else getattr(make, "name", None)
+    if not isinstance(controller_name, str):
+        raise TypeError("run_controller: give name=..., or a controller class with a class attribute 'name'")
+
+    def made(values: dict[str, Any]) -> Controller:
+        return make(values) if parameters is not None else make()
+
+    return run(lambda: ControllerNode(controller_name, made, parameters), args)

@@ -1,0 +1,46 @@
+"""Steps a controller safely: whatever it does, there is an answer to every measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
+
+
+def answer(
+    controller: Controller, measurement: Measurement, reference: Reference | None, applied: Command, dt_s: float
+) -> Proposal:
+    """Step ``controller`` and return its proposal, unhealthy with a reason where it must not be applied.
+
+    That is where it raises, where its command is not finite, where a sensor that it needs is invalid, and where
+    there is no reference yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
+
+    Parameters
+    ----------
+    controller : Controller
+        Whom to ask.
+    measurement, reference, applied, dt_s
+        As for ``Controller.step``.
+    """
+    if reference is None:
+        return Proposal(applied, healthy=False, reason="no reference received yet")
+    try:
+        proposal = controller.step(measurement, reference, applied, dt_s)
+        command = proposal.command
+        finite = math.isfinite(command.force_kn) and math.isfinite(command.speed_rpm)
+    except Exception as error:
+        # A user's controller may fail in any way; the weld must go on under another one.
+        text = " ".join(str(error).split())
+        return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
+    if not finite:
+        return Proposal(
+            applied, healthy=False, reason=f"command is not finite: {command}", diagnosis=proposal.diagnosis
+        )
+    if proposal.healthy and not (
+        measurement.depth_valid and measurement.torque_valid and measurement.temperature_valid
+    ):
+        needed = [name for name in measurement.invalid_sensors() if name not in controller.tolerated_sensors]
+        if needed:
+            return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
+    return proposal

@@ -1,0 +1,178 @@
+"""Converts between the messages (SI) and the core's data (the paper's units): the only place that does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from math import isfinite
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import Header
+
+from fsw_control import units
+from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_msgs.msg import (
+    ControllerStatus,
+    Prediction,
+    ShoulderDepth,
+    SpindleTorque,
+    WeldCommand,
+    WeldReference,
+)
+
+NANOSECONDS = 1_000_000_000
+
+#: unit suffix of a core name -> unit on the wire and factor to it
+_WIRE = {
+    "_mm": ("m", 1e-3),
+    "_kn": ("N", 1e3),
+    "_rpm": ("rad/s", units.RAD_PER_S_PER_RPM),
+    "_kw": ("W", 1e3),
+    "_nm": ("N m", 1.0),
+    "_c": ("degC", 1.0),
+}
+
+
+def stamp_ns(stamp: Time) -> int:
+    """Nanoseconds of a message's stamp."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def stamp_from_ns(time_ns: int) -> Time:
+    """Stamp of a message from nanoseconds."""
+    sec, nanosec = divmod(time_ns, NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def header(time_ns: int) -> Header:
+    """Header with a stamp."""
+    return Header(stamp=stamp_from_ns(time_ns))
+
+
+def depth_mm(message: ShoulderDepth) -> float:
+    """Depth of a depth sample."""
+    return units.mm_from_m(message.depth)
+
+
+def torque_nm(message: SpindleTorque) -> float:
+    """Motor torque of a torque sample."""
+    return float(message.torque)
+
+
+def temperature_c(message: Temperature) -> float:
+    """Temperature of a thermocouple sample."""
+    return float(message.temperature)
+
+
+def depth_message(value_mm: float, time_ns: int) -> ShoulderDepth:
+    """Depth sample."""
+    return ShoulderDepth(header=header(time_ns), depth=units.m_from_mm(value_mm))
+
+
+def torque_message(value_nm: float, time_ns: int) -> SpindleTorque:
+    """Motor torque sample."""
+    return SpindleTorque(header=header(time_ns), torque=float(value_nm))
+
+
+def temperature_message(value_c: float, time_ns: int, variance_c2: float = 0.0) -> Temperature:
+    """Thermocouple sample; variance 0 means unknown."""
+    return Temperature(header=header(time_ns), temperature=float(value_c), variance=float(variance_c2))
+
+
+def reference(message: WeldReference) -> Reference:
+    """Set-points of a reference message.
+
+    Raises
+    ------
+    ValueError
+        When one of them is not finite or not positive.
+    """
+    for name in ("depth", "temperature"):
+        value = getattr(message, name)
+        if not isfinite(value) or value <= 0.0:
+            raise ValueError(f"reference refused: {name} is {value!r}, must be finite and positive")
+    return Reference(units.mm_from_m(message.depth), float(message.temperature))
+
+
+def reference_message(value: Reference, time_ns: int) -> WeldReference:
+    """Reference message that holds from ``time_ns``."""
+    return WeldReference(
+        header=header(time_ns), depth=units.m_from_mm(value.depth_mm), temperature=float(value.temperature_c)
+    )
+
+
+def command(message: WeldCommand) -> Command:
+    """Handles of a command or proposal message; not checked for being finite."""
+    return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
+
+
+def command_message(value: Command, time_ns: int, source: str, healthy: bool = True, reason: str = "") -> WeldCommand:
+    """Command or proposal message that answers the measurement of ``time_ns``."""
+    return WeldCommand(
+        header=header(time_ns),
+        axial_force=units.n_from_kn(value.force_kn),
+        spindle_speed=units.rad_s_from_rpm(value.speed_rpm),
+        source=source,
+        healthy=healthy,
+        reason=reason,
+    )
+
+
+def status_message(
+    proposal: Proposal, time_ns: int, controller: str, selected: bool, tolerated_sensors: Iterable[str]
+) -> ControllerStatus:
+    """What a controller tells of itself with a proposal."""
+    diagnosis = proposal.diagnosis
+    names, values = wire_quantities(diagnosis.disturbances)
+    return ControllerStatus(
+        header=header(time_ns),
+        controller=controller,
+        healthy=proposal.healthy,
+        reason=proposal.reason,
+        selected=selected,
+        tolerated_sensors=list(tolerated_sensors),
+        depth_estimate=units.m_from_mm(diagnosis.depth_estimate_mm),
+        temperature_estimate=float(diagnosis.temperature_estimate_c),
+        torque_estimate=float(diagnosis.torque_estimate_nm),
+        disturbance_names=names,
+        disturbances=values,
+        solver_status=diagnosis.solver_status,
+        iterations=int(diagnosis.iterations),
+        solve_time=float(diagnosis.solve_time_s),
+        active_limits=list(diagnosis.active_limits),
+        bad_cycles=int(diagnosis.bad_cycles),
+    )
+
+
+def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[float]]:
+    """Names with SI unit and values of quantities named by the paper's unit, e.g. ``depth_mm`` -> ``depth [m]``."""
+    names: list[str] = []
+    values: list[float] = []
+    for name, value in quantities.items():
+        base, mark, suffix = name.rpartition("_")
+        unit, factor = _WIRE.get(mark + suffix, ("", 1.0))
+        names.append(f"{base} [{unit}]" if unit else name)
+        values.append(float(value) * factor)
+    return names, values
+
+
+def prediction_message(plan: Plan, time_ns: int) -> Prediction:
+    """Horizon of a predictive controller."""
+    return Prediction(
+        header=header(time_ns),
+        time=list(map(float, plan.time_s)),
+        depth=[units.m_from_mm(value) for value in plan.depth_mm],
+        temperature=list(map(float, plan.temperature_c)),
+        axial_force=[units.n_from_kn(value) for value in plan.force_kn],
+        spindle_speed=[units.rad_s_from_rpm(value) for value in plan.speed_rpm],
+    )
+
+
+def diagnostics_message(
+    time_ns: int, name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
+) -> DiagnosticArray:
+    """Diagnostics of one component; ``level`` is a constant of ``DiagnosticStatus``."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
+    return DiagnosticArray(header=header(time_ns), status=[status])
