@@ -1,0 +1,465 @@
+"""Generates CDR (XCDR1) encoders and decoders as Python source, one function per message type.
+
+Nested messages are written in line, so that runs of fixed-size fields become one `struct.Struct` and most of the
+alignment is known when the code is generated. A position is known as ``offset % modulus``; only where the modulus is
+too small (after strings and sequences) the code aligns at runtime.
+
+Positions count from the start of the whole buffer with its 4 byte encapsulation header, and CDR aligns from the end of
+that header. A prefix of 16 bytes (the header of ROS service calls) does not change any alignment.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from abc import ABC, abstractmethod
+from array import array
+from collections.abc import Callable
+from typing import Any, cast
+
+from . import catalogue
+from .checks import CHECK_FIELDS
+from .definition import (
+    CODES,
+    PACKED,
+    AbstractGenericString,
+    AbstractSequence,
+    AbstractType,
+    AbstractWString,
+    Array,
+    BasicType,
+    BoundedSequence,
+    NamespacedType,
+    Structure,
+)
+
+HEADER_SIZE = 4
+NATIVE = "<" if sys.byteorder == "little" else ">"
+_INDENT = "    "
+_ZEROS = tuple(bytes(n) for n in range(9))
+
+
+def minimum_size(type_: AbstractType) -> int:
+    """Least number of bytes that a value takes, without alignment."""
+    if isinstance(type_, BasicType):
+        return CODES[type_.typename][1]
+    if isinstance(type_, Array):
+        return type_.size * minimum_size(type_.value_type)
+    if isinstance(type_, NamespacedType):
+        fields = catalogue.structure(type_.type_name).fields
+        return sum(minimum_size(field.type) for field in fields) or 1
+    return 4
+
+
+class Malformed(ValueError):
+    """Data are not the encoding of the message type."""
+
+
+class _Generator(ABC):
+    """What encoder and decoder have in common: lines, names, the run of fixed-size fields, and the alignment."""
+
+    def __init__(self, order: str) -> None:
+        self.order = order
+        self.names: dict[str, Any] = {"Z": _ZEROS}
+        self.lines: list[str] = []
+        self.depth = 1
+        self.modulus, self.offset = 8, 0
+        self.format = ""
+        self.run: list[str] = []
+        self.run_size = 0
+        self.count = 0
+
+    def line(self, text: str) -> None:
+        self.lines.append(_INDENT * self.depth + text)
+
+    def name(self, prefix: str) -> str:
+        self.count += 1
+        return f"{prefix}{self.count}"
+
+    def constant(self, prefix: str, value: Any) -> str:
+        for known, item in self.names.items():
+            if item is value:
+                return known
+        name = self.name(prefix)
+        self.names[name] = value
+        return name
+
+    def known(self, modulus: int, offset: int = 0) -> None:
+        self.modulus, self.offset = modulus, offset
+
+    def advance(self, size: int) -> None:
+        self.offset = (self.offset + size) % self.modulus
+
+    def scalar(self, code: str, size: int, text: str) -> None:
+        """Add one fixed-size value to the run."""
+        if size > self.modulus:
+            self.flush()
+            self.align(size)
+        padding = -self.offset % size
+        self.format += "x" * padding + code
+        self.run.append(text)
+        self.run_size += padding + size
+        self.advance(padding + size)
+
+    def packer(self) -> struct.Struct:
+        packer = struct.Struct(self.order + self.format)
+        self.format, self.run, self.run_size = "", [], 0
+        return packer
+
+    def loop(self, head: str, body: Callable[[], None], entries: tuple[tuple[int, int], ...]) -> None:
+        """Emit a loop whose body starts, each time, at the first of the alignments that its end preserves."""
+        self.line(head)
+        self.depth += 1
+        start, state = len(self.lines), (self.count, dict(self.names))
+        for modulus, offset in (*entries, (1, 0)):
+            del self.lines[start:]
+            self.count, self.names = state[0], dict(state[1])
+            self.known(modulus, offset)
+            body()
+            self.close()
+            if self.modulus % modulus == 0 and self.offset % modulus == offset:
+                break
+        self.depth -= 1
+        self.known(modulus, offset)
+
+    def entries(self) -> tuple[tuple[int, int], ...]:
+        """Alignments to try for a loop that starts here."""
+        return tuple((m, self.offset % m) for m in (8, 4) if m <= self.modulus)
+
+    def fields(self, definition: Structure, target: str) -> None:
+        for field in definition.fields:
+            self.value(field.type, f"{target}._{field.name}")
+        if not definition.fields:
+            self.scalar("B", 1, self.filler)
+
+    def value(self, type_: AbstractType, target: str) -> None:
+        if isinstance(type_, BasicType):
+            self.scalar(*CODES[type_.typename], target)
+        elif isinstance(type_, NamespacedType):
+            self.nested(type_, target)
+        elif isinstance(type_, AbstractGenericString):
+            self.string(type_, target)
+        elif isinstance(type_, Array):
+            self.array(type_, target)
+        else:
+            assert isinstance(type_, AbstractSequence)
+            self.sequence(type_, target)
+
+    def compile(self, head: str, label: str) -> Any:
+        source = "\n".join((head, *self.lines))
+        exec(compile(source, f"<{label}>", "exec"), self.names)
+        return self.names["run"]
+
+    filler = ""
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+    @abstractmethod
+    def flush(self) -> None: ...
+
+    @abstractmethod
+    def align(self, size: int) -> None: ...
+
+    @abstractmethod
+    def nested(self, type_: NamespacedType, target: str) -> None: ...
+
+    @abstractmethod
+    def string(self, type_: AbstractGenericString, target: str) -> None: ...
+
+    @abstractmethod
+    def array(self, type_: Array, target: str) -> None: ...
+
+    @abstractmethod
+    def sequence(self, type_: AbstractSequence, target: str) -> None: ...
+
+
+class _Encoder(_Generator):
+    """Source of ``run(m, buf)``, which appends message `m` to bytearray `buf`."""
+
+    filler = "0"
+    # A string's terminating zero is written together with the padding that follows it.
+    terminate = False
+
+    def flush(self) -> None:
+        if self.run:
+            self.end_string()
+            values = ", ".join(self.run)
+            self.line(f"buf += {self.constant('pack', self.packer().pack)}({values})")
+
+    def close(self) -> None:
+        self.flush()
+        self.end_string()
+
+    def end_string(self) -> None:
+        if self.terminate:
+            self.line("buf += Z[1]")
+            self.terminate = False
+
+    def align(self, size: int) -> None:
+        """Bring the position to a multiple of `size` by what is known when the code runs."""
+        self.flush()
+        if self.terminate:
+            self.line(f"buf += Z[({HEADER_SIZE - 1} - len(buf) & {size - 1}) + 1]")
+            self.terminate = False
+        elif self.modulus >= size:
+            if self.offset % size:
+                self.line(f"buf += Z[{-self.offset % size}]")
+        else:
+            self.line(f"buf += Z[{HEADER_SIZE} - len(buf) & {size - 1}]")
+        if self.modulus < size:
+            self.known(size)
+        else:
+            self.advance(-self.offset % size)
+
+    def nested(self, type_: NamespacedType, target: str) -> None:
+        local = self.name("m")
+        self.line(f"{local} = {target}")
+        self.fields(catalogue.structure(type_.type_name), local)
+
+    def string(self, type_: AbstractGenericString, target: str) -> None:
+        local = self.name("s")
+        if isinstance(type_, AbstractWString):
+            self.names["encode_wide"] = encode_wide
+            self.line(f"{local} = encode_wide({target}, {self.order!r})")
+            self.scalar("I", 4, f"len({local}) // 4")
+            self.flush()
+            self.line(f"buf += {local}")
+            self.known(4)
+            return
+        self.line(f"{local} = {target}.encode()")
+        self.scalar("I", 4, f"len({local}) + 1")
+        self.flush()
+        self.line(f"buf += {local}")
+        self.terminate = True
+        self.known(1)
+
+    def array(self, type_: Array, target: str) -> None:
+        element = type_.value_type
+        local = self.name("a")
+        self.line(f"{local} = {target}")
+        self.line(f"if len({local}) != {type_.size}: raise ValueError(f'{{len({local})}} values in {target[3:]}')")
+        if isinstance(element, BasicType):
+            size = CODES[element.typename][1]
+            self.align(size)
+            self.end_string()
+            self.line(f"buf += {self.contents(element, local)}")
+            self.advance(size * type_.size)
+            return
+        self.loop_over(element, local)
+
+    def sequence(self, type_: AbstractSequence, target: str) -> None:
+        element = type_.value_type
+        local = self.name("a")
+        self.line(f"{local} = {target}")
+        self.scalar("I", 4, f"len({local})")
+        self.flush()
+        if isinstance(type_, BoundedSequence):
+            bound = type_.maximum_size
+            self.line(f"if len({local}) > {bound}: raise ValueError(f'{{len({local})}} values in {target[3:]}')")
+        if not isinstance(element, BasicType):
+            self.loop_over(element, local)
+            return
+        size = CODES[element.typename][1]
+        contents = local if element.typename in PACKED else self.contents(element, local)
+        if size > 4 and (self.modulus < size or self.offset % size):
+            self.line(f"if {local}: buf += Z[{HEADER_SIZE} - len(buf) & {size - 1}]")
+        self.line(f"buf += {contents}")
+        self.known(min(size, 4))
+
+    def contents(self, element: BasicType, local: str) -> str:
+        if element.typename == "octet":
+            return f"b''.join({local})"
+        return f"bytes(map(bool, {local}))" if element.typename == "boolean" else f"{local}.tobytes()"
+
+    def loop_over(self, element: AbstractType, local: str) -> None:
+        self.close()
+        item = self.name("i")
+        self.loop(f"for {item} in {local}:", lambda: self.value(element, item), self.entries())
+
+
+class _Decoder(_Generator):
+    """Source of ``run(d, p)``, which reads a message from bytes `d` at position `p`: (message, position after it)."""
+
+    filler = "_"
+
+    def __init__(self, order: str, message_class: Callable[[str], type]) -> None:
+        super().__init__(order)
+        self.message_class = message_class
+        self.names.update(new=object.__new__, array=array, Malformed=Malformed)
+
+    def flush(self) -> None:
+        if self.run:
+            targets, size = ", ".join(self.run), self.run_size
+            self.line(f"{targets}, = {self.constant('unpack', self.packer().unpack_from)}(d, p)")
+            self.line(f"p += {size}")
+
+    def close(self) -> None:
+        self.flush()
+
+    def align(self, size: int) -> None:
+        self.flush()
+        if self.modulus >= size:
+            if self.offset % size:
+                self.line(f"p += {-self.offset % size}")
+            self.advance(-self.offset % size)
+        else:
+            # The 4 byte header shifts 8-aligned values by 4.
+            self.line(f"p = (p + 3 & -8) + 4" if size == 8 else f"p = p + {size - 1} & -{size}")
+            self.known(size)
+
+    def create(self, type_name: str, local: str) -> None:
+        cls = self.message_class(type_name)
+        self.line(f"{local} = new({self.constant('C', cls)})")
+        self.line(f"{local}._check_fields = {CHECK_FIELDS}")
+
+    def nested(self, type_: NamespacedType, target: str) -> None:
+        local = self.name("m")
+        self.create(type_.type_name, local)
+        if local != target:
+            self.line(f"{target} = {local}")
+        self.fields(catalogue.structure(type_.type_name), local)
+
+    def string(self, type_: AbstractGenericString, target: str) -> None:
+        local = self.name("n")
+        self.scalar("I", 4, local)
+        self.flush()
+        if isinstance(type_, AbstractWString):
+            self.names["decode_wide"] = decode_wide
+            self.line(f"e = p + {local} * 4")
+            self.line("if e > len(d): raise Malformed('string goes beyond the end')")
+            self.line(f"{target} = decode_wide(d[p:e], {self.order!r})")
+            self.known(4)
+        else:
+            # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
+            # is the last byte of the length.
+            self.line(f"e = p + {local}")
+            self.line("if d[e - 1]: raise Malformed('string is not terminated')")
+            self.line(f"{target} = d[p:e - 1].decode()")
+            self.known(1)
+        self.line("p = e")
+        if type_.has_maximum_size():
+            self.line(f"if len({target}) > {type_.maximum_size}: raise Malformed('string is longer than its bound')")
+
+    def array(self, type_: Array, target: str) -> None:
+        element = type_.value_type
+        if isinstance(element, BasicType):
+            size = CODES[element.typename][1]
+            self.align(size)
+            self.flush()
+            self.line(f"e = p + {size * type_.size}")
+            if element.typename in PACKED:
+                import numpy as np
+
+                self.names["frombuffer"] = np.frombuffer
+                code = CODES[element.typename][0]
+                dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
+                self.line(f"{target} = frombuffer(d, {dtype}, {type_.size}, p).astype({native})")
+            else:
+                self.line("if e > len(d): raise Malformed('array goes beyond the end')")
+                self.line(f"{target} = {self.elements(element)}")
+            self.line("p = e")
+            self.advance(size * type_.size)
+            return
+        self.flush()
+        self.line(f"if {type_.size * minimum_size(element)} > len(d) - p: raise Malformed('array goes beyond the end')")
+        self.loop_over(element, str(type_.size), target)
+
+    def sequence(self, type_: AbstractSequence, target: str) -> None:
+        element = type_.value_type
+        local = self.name("n")
+        self.scalar("I", 4, local)
+        self.flush()
+        if isinstance(type_, BoundedSequence):
+            self.line(f"if {local} > {type_.maximum_size}: raise Malformed('sequence is longer than its bound')")
+        if not isinstance(element, BasicType):
+            beyond = f"{local} * {minimum_size(element)} > len(d) - p"
+            self.line(f"if {beyond}: raise Malformed('sequence goes beyond the end')")
+            self.loop_over(element, local, target)
+            return
+        code, size = CODES[element.typename]
+        if size > 4 and (self.modulus < size or self.offset % size):
+            self.line(f"if {local}: p = (p + 3 & -8) + 4")
+        self.line(f"e = p + {local} * {size}" if size > 1 else f"e = p + {local}")
+        self.line("if e > len(d): raise Malformed('sequence goes beyond the end')")
+        if element.typename in PACKED:
+            self.names["memoryview"] = memoryview
+            values = self.name("a")
+            self.line(f"{target} = {values} = array({code!r})")
+            self.line(f"{values}.frombytes(memoryview(d)[p:e])")
+            if size > 1 and self.order != NATIVE:
+                self.line(f"{values}.byteswap()")
+        else:
+            self.line(f"{target} = {self.elements(element)}")
+        self.line("p = e")
+        self.known(min(size, 4))
+
+    def elements(self, element: BasicType) -> str:
+        return "[b != 0 for b in d[p:e]]" if element.typename == "boolean" else "[d[i:i + 1] for i in range(p, e)]"
+
+    def loop_over(self, element: AbstractType, count: str, target: str) -> None:
+        values, item = self.name("a"), self.name("i")
+        self.line(f"{target} = {values} = []")
+
+        def read() -> None:
+            if isinstance(element, NamespacedType):
+                self.create(element.type_name, item)
+                self.fields(catalogue.structure(element.type_name), item)
+            else:
+                self.value(element, item)
+            self.close()
+            self.line(f"{values}.append({item})")
+
+        self.loop(f"for _ in range({count}):", read, self.entries())
+
+
+def make_encoder(type_name: str) -> Callable[[Any, bytearray], None]:
+    """Make the function that appends a message, little endian, to a buffer that holds at least the 4 byte header."""
+    generator = _Encoder("<")
+    generator.fields(catalogue.structure(type_name), "m")
+    generator.close()
+    return cast(Callable[[Any, bytearray], None], generator.compile("def run(m, buf):", f"encode {type_name}"))
+
+
+def make_decoder(
+    type_name: str, message_class: Callable[[str], type], order: str = "<"
+) -> Callable[[bytes, int], tuple[Any, int]]:
+    """Make the function that reads a message from a buffer: ``decoder(data, position) -> (message, end)``.
+
+    Parameters
+    ----------
+    type_name : str
+        Message to read.
+    message_class : callable
+        Gives the class of a type name.
+    order : str
+        ``<`` little endian, ``>`` big endian.
+
+    Notes
+    -----
+    The function raises ValueError (also as UnicodeDecodeError or `Malformed`), IndexError or struct.error on malformed
+    input. Sequence lengths are compared with what is left of the data before anything is allocated.
+    """
+    generator = _Decoder(order, message_class)
+    generator.create(type_name, "m")
+    generator.fields(catalogue.structure(type_name), "m")
+    generator.close()
+    generator.line("return m, p")
+    return cast(Callable[[bytes, int], tuple[Any, int]], generator.compile("def run(d, p):", f"decode {type_name}"))
+
+
+def encode_wide(text: str, order: str) -> bytes:
+    """UTF-16 code units, each in 4 bytes, as rmw_cyclonedds writes a wstring."""
+    import numpy as np
+
+    return np.frombuffer(text.encode("utf-16-le"), "<u2").astype(f"{order}u4").tobytes()
+
+
+def decode_wide(data: bytes, order: str) -> str:
+    """Reverse of `encode_wide`; raises Malformed for units that do not fit and UnicodeDecodeError for bad pairs."""
+    import numpy as np
+
+    units = np.frombuffer(data, f"{order}u4")
+    if (units > 0xFFFF).any():
+        raise Malformed("wide string holds more than UTF-16")
+    return units.astype("<u2").tobytes().decode("utf-16-le")

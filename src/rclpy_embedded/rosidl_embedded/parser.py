@@ -1,0 +1,235 @@
+"""Reads ``.msg`` and ``.srv`` texts."""
+
+from __future__ import annotations
+
+import ast
+import keyword
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from .definition import (
+    AbstractGenericString,
+    AbstractNestableType,
+    AbstractType,
+    Array,
+    BasicType,
+    BoundedSequence,
+    BoundedString,
+    BoundedWString,
+    Constant,
+    Field,
+    InvalidInterfaceError,
+    NamespacedType,
+    Structure,
+    UnboundedSequence,
+    UnboundedString,
+    UnboundedWString,
+)
+
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
+    **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
+    "octet": (0, 255),
+}
+# Names in .msg files -> IDL. A .msg char has been an uint8 since ROS 2 began.
+BASIC_TYPES = {
+    **{name: name for name in INTEGER_RANGES if name != "octet"},
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+}
+_TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(<=(?P<string>\d+))?(\[(?P<bounded><=)?(?P<size>\d*)\])?")
+_FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
+_CONSTANT_NAME = re.compile(r"[A-Z]([A-Z0-9_]?[A-Z0-9]+)*")
+_STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+
+
+def parse_type(text: str, package: str) -> AbstractType:
+    """Read a type as ``.msg`` files write it.
+
+    Parameters
+    ----------
+    text : str
+        For example ``float64[3]``, ``string<=10[]``, ``geometry_msgs/Pose``.
+    package : str
+        Package of the definition, which structures without a package belong to.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a type.
+    """
+    match = _TYPE.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a type")
+    base, string_bound = match["base"], match["string"]
+    if string_bound is not None and (base not in ("string", "wstring") or int(string_bound) < 1):
+        raise ValueError(f"{text!r} is not a type: only strings are bounded by <=N, with N > 0")
+    element = _element_type(base, int(string_bound or 0), package)
+    if match["size"] is None:
+        return element
+    if not match["size"]:
+        if match["bounded"]:
+            raise ValueError(f"{text!r} is not a type: the bound is missing")
+        return UnboundedSequence(element)
+    size = int(match["size"])
+    if size < 1:
+        raise ValueError(f"{text!r} is not a type: the size must be positive")
+    return BoundedSequence(element, size) if match["bounded"] else Array(element, size)
+
+
+def _element_type(base: str, bound: int, package: str) -> AbstractNestableType:
+    if base in BASIC_TYPES:
+        return BasicType(BASIC_TYPES[base])
+    if base == "string":
+        return BoundedString(bound) if bound else UnboundedString()
+    if base == "wstring":
+        return BoundedWString(bound) if bound else UnboundedWString()
+    parts = base.split("/")
+    if len(parts) == 1:
+        parts = [package, base]
+    if len(parts) == 2:
+        parts.insert(1, "msg")
+    if len(parts) != 3 or parts[1] != "msg" or not _STRUCTURE_NAME.fullmatch(parts[2]):
+        raise ValueError(f"{base!r} is neither a basic type nor the name of a message")
+    return NamespacedType((parts[0], parts[1]), parts[2])
+
+
+def parse_value(text: str, type_: AbstractType) -> Any:
+    """Read the value of a constant or a default, as a message field of that type would hold it.
+
+    Raises
+    ------
+    ValueError
+        If the text is no value of the type.
+    """
+    text = text.strip()
+    if isinstance(type_, AbstractGenericString):
+        return _string(text)
+    if isinstance(type_, BasicType):
+        return basic_value(_literal(text), type_.typename)
+    if isinstance(type_, NamespacedType) or not isinstance(type_, Array | BoundedSequence | UnboundedSequence):
+        raise ValueError("a message field cannot have a default")
+    values = _literal(text)
+    if not isinstance(values, list) or isinstance(type_.value_type, NamespacedType):
+        raise ValueError(f"{text!r} is not a list of values")
+    if isinstance(type_, Array) and len(values) != type_.size:
+        raise ValueError(f"{len(values)} values for an array of {type_.size}")
+    if isinstance(type_, BoundedSequence) and len(values) > type_.maximum_size:
+        raise ValueError(f"{len(values)} values for a sequence of at most {type_.maximum_size}")
+    element = type_.value_type
+    if isinstance(element, BasicType):
+        return [basic_value(value, element.typename) for value in values]
+    if not all(isinstance(value, str) for value in values):
+        raise ValueError(f"{text!r} is not a list of strings")
+    return values
+
+
+def basic_value(value: Any, typename: str) -> Any:
+    """Convert a literal into what a field of the basic type holds."""
+    if typename == "boolean" and value in (True, False):
+        return bool(value)
+    if typename in ("float", "double") and isinstance(value, int | float):
+        return float(value)
+    if typename in INTEGER_RANGES and isinstance(value, int):
+        low, high = INTEGER_RANGES[typename]
+        if low <= value <= high:
+            return bytes([value]) if typename == "octet" else int(value)
+    raise ValueError(f"{value!r} is not a value of type {typename}")
+
+
+def _literal(text: str) -> Any:
+    try:
+        return ast.literal_eval(re.sub(r"\b(true|false)\b", lambda word: word[0].capitalize(), text))
+    except (SyntaxError, ValueError):
+        raise ValueError(f"{text!r} is not a value") from None
+
+
+def _string(text: str) -> str:
+    if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
+        return text[1:-1].replace("\\" + text[0], text[0])
+    return text
+
+
+def parse_structure(text: str, type_name: str, origin: str) -> Structure:
+    """Read one structure: the whole of a ``.msg`` file or one part of a ``.srv`` file.
+
+    Parameters
+    ----------
+    text : str
+        The definition.
+    type_name : str
+        Full name, for example ``fsw_msgs/msg/WeldCommand``.
+    origin : str
+        Where the text comes from, for error messages.
+
+    Raises
+    ------
+    InvalidInterfaceError
+        If a line cannot be understood; says which and why.
+    """
+    package = type_name.split("/")[0]
+    fields: list[Field] = []
+    constants: list[Constant] = []
+    names: set[str] = set()
+    for number, line in _lines(text):
+        try:
+            member = _member(line, package)
+        except ValueError as error:
+            raise InvalidInterfaceError(f"{origin}, line {number}: {error}") from None
+        if member.name in names:
+            raise InvalidInterfaceError(f"{origin}, line {number}: {member.name!r} is defined twice")
+        names.add(member.name)
+        if isinstance(member, Constant):
+            constants.append(member)
+        else:
+            fields.append(member)
+    return Structure(type_name, tuple(fields), tuple(constants))
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(text.splitlines(), start=1):
+        line = line.partition("#")[0].strip()
+        if line:
+            yield number, line
+
+
+def _member(line: str, package: str) -> Field | Constant:
+    type_text, _, rest = line.replace("\t", " ").partition(" ")
+    type_ = parse_type(type_text, package)
+    name, separator, value = rest.partition("=")
+    if separator:
+        name = name.strip()
+        if not _CONSTANT_NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is not a constant's name (upper case letters, digits, single underscores)")
+        if not isinstance(type_, BasicType | AbstractGenericString):
+            raise ValueError(f"constant {name!r} must be a number, a boolean or a string")
+        return Constant(name, type_, parse_value(value, type_))
+    name, _, default = rest.strip().partition(" ")
+    if not _FIELD_NAME.fullmatch(name) or keyword.iskeyword(name):
+        raise ValueError(f"{name!r} is not a field's name (lower case letters, digits, single underscores; no keyword)")
+    return Field(name, type_, parse_value(default, type_) if default.strip() else None)
+
+
+def parse_service(text: str, type_name: str, origin: str) -> tuple[Structure, Structure]:
+    """Read a ``.srv`` text into request and response.
+
+    Raises
+    ------
+    InvalidInterfaceError
+        If a line cannot be understood or the ``---`` between the two parts is missing.
+    """
+    lines = text.splitlines()
+    marks = [number for number, line in enumerate(lines) if line.partition("#")[0].strip() == "---"]
+    if len(marks) != 1:
+        raise InvalidInterfaceError(f"{origin}: a service needs exactly one line '---' between request and response")
+    request = "\n".join(lines[: marks[0]])
+    # Blank lines keep the line numbers of error messages true.
+    response = "\n" * (marks[0] + 1) + "\n".join(lines[marks[0] + 1 :])
+    return (
+        parse_structure(request, f"{type_name}_Request", origin),
+        parse_structure(response, f"{type_name}_Response", origin),
+    )

@@ -1,0 +1,204 @@
+"""What a middleware needs to know of a message or service class: names, type hash, and the way to bytes and back."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+from . import catalogue, description
+from .cdr import HEADER_SIZE, make_decoder, make_encoder
+from .message import get_message, get_service
+
+interface_definition = description.interface_definition
+type_hash = description.type_hash
+
+_HEADER = b"\x00\x01\x00\x00"
+_ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
+# Writers pad a payload to a multiple of 4 bytes.
+_MAX_PADDING = 3
+
+
+class SerializationError(ValueError):
+    """A message holds values that its type does not allow."""
+
+
+class DeserializationError(ValueError):
+    """Received bytes are not the encoding of the message type."""
+
+
+class TypeSupport:
+    """Type support of one message class.
+
+    Attributes
+    ----------
+    cls : type
+        The message class.
+    type_name : str
+        ``std_msgs/msg/String``.
+    dds_name : str
+        ``std_msgs::msg::dds_::String_``.
+    type_hash : str
+        ``RIHS01_`` and 64 hexadecimal digits.
+    """
+
+    def __init__(self, cls: Any) -> None:
+        self.cls = cls
+        self.type_name: str = cls._TYPE_NAME
+        package, kind, name = self.type_name.split("/")
+        self.dds_name = f"{package}::{kind}::dds_::{name}_"
+        self._decoders: dict[str, Callable[[bytes, int], tuple[Any, int]]] = {}
+
+    @cached_property
+    def type_hash(self) -> str:
+        """RIHS01 hash of the type's description."""
+        return description.type_hash(self.type_name)
+
+    @cached_property
+    def _encode(self) -> Callable[[Any, bytearray], None]:
+        return make_encoder(self.type_name)
+
+    def serialize(self, msg: Any) -> bytes:
+        """Encode a message: 4 byte encapsulation header and little endian CDR, not padded.
+
+        Raises
+        ------
+        SerializationError
+            If a field holds a value of a wrong type or length.
+        """
+        return self.serialize_with_prefix(b"", msg)
+
+    def serialize_with_prefix(self, prefix: bytes, msg: Any) -> bytes:
+        """Encode a message whose CDR body begins with `prefix`, a multiple of 8 bytes (header of service calls).
+
+        Raises
+        ------
+        SerializationError
+            If a field holds a value of a wrong type or length.
+        """
+        if msg.__class__ is not self.cls and not isinstance(msg, self.cls):
+            raise SerializationError(f"expected a message of type {self.type_name}, not {type(msg).__name__}")
+        data = bytearray(_HEADER + prefix)
+        try:
+            self._encode(msg, data)
+        except (AttributeError, OverflowError, TypeError, ValueError, struct.error) as error:
+            raise SerializationError(f"cannot serialize {self.type_name}: {error}") from error
+        return bytes(data)
+
+    def deserialize(self, data: bytes | memoryview) -> Any:
+        """Decode a message; up to three bytes of padding at the end are accepted.
+
+        Raises
+        ------
+        DeserializationError
+            If the data are not the encoding of such a message.
+        """
+        return self.deserialize_with_prefix(data, 0)[1]
+
+    def deserialize_with_prefix(self, data: bytes | memoryview, size: int) -> tuple[bytes, Any]:
+        """Decode a message whose CDR body begins with a prefix of `size` bytes, a multiple of 8: (prefix, message).
+
+        Raises
+        ------
+        DeserializationError
+            If the data are not the encoding of such a message.
+        """
+        if data.__class__ is not bytes:
+            data = bytes(data)
+        start = HEADER_SIZE + size
+        try:
+            decode = self._decoders[_ORDERS[data[:2]]]
+        except KeyError:
+            decode = self._decoder(data[:2])
+        try:
+            msg, end = decode(data, start)
+        except (IndexError, ValueError, struct.error) as error:
+            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
+        if not 0 <= len(data) - end <= _MAX_PADDING:
+            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {len(data) - end} bytes too many")
+        return data[HEADER_SIZE:start], msg
+
+    def _decoder(self, encapsulation: bytes) -> Callable[[bytes, int], tuple[Any, int]]:
+        order = _ORDERS.get(encapsulation)
+        if order is None:
+            raise DeserializationError(
+                f"not a {self.type_name}: encapsulation {encapsulation.hex() or 'missing'}, only plain CDR is supported"
+            )
+        if order not in self._decoders:
+            self._decoders[order] = make_decoder(self.type_name, get_message, order)
+        return self._decoders[order]
+
+
+class ServiceTypeSupport:
+    """Type support of a service class.
+
+    Attributes
+    ----------
+    cls : type
+        The service class.
+    type_name : str
+        ``std_srvs/srv/Trigger``.
+    request, response : TypeSupport
+        Type supports of the two messages.
+    """
+
+    def __init__(self, cls: Any) -> None:
+        self.cls = cls
+        self.type_name: str = cls._TYPE_NAME
+        self.request = type_support(cls.Request)
+        self.response = type_support(cls.Response)
+
+    @cached_property
+    def type_hash(self) -> str:
+        """RIHS01 hash of the service's description."""
+        return description.type_hash(self.type_name)
+
+
+_supports: dict[type, Any] = {}
+
+
+def type_support(cls: Any) -> TypeSupport:
+    """Type support of a message class.
+
+    Raises
+    ------
+    TypeError
+        If `cls` is not a message class of this package.
+    """
+    return _support(cls, TypeSupport, "message", "__slots__")
+
+
+def service_type_support(cls: Any) -> ServiceTypeSupport:
+    """Type support of a service class.
+
+    Raises
+    ------
+    TypeError
+        If `cls` is not a service class of this package.
+    """
+    return _support(cls, ServiceTypeSupport, "service", "Request")
+
+
+def _support(cls: Any, kind: type[Any], what: str, attribute: str) -> Any:
+    found = _supports.get(cls) if isinstance(cls, type) else None
+    if found is None or not isinstance(found, kind):
+        if not (isinstance(cls, type) and hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
+            raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")
+        found = _supports.setdefault(cls, kind(cls))
+    return found
+
+
+__all__ = [
+    "DeserializationError",
+    "SerializationError",
+    "ServiceTypeSupport",
+    "TypeSupport",
+    "catalogue",
+    "get_message",
+    "get_service",
+    "interface_definition",
+    "service_type_support",
+    "type_hash",
+    "type_support",
+]
