@@ -1,0 +1,134 @@
+"""Sets up the environment of every script here, with nothing but the standard library.
+
+``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only, no compiler) and goes on
+inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is
+sourced, a second environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
+"""
+
+import hashlib
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+OLDEST = (3, 11)
+# with genuine ROS 2 these come from it: its message packages are compiled against its numpy
+FROM_ROS = ("numpy", "cyclonedds")
+
+
+def with_genuine_ros():
+    """Whether a genuine ROS 2 is sourced in this shell."""
+    return bool(os.environ.get("ROS_DISTRO") and os.environ.get("AMENT_PREFIX_PATH"))
+
+
+def ensure(dev=False):
+    """Go on inside the project's environment, made first if need be.
+
+    Parameters
+    ----------
+    dev : bool
+        Install the tools of the tests as well.
+
+    Raises
+    ------
+    SystemExit
+        With one clear line, if Python is too old or the packages cannot be installed.
+    """
+    if sys.version_info < OLDEST:
+        sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
+    home = WORKSPACE / (".venv-ros" if with_genuine_ros() else ".venv")
+    locks = [WORKSPACE / "requirements" / name for name in ("runtime.lock", *(("dev.lock",) if dev else ()))]
+    if not _is_ready(home, locks):
+        with _Lock(home.with_suffix(".lock")):
+            if not _is_ready(home, locks):
+                _make(home, locks)
+    if Path(sys.prefix).resolve() != home.resolve():
+        python = str(_python(home))
+        os.execv(python, [python, *sys.argv])
+
+
+def _python(home):
+    return home / "bin" / "python"
+
+
+def _stamp(lock):
+    """What must be equal for an installed lock to be still right."""
+    text = f"{sys.version_info[:2]} {WORKSPACE}\n".encode() + lock.read_bytes() + _search_path().encode()
+    return hashlib.sha256(text).hexdigest()
+
+
+def _search_path():
+    """Source folders that the environment imports from, one per line (a .pth file)."""
+    folders = sorted(path for path in (WORKSPACE / "src").iterdir() if path.is_dir())
+    embedded = WORKSPACE / "src" / "rclpy_embedded"
+    return "".join(f"{path}\n" for path in folders if path != embedded or not with_genuine_ros())
+
+
+def _is_ready(home, locks):
+    marks = [home / f"{lock.stem}.installed" for lock in locks]
+    try:
+        return _python(home).exists() and all(m.read_text() == _stamp(lk) for m, lk in zip(marks, locks))  # noqa: B905
+    except OSError:
+        return False
+
+
+def _make(home, locks):
+    try:
+        same_python = subprocess.run(
+            [_python(home), "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True
+        ).stdout.strip() == str(sys.version_info[:2])
+    except OSError:
+        same_python = False
+    if not same_python:
+        print(f"[set-up] making {home.name} with Python {sys.version.split()[0]}", file=sys.stderr, flush=True)
+        try:
+            venv.EnvBuilder(with_pip=True, clear=True, system_site_packages=with_genuine_ros()).create(home)
+        except (OSError, subprocess.CalledProcessError) as error:
+            sys.exit(f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv")
+    for lock in locks:
+        names = _packages(lock)
+        print(f"[set-up] installing {len(names)} packages of {lock.name} (once)", file=sys.stderr, flush=True)
+        pip = [str(_python(home)), "-m", "pip", "--disable-pip-version-check", "install", "--only-binary", ":all:"]
+        _run_with_progress([*pip, *names], lock.name)
+    for site in (home / "lib").glob("python3*/site-packages"):
+        (site / "fsw_workspace.pth").write_text(_search_path())
+    for lock in locks:
+        (home / f"{lock.stem}.installed").write_text(_stamp(lock))
+
+
+def _packages(lock):
+    lines = [line.strip() for line in lock.read_text().splitlines()]
+    skipped = FROM_ROS if with_genuine_ros() else ()
+    return [line for line in lines if line and not line.startswith("#") and line.split("==")[0] not in skipped]
+
+
+def _run_with_progress(command, what):
+    """Run pip, a dot per package, and show its words only when it fails."""
+    lines = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        for line in process.stdout or ():
+            lines.append(line)
+            if line.startswith(("Collecting", "Installing")):
+                print(".", end="", file=sys.stderr, flush=True)
+    print("", file=sys.stderr)
+    if process.returncode:
+        tail = "".join(lines[-15:])
+        sys.exit(f"{tail}[set-up] could not install {what}: see above; a package index must be reachable the first time")
+
+
+class _Lock:
+    """Only one process sets up at a time: several nodes may be started at once on a fresh machine."""
+
+    def __init__(self, path):
+        self._path = path
+
+    def __enter__(self):
+        import fcntl
+
+        self._file = open(self._path, "w")  # noqa: SIM115
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+
+    def __exit__(self, *_):
+        self._file.close()
