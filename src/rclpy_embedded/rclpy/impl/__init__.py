@@ -1,0 +1,1 @@
+"""Internals that user code sometimes imports by name."""

@@ -1,0 +1,258 @@
+"""Parameters and their values."""
+
+from __future__ import annotations
+
+import array
+from collections.abc import Mapping
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rcl_interfaces.msg import Parameter as ParameterMsg
+    from rcl_interfaces.msg import ParameterValue
+
+PARAMETER_SEPARATOR_STRING = "."
+
+AllowableParameterValue = (
+    bool
+    | int
+    | float
+    | str
+    | list[bytes]
+    | list[bool]
+    | list[int]
+    | list[float]
+    | list[str]
+    | tuple
+    | array.array
+    | None
+)
+
+_ARRAYS = (list, tuple, array.array)
+#: Field of ParameterValue by type; the index is the value of ParameterType.
+_FIELDS = (
+    None,
+    "bool_value",
+    "integer_value",
+    "double_value",
+    "string_value",
+    "byte_array_value",
+    "bool_array_value",
+    "integer_array_value",
+    "double_array_value",
+    "string_array_value",
+)
+
+
+class Parameter:
+    """A named, typed value.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the parameter.
+    type_ : Parameter.Type, optional
+        Found from `value` if not given.
+    value
+        None, bool, int, float, str or a list, tuple or array of one of bytes, bool, int, float, str.
+
+    Raises
+    ------
+    TypeError
+        If `type_` is no Parameter.Type or `value` is of no type that a parameter can have.
+    ValueError
+        If `type_` and `value` do not agree.
+    """
+
+    class Type(Enum):
+        """Type of a parameter; the values are those of ``rcl_interfaces/msg/ParameterType``."""
+
+        NOT_SET = 0
+        BOOL = 1
+        INTEGER = 2
+        DOUBLE = 3
+        STRING = 4
+        BYTE_ARRAY = 5
+        BOOL_ARRAY = 6
+        INTEGER_ARRAY = 7
+        DOUBLE_ARRAY = 8
+        STRING_ARRAY = 9
+
+        @classmethod
+        def from_parameter_value(cls, parameter_value: Any) -> Parameter.Type:
+            """Return the type of a Python value; TypeError if no parameter can have it."""
+            if parameter_value is None:
+                return cls.NOT_SET
+            # bool before int: a bool is an int too. An empty list counts as bytes, as in the genuine class.
+            scalars = ((bool, cls.BOOL), (int, cls.INTEGER), (float, cls.DOUBLE), (str, cls.STRING))
+            for kind, type_ in scalars:
+                if isinstance(parameter_value, kind):
+                    return type_
+            if not isinstance(parameter_value, _ARRAYS):
+                raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
+            arrays = (
+                (bytes, cls.BYTE_ARRAY),
+                (bool, cls.BOOL_ARRAY),
+                (int, cls.INTEGER_ARRAY),
+                (float, cls.DOUBLE_ARRAY),
+                (str, cls.STRING_ARRAY),
+            )
+            for kind, type_ in arrays:
+                if all(isinstance(item, kind) for item in parameter_value):
+                    return type_
+            raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
+
+        def check(self, parameter_value: Any) -> bool:
+            """Return whether a Python value is of this type."""
+            if self is Parameter.Type.NOT_SET:
+                return parameter_value is None
+            kind = {"BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str, "BYTE": bytes}[
+                self.name.removesuffix("_ARRAY")
+            ]
+            if not self.name.endswith("_ARRAY"):
+                return isinstance(parameter_value, kind)
+            allowed = _ARRAYS if kind in (int, float) else (list, tuple)
+            return isinstance(parameter_value, allowed) and all(
+                isinstance(item, kind) and (kind is not bytes or len(item) == 1) for item in parameter_value
+            )
+
+    def __init__(self, name: str, type_: Parameter.Type | None = None, value: Any = None) -> None:
+        if type_ is None:
+            type_ = Parameter.Type.from_parameter_value(value)
+        if not isinstance(type_, Parameter.Type):
+            raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
+        if not type_.check(value):
+            raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
+        self._type_ = type_
+        self._name = name
+        self._value = value
+
+    @classmethod
+    def from_parameter_msg(cls, param_msg: ParameterMsg) -> Parameter:
+        """Create a parameter from ``rcl_interfaces/msg/Parameter``; ValueError if its type is unknown."""
+        type_ = Parameter.Type(value=param_msg.value.type)
+        field = _FIELDS[type_.value]
+        return cls(param_msg.name, type_, getattr(param_msg.value, field) if field else None)
+
+    @property
+    def name(self) -> str:
+        """Full name."""
+        return self._name
+
+    @property
+    def type_(self) -> Parameter.Type:
+        """Type of the value."""
+        return self._type_
+
+    @property
+    def value(self) -> Any:
+        """Value; None if not set."""
+        return self._value
+
+    def get_parameter_value(self) -> ParameterValue:
+        """Return the value as ``rcl_interfaces/msg/ParameterValue``."""
+        from rcl_interfaces.msg import ParameterValue
+
+        value = ParameterValue(type=self._type_.value)
+        if field := _FIELDS[self._type_.value]:
+            setattr(value, field, self._value)
+        return value
+
+    def to_parameter_msg(self) -> ParameterMsg:
+        """Return the parameter as ``rcl_interfaces/msg/Parameter``."""
+        from rcl_interfaces.msg import Parameter as ParameterMsg
+
+        return ParameterMsg(name=self._name, value=self.get_parameter_value())
+
+
+def get_parameter_value(string_value: str) -> ParameterValue:
+    """Return a ParameterValue with the type that `string_value` looks like, read as YAML."""
+    import yaml
+    from rcl_interfaces.msg import ParameterValue
+
+    try:
+        value = yaml.safe_load(string_value)
+    except yaml.YAMLError:
+        value = string_value
+    if isinstance(value, (bool, int, float)):
+        return Parameter("", value=value).get_parameter_value()
+    if isinstance(value, list):
+        for type_ in (
+            Parameter.Type.BOOL_ARRAY,
+            Parameter.Type.INTEGER_ARRAY,
+            Parameter.Type.DOUBLE_ARRAY,
+            Parameter.Type.STRING_ARRAY,
+        ):
+            if type_.check(value):
+                return Parameter("", type_, value).get_parameter_value()
+        value = string_value
+    return ParameterValue(
+        type=Parameter.Type.STRING.value, string_value=value if isinstance(value, str) else string_value
+    )
+
+
+def parameter_value_to_python(parameter_value: ParameterValue) -> Any:
+    """Return the value that a ParameterValue holds, arrays as lists; RuntimeError if its type is unknown."""
+    if not 0 <= parameter_value.type < len(_FIELDS):
+        raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
+    field = _FIELDS[parameter_value.type]
+    value = getattr(parameter_value, field) if field else None
+    return list(value) if field and field.endswith("_array_value") else value
+
+
+def parameter_dict_from_yaml_file(
+    parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
+) -> dict[str, ParameterMsg]:
+    """Read a parameter file into Parameter messages by name.
+
+    Parameters
+    ----------
+    parameter_file : str
+        Path of the file.
+    use_wildcard : bool
+        Whether the section ``/**`` counts too; it yields to the others.
+    target_nodes : list of str, optional
+        The sections to read; all if not given.
+    namespace : str
+        Put before every name.
+
+    Raises
+    ------
+    RuntimeError
+        If a target node is not in the file, nothing is selected, or the file is no parameter file.
+    """
+    import yaml
+
+    with open(parameter_file, encoding="utf-8") as stream:
+        content = yaml.safe_load(stream)
+    keys = ["/**"] if use_wildcard and "/**" in content else []
+    for node in target_nodes or ():
+        if node not in content:
+            raise RuntimeError(
+                f"Param file does not contain parameters for {node},only for nodes: {list(content.keys())} "
+            )
+        keys.append(node)
+    if not target_nodes:
+        keys.extend(key for key in content if key != "/**")
+    if not keys:
+        raise RuntimeError("Param file does not contain selected parameters")
+    selected: dict[str, Any] = {}
+    for key in keys:
+        if not isinstance(content[key], dict) or "ros__parameters" not in content[key]:
+            raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {key}")
+        selected.update(content[key]["ros__parameters"])
+    return _unpack_parameter_dict(namespace, selected)
+
+
+def _unpack_parameter_dict(namespace: str, parameter_dict: Mapping[str, Any]) -> dict[str, ParameterMsg]:
+    """Flatten nested parameters to messages by full name."""
+    from rcl_interfaces.msg import Parameter as ParameterMsg
+
+    parameters: dict[str, ParameterMsg] = {}
+    for name, value in parameter_dict.items():
+        full_name = namespace + name
+        if isinstance(value, dict):
+            parameters.update(_unpack_parameter_dict(full_name + PARAMETER_SEPARATOR_STRING, value))
+        else:
+            parameters[full_name] = ParameterMsg(name=full_name, value=get_parameter_value(str(value)))
+    return parameters

@@ -1,0 +1,469 @@
+"""The parameters of a node."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+    ParameterImmutableException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
+from rclpy.parameter_ranges import PARAM_REL_TOL, range_error
+from rclpy.validate_parameter_name import validate_parameter_name
+
+if TYPE_CHECKING:
+    from rcl_interfaces.msg import (
+        ListParametersResult,
+        ParameterDescriptor,
+        ParameterEvent,
+        ParameterValue,
+        SetParametersResult,
+    )
+
+PreSetCallback = Callable[[list[Parameter]], list[Parameter]]
+OnSetCallback = Callable[[list[Parameter]], "SetParametersResult"]
+PostSetCallback = Callable[[list[Parameter]], None]
+
+_WRONG_TYPE = "Wrong parameter type"
+
+
+def _result(reason: str = "") -> SetParametersResult:
+    from rcl_interfaces.msg import SetParametersResult
+
+    return SetParametersResult(successful=not reason, reason=reason)
+
+
+def _descriptor(**kwargs: Any) -> ParameterDescriptor:
+    from rcl_interfaces.msg import ParameterDescriptor
+
+    return ParameterDescriptor(**kwargs)
+
+
+class ParameterStore:
+    """Parameters with descriptors, overrides and callbacks: the parameter methods of a Node.
+
+    Node inherits from this class and calls its constructor; nothing here needs the middleware.
+
+    Parameters
+    ----------
+    overrides : mapping of str to Parameter
+        Initial values that replace the defaults given at declaration.
+    allow_undeclared : bool
+        Whether parameters may be used without being declared.
+    publish_event : callable
+        Takes a ParameterEvent with its parameters filled in, after every change; the owner adds node and stamp.
+    """
+
+    PARAM_REL_TOL = PARAM_REL_TOL
+
+    def __init__(
+        self,
+        overrides: Mapping[str, Parameter] | None = None,
+        *,
+        allow_undeclared: bool = False,
+        publish_event: Callable[[ParameterEvent], None] = lambda event: None,
+    ) -> None:
+        self._parameters: dict[str, Parameter] = {}
+        self._descriptors: dict[str, ParameterDescriptor] = {}
+        self._parameter_overrides = dict(overrides or {})
+        self._allow_undeclared_parameters = allow_undeclared
+        self._publish_parameter_event = publish_event
+        self._pre_set_parameters_callbacks: list[PreSetCallback] = []
+        self._on_set_parameters_callbacks: list[OnSetCallback] = []
+        self._post_set_parameters_callbacks: list[PostSetCallback] = []
+
+    # -- declaring ------------------------------------------------------------------------------------------------
+
+    def declare_parameter(
+        self,
+        name: str,
+        value: Any = None,
+        descriptor: ParameterDescriptor | None = None,
+        ignore_override: bool = False,
+    ) -> Parameter:
+        """Declare one parameter; see `declare_parameters`.
+
+        `value` is the default, a ``Parameter.Type`` for a parameter without default, or a ParameterValue.
+        """
+        if value is None and descriptor is None:
+            return self.declare_parameters("", [(name,)], ignore_override)[0]
+        return self.declare_parameters("", [(name, value, descriptor or _descriptor())], ignore_override)[0]
+
+    def declare_parameters(
+        self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters given as (name,), (name, default or type) or (name, default or type, descriptor).
+
+        Without ``dynamic_typing`` in the descriptor the type is fixed to that of the default. An override replaces
+        the default. The on-set and post-set callbacks are called once per parameter.
+
+        Raises
+        ------
+        ParameterAlreadyDeclaredException
+            If one is declared already.
+        InvalidParameterException
+            If a name is invalid.
+        InvalidParameterTypeException, InvalidParameterValueException
+            If an override has another type, or a value is out of range or refused by a callback; those before it
+            stay declared.
+        TypeError, ValueError
+            If an entry is malformed, or has neither type nor default.
+        """
+        declared: list[Parameter] = []
+        descriptors: dict[str, ParameterDescriptor] = {}
+        for index, entry in enumerate(parameters):
+            name, default, descriptor = self._declaration(namespace, index, entry)
+            override = None if ignore_override else self._parameter_overrides.get(name)
+            declared.append(
+                Parameter(name, value=default) if override is None else Parameter(name, value=override.value)
+            )
+            descriptors[name] = descriptor
+        already = [parameter.name for parameter in declared if parameter.name in self._parameters]
+        if already:
+            raise ParameterAlreadyDeclaredException(already)
+        for parameter in declared:
+            result = self._set_atomically([parameter], descriptors, keep_unset=True)
+            if not result.successful:
+                if result.reason.startswith(_WRONG_TYPE):
+                    expected = Parameter.Type(descriptors[parameter.name].type).name
+                    raise InvalidParameterTypeException(parameter, expected)
+                raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+        return [self._parameters[parameter.name] for parameter in declared]
+
+    def _declaration(self, namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, ParameterDescriptor]:
+        """Check one entry of `declare_parameters` and return full name, default and completed descriptor."""
+        from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+
+        if not 1 <= len(entry) <= 3:
+            raise TypeError(
+                f"Invalid parameter tuple length at index {index} in parameters list: "
+                f"{entry}; expecting length between 1 and 3"
+            )
+        name = entry[0]
+        if not isinstance(name, str):
+            raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
+        name = f"{namespace}.{name}" if namespace else name
+        validate_parameter_name(name)
+        default = entry[1] if len(entry) > 1 else None
+        descriptor = entry[2] if len(entry) > 2 else ParameterDescriptor()
+        if not isinstance(descriptor, ParameterDescriptor):
+            raise TypeError(
+                f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
+            )
+        if len(entry) == 1:
+            warnings.warn(
+                f"when declaring parameter named '{name}', "
+                "declaring a parameter only providing its name is deprecated. You have to either:\n"
+                '\t- Pass a name and a default value different to "PARAMETER NOT SET" (and optionally a descriptor).\n'
+                "\t- Pass a name and a parameter type.\n"
+                "\t- Pass a name and a descriptor with `dynamic_typing=True",
+                stacklevel=4,
+            )
+            descriptor.dynamic_typing = True
+        if isinstance(default, Parameter.Type):
+            if default is Parameter.Type.NOT_SET:
+                raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
+            if descriptor.dynamic_typing:
+                raise ValueError(
+                    f"When declaring parameter {{{name}}} passing a descriptor with"
+                    "`dynamic_typing=True` is not allowed when the parameter type is provided"
+                )
+            descriptor.type = default.value
+            return name, None, descriptor
+        if isinstance(default, ParameterValue):
+            default = parameter_value_to_python(default)
+        if not descriptor.dynamic_typing:
+            descriptor.type = Parameter.Type.from_parameter_value(default).value
+            if descriptor.type == Parameter.Type.NOT_SET.value:
+                raise ValueError(
+                    "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
+                )
+        return name, default, descriptor
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget a parameter; ParameterNotDeclaredException or, if read-only, ParameterImmutableException."""
+        if not self.has_parameter(name):
+            raise ParameterNotDeclaredException(name)
+        if self._descriptors[name].read_only:
+            raise ParameterImmutableException(name)
+        del self._parameters[name]
+        del self._descriptors[name]
+
+    # -- reading --------------------------------------------------------------------------------------------------
+
+    def has_parameter(self, name: str) -> bool:
+        """Return whether a parameter is declared."""
+        return name in self._parameters
+
+    def get_parameter_type(self, name: str) -> Any:
+        """Return the type of a parameter as the number in ``ParameterType``.
+
+        If it is not declared: Type.NOT_SET where that is allowed, else ParameterNotDeclaredException.
+        """
+        if self.has_parameter(name):
+            return self._parameters[name].type_.value
+        if self._allow_undeclared_parameters:
+            return Parameter.Type.NOT_SET
+        raise ParameterNotDeclaredException(name)
+
+    def get_parameter_types(self, names: list[str]) -> list[Any]:
+        """Return the types of parameters; see `get_parameter_type`."""
+        self._check_names(names)
+        return [self.get_parameter_type(name) for name in names]
+
+    def get_parameter(self, name: str) -> Parameter:
+        """Return a parameter.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If it is not declared and undeclared ones are not allowed.
+        ParameterUninitializedException
+            If it was declared with a type only and has no value yet.
+        """
+        if self.has_parameter(name):
+            parameter = self._parameters[name]
+            if parameter.type_ is Parameter.Type.NOT_SET and not self._descriptors[name].dynamic_typing:
+                raise ParameterUninitializedException(name)
+            return parameter
+        if self._allow_undeclared_parameters:
+            return Parameter(name, Parameter.Type.NOT_SET, None)
+        raise ParameterNotDeclaredException(name)
+
+    def get_parameters(self, names: list[str]) -> list[Parameter]:
+        """Return parameters; see `get_parameter`."""
+        self._check_names(names)
+        return [self.get_parameter(name) for name in names]
+
+    def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
+        """Return a parameter, or the alternative (default: an unset Parameter) if it has no value."""
+        parameter = self._parameters.get(name)
+        if parameter is not None and parameter.type_ is not Parameter.Type.NOT_SET:
+            return parameter
+        return Parameter(name, Parameter.Type.NOT_SET) if alternative_value is None else alternative_value
+
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
+        """Return the parameters below a prefix by the rest of their names; '' stands for all."""
+        if prefix:
+            prefix += PARAMETER_SEPARATOR_STRING
+        return {
+            name[len(prefix) :]: parameter for name, parameter in self._parameters.items() if name.startswith(prefix)
+        }
+
+    def list_parameters(self, prefixes: list[str], depth: int) -> ListParametersResult:
+        """Return the names below any of the prefixes (none: all) down to a depth (0: any) and their own prefixes.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For arguments of other types, or a negative depth.
+        """
+        from rcl_interfaces.msg import ListParametersResult
+
+        if not isinstance(prefixes, list):
+            raise TypeError("The prefixes argument must be a list")
+        if not all(isinstance(prefix, str) for prefix in prefixes):
+            raise TypeError("All prefixes must be instances of type str")
+        if not isinstance(depth, int):
+            raise TypeError("The depth must be instance of type int")
+        if depth < 0:
+            raise ValueError("The depth must be greater than or equal to zero")
+
+        def shallow(name: str) -> bool:
+            return depth == 0 or name.count(PARAMETER_SEPARATOR_STRING) < depth
+
+        def below(name: str, prefix: str) -> bool:
+            start = prefix + PARAMETER_SEPARATOR_STRING
+            return name == prefix or (name.startswith(start) and shallow(name[len(start) :]))
+
+        names = [
+            name
+            for name in self._parameters
+            if (any(below(name, prefix) for prefix in prefixes) if prefixes else shallow(name))
+        ]
+        parents = (name.rpartition(PARAMETER_SEPARATOR_STRING)[0] for name in names)
+        return ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
+
+    @staticmethod
+    def _check_names(names: list[str]) -> None:
+        if not all(isinstance(name, str) for name in names):
+            raise TypeError("All names must be instances of type str")
+
+    # -- setting --------------------------------------------------------------------------------------------------
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set parameters one after the other; a refused one does not stop the others.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            At the first that is not declared, if undeclared ones are not allowed; those before it stay set.
+        """
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all the parameters or none.
+
+        The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks learn
+        of it. A dynamically typed parameter set to NOT_SET is undeclared.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If one is not declared and undeclared ones are not allowed.
+        TypeError
+            If one is no Parameter.
+        """
+        if self._pre_set_parameters_callbacks:
+            callbacks = list(self._pre_set_parameters_callbacks)
+            parameter_list = [parameter for callback in callbacks for parameter in callback(parameter_list)]
+            if not parameter_list:
+                return _result(
+                    "parameter list cannot be empty, this might be due to "
+                    "pre_set_parameters_callback modifying the original parameters list."
+                )
+        if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
+            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
+        undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._parameters]
+        if undeclared and not self._allow_undeclared_parameters:
+            raise ParameterNotDeclaredException(undeclared)
+        return self._set_atomically(parameter_list)
+
+    def _set_atomically(
+        self,
+        parameter_list: list[Parameter],
+        descriptors: dict[str, ParameterDescriptor] | None = None,
+        keep_unset: bool = False,
+    ) -> SetParametersResult:
+        """Check, set and announce; new descriptors (declaration) come without the check for read-only."""
+        from rcl_interfaces.msg import ParameterEvent
+
+        for parameter in parameter_list:
+            descriptor = (self._descriptors if descriptors is None else descriptors).get(parameter.name)
+            if descriptor is not None:
+                reason = self._apply_descriptor(parameter, descriptor, check_read_only=descriptors is None)
+                if reason:
+                    return _result(reason)
+        for callback in list(self._on_set_parameters_callbacks):
+            result = callback(parameter_list)
+            if not result.successful:
+                return result
+
+        event = ParameterEvent()
+        for parameter in parameter_list:
+            name, message = parameter.name, parameter.to_parameter_msg()
+            if parameter.type_ is Parameter.Type.NOT_SET and not keep_unset:
+                event.deleted_parameters.append(message)
+                self._parameters.pop(name, None)
+                self._descriptors.pop(name, None)
+                continue
+            if descriptors is not None:
+                self._descriptors[name] = descriptors[name]
+            elif name not in self._descriptors:
+                self._descriptors[name] = _descriptor(dynamic_typing=True)
+            is_new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
+            (event.new_parameters if is_new else event.changed_parameters).append(message)
+            self._parameters[name] = parameter
+        self._publish_parameter_event(event)
+        for post_callback in list(self._post_set_parameters_callbacks):
+            post_callback(parameter_list)
+        return _result()
+
+    def _apply_descriptor(
+        self, parameter: Parameter, descriptor: ParameterDescriptor, check_read_only: bool
+    ) -> str | None:
+        """Complete the descriptor with name and type; return why the parameter does not comply with it."""
+        descriptor.name = parameter.name
+        if check_read_only and descriptor.read_only:
+            return f"Trying to set a read-only parameter: {parameter.name}."
+        if descriptor.dynamic_typing:
+            descriptor.type = parameter.type_.value
+        elif parameter.type_ is Parameter.Type.NOT_SET:
+            if self.has_parameter(parameter.name):
+                return "Static parameter cannot be undeclared"
+        elif parameter.type_.value != descriptor.type:
+            expected = Parameter.Type(descriptor.type)
+            return f"{_WRONG_TYPE}, expected '{expected}' got '{parameter.type_}'"
+        return range_error(parameter, descriptor)
+
+    # -- descriptors ----------------------------------------------------------------------------------------------
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """Return the descriptor; an empty one, or ParameterNotDeclaredException, if not declared."""
+        if name in self._descriptors:
+            return self._descriptors[name]
+        if self._allow_undeclared_parameters:
+            return _descriptor()
+        raise ParameterNotDeclaredException(name)
+
+    def describe_parameters(self, names: list[str]) -> list[ParameterDescriptor]:
+        """Return the descriptors of parameters; see `describe_parameter`."""
+        return [self.describe_parameter(name) for name in names]
+
+    def set_descriptor(
+        self, name: str, descriptor: ParameterDescriptor, alternative_value: ParameterValue | None = None
+    ) -> ParameterValue:
+        """Give a parameter a new descriptor and return its value.
+
+        The value is kept if it complies, else `alternative_value` is tried.
+
+        Raises
+        ------
+        ParameterNotDeclaredException
+            If it is not declared and undeclared ones are not allowed.
+        ParameterImmutableException
+            If it is read-only.
+        InvalidParameterValueException
+            If neither value complies.
+        """
+        from rcl_interfaces.msg import Parameter as ParameterMsg
+
+        if not self.has_parameter(name):
+            if not self._allow_undeclared_parameters:
+                raise ParameterNotDeclaredException(name)
+            return self.get_parameter(name).get_parameter_value()
+        if self._descriptors[name].read_only:
+            raise ParameterImmutableException(name)
+        parameter = self.get_parameter(name)
+        reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
+        if reason and alternative_value is not None:
+            parameter = Parameter.from_parameter_msg(ParameterMsg(name=name, value=alternative_value))
+            reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
+        if reason:
+            raise InvalidParameterValueException(name, parameter.value, reason)
+        self._parameters[name] = parameter
+        self._descriptors[name] = descriptor
+        return self.get_parameter(name).get_parameter_value()
+
+    # -- callbacks ------------------------------------------------------------------------------------------------
+
+    def add_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
+        """Have `callback` called before parameters are checked; it returns the list to use. Last one first."""
+        self._pre_set_parameters_callbacks.insert(0, callback)
+
+    def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
+        """Have `callback` called to accept or refuse parameters. Last added, first called."""
+        self._on_set_parameters_callbacks.insert(0, callback)
+
+    def add_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
+        """Have `callback` called after parameters were set. Last added, first called."""
+        self._post_set_parameters_callbacks.insert(0, callback)
+
+    def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
+        """Remove a callback; ValueError if it is not there."""
+        self._pre_set_parameters_callbacks.remove(callback)
+
+    def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
+        """Remove a callback; ValueError if it is not there."""
+        self._on_set_parameters_callbacks.remove(callback)
+
+    def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
+        """Remove a callback; ValueError if it is not there."""
+        self._post_set_parameters_callbacks.remove(callback)
