@@ -1,0 +1,18 @@
+"""The decentralized controller as a node."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from fsw_control import run_controller
+from fsw_decentral.controller import DecentralController
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_controller(DecentralController, parameters=("fsw_decentral", "decentral.yaml"), args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

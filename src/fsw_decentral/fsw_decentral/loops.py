@@ -1,0 +1,180 @@
+"""The three loops: depth to force, temperature to power, power to speed.
+
+Each loop works in absolute values, so that its integrator holds the operating point. ``follow`` tells a loop what
+became of its last wish: a wish cut by limits pulls the integrator back with the tracking time (back-calculation);
+a command from somewhere else sets it at once, so that the loop continues from that command without a bump.
+"""
+
+from __future__ import annotations
+
+from math import exp, nan, pi
+
+from fsw_decentral.gains import Gains
+
+#: kW per N m rpm
+KW_PER_NM_RPM = pi / 30.0e3
+
+
+def share(time_constant_s: float, dt_s: float) -> float:
+    """Share of its input that a first-order filter takes over in one step."""
+    return 1.0 if time_constant_s <= 0.0 else 1.0 - exp(-dt_s / time_constant_s)
+
+
+class FeedbackLoop:
+    """PI(D) with filtered measurement, filtered and weighted set-point, and derivative on the measurement."""
+
+    __slots__ = (
+        "_derivative",
+        "_filter",
+        "_gain",
+        "_integral",
+        "_reference_filter",
+        "_tracking",
+        "_weight",
+        "integrator",
+        "measured",
+        "output",
+        "reference",
+        "started",
+    )
+
+    def __init__(self) -> None:
+        self.started = False
+        self.measured = nan
+        self.reference = nan
+        self.integrator = 0.0
+        self.output = nan
+        self._gain = self._integral = self._derivative = self._filter = 0.0
+        self._reference_filter = self._weight = self._tracking = 0.0
+
+    def configure(
+        self,
+        gain: float,
+        integral_time_s: float,
+        derivative_time_s: float,
+        filter_s: float,
+        weight: float,
+        reference_filter_s: float,
+        tracking_time_s: float,
+        dt_s: float,
+    ) -> None:
+        """Take new gains; the output does not jump, because the integrator makes up for the difference."""
+        if self.started:
+            before = self._gain * (self._weight * self.reference - self.measured)
+            self.integrator += before - gain * (weight * self.reference - self.measured)
+        self._gain, self._weight = gain, weight
+        self._integral = gain * dt_s / integral_time_s
+        self._derivative = gain * derivative_time_s / dt_s
+        self._filter = share(filter_s, dt_s)
+        self._reference_filter = share(reference_filter_s, dt_s)
+        self._tracking = min(dt_s / tracking_time_s, 1.0)
+
+    def start(self, measured: float, reference: float, output: float) -> None:
+        """Begin such that the output is ``output`` now."""
+        self.measured = measured
+        if self.reference != self.reference:
+            self.reference = reference
+        self.integrator = output - self._gain * (self._weight * self.reference - measured)
+        self.output = output
+        self.started = True
+
+    def pause(self, output: float) -> None:
+        """Hold ``output`` while there is no measurement; the next ``step`` starts anew from it."""
+        self.started = False
+        self.output = output
+
+    def follow(self, excess: float, elsewhere: bool) -> None:
+        """Note how far the last output was from what was applied, by limits or by a command from elsewhere."""
+        self.integrator += excess if elsewhere else self._tracking * excess
+
+    def step(self, measured: float, reference: float) -> float:
+        """Return the output for the next measurement."""
+        move = self._filter * (measured - self.measured)
+        self.measured += move
+        self.reference += self._reference_filter * (reference - self.reference)
+        self.integrator += self._integral * (self.reference - self.measured)
+        self.output = (
+            self._gain * (self._weight * self.reference - self.measured) + self.integrator - self._derivative * move
+        )
+        return self.output
+
+
+class PowerLoop:
+    """Speed from a power reference: feed-forward by the measured torque, and PI on the measured power."""
+
+    __slots__ = (
+        "_feedforward",
+        "_filter",
+        "_gain",
+        "_integral",
+        "_tracking",
+        "fast_nm",
+        "integrator",
+        "output",
+        "slow_nm",
+    )
+
+    def __init__(self, torque_nm: float) -> None:
+        self.fast_nm = self.slow_nm = torque_nm
+        self.integrator = 0.0
+        self.output = nan
+        self._gain = self._integral = self._filter = self._feedforward = self._tracking = 0.0
+
+    def configure(
+        self, gain: float, integral_time_s: float, filter_s: float, feedforward_filter_s: float, dt_s: float
+    ) -> None:
+        """Take new gains."""
+        self._gain = gain
+        self._integral = gain * dt_s / integral_time_s
+        self._filter = share(filter_s, dt_s)
+        self._feedforward = share(feedforward_filter_s, dt_s)
+        self._tracking = min(dt_s / integral_time_s, 1.0)
+
+    def start(self, torque_nm: float) -> None:
+        """Begin at a process torque."""
+        self.fast_nm = self.slow_nm = torque_nm
+        self.integrator = 0.0
+
+    def measure(self, torque_nm: float) -> None:
+        """Take the next process torque."""
+        self.fast_nm += self._filter * (torque_nm - self.fast_nm)
+        self.slow_nm += self._feedforward * (torque_nm - self.slow_nm)
+
+    def follow(self, excess_rpm: float, elsewhere: bool) -> None:
+        """Note how far the last output was from what was applied; as for the feedback loops."""
+        if elsewhere:
+            self.integrator = 0.0
+        else:
+            self.integrator += self._tracking * excess_rpm
+
+    def step(self, reference_kw: float, speed_rpm: float) -> float:
+        """Return the speed for a power reference, ``speed_rpm`` being the present one."""
+        error_kw = reference_kw - self.fast_nm * speed_rpm * KW_PER_NM_RPM
+        self.integrator += self._integral * error_kw
+        self.output = reference_kw / (self.slow_nm * KW_PER_NM_RPM) + self._gain * error_kw + self.integrator
+        return self.output
+
+
+def configure(depth: FeedbackLoop, temperature: FeedbackLoop, power: PowerLoop, gains: Gains, dt_s: float) -> None:
+    """Give the three loops their gains for steps of ``dt_s``."""
+    depth.configure(
+        gains.depth_gain,
+        gains.depth_integral_time,
+        gains.depth_derivative_time,
+        gains.depth_filter,
+        gains.depth_weight,
+        gains.depth_reference_filter,
+        gains.depth_tracking_time,
+        dt_s,
+    )
+    temperature.configure(
+        gains.temperature_gain,
+        gains.temperature_integral_time,
+        0.0,
+        gains.temperature_filter,
+        gains.temperature_weight,
+        gains.temperature_reference_filter,
+        gains.temperature_tracking_time,
+        dt_s,
+    )
+    power.configure(gains.power_gain, gains.power_integral_time, gains.power_filter, gains.feedforward_filter, dt_s)
