@@ -246,6 +246,14 @@ class BagReader:
             self.info()
         return self._topics
 
+    def known_topics(self) -> list[TopicInfo]:
+        """Topics met so far (all of them once the bag was read), without counts."""
+        topics: dict[str, TopicInfo] = {}
+        for part in self._parts:
+            for topic in part.topics():
+                topics.setdefault(topic.name, topic)
+        return list(topics.values())
+
     def info(self) -> BagInfo:
         """Summary of the bag; reads it once."""
         counts: dict[str, int] = {}
@@ -256,10 +264,7 @@ class BagReader:
                 start = record.log_time_ns
             if record.log_time_ns > end:
                 end = record.log_time_ns
-        topics: dict[str, TopicInfo] = {}
-        for part in self._parts:
-            for topic in part.topics():
-                topics.setdefault(topic.name, topic)
+        topics = {topic.name: topic for topic in self.known_topics()}
         for name, topic in topics.items():
             topic.count = counts.get(name, 0)
         self._topics = topics
