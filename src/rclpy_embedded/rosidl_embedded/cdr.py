@@ -51,7 +51,7 @@ def minimum_size(type_: AbstractType) -> int:
     return 4
 
 
-class Malformed(ValueError):
+class MalformedError(ValueError):
     """Data are not the encoding of the message type."""
 
 
@@ -286,7 +286,7 @@ class _Decoder(_Generator):
     def __init__(self, order: str, message_class: Callable[[str], type]) -> None:
         super().__init__(order)
         self.message_class = message_class
-        self.names.update(new=object.__new__, array=array, Malformed=Malformed)
+        self.names.update(new=object.__new__, array=array, MalformedError=MalformedError)
 
     def flush(self) -> None:
         if self.run:
@@ -305,7 +305,7 @@ class _Decoder(_Generator):
             self.advance(-self.offset % size)
         else:
             # The 4 byte header shifts 8-aligned values by 4.
-            self.line(f"p = (p + 3 & -8) + 4" if size == 8 else f"p = p + {size - 1} & -{size}")
+            self.line("p = (p + 3 & -8) + 4" if size == 8 else f"p = p + {size - 1} & -{size}")
             self.known(size)
 
     def create(self, type_name: str, local: str) -> None:
@@ -327,19 +327,21 @@ class _Decoder(_Generator):
         if isinstance(type_, AbstractWString):
             self.names["decode_wide"] = decode_wide
             self.line(f"e = p + {local} * 4")
-            self.line("if e > len(d): raise Malformed('string goes beyond the end')")
+            self.line("if e > len(d): raise MalformedError('string goes beyond the end')")
             self.line(f"{target} = decode_wide(d[p:e], {self.order!r})")
             self.known(4)
         else:
             # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
             # is the last byte of the length.
             self.line(f"e = p + {local}")
-            self.line("if d[e - 1]: raise Malformed('string is not terminated')")
+            self.line("if d[e - 1]: raise MalformedError('string is not terminated')")
             self.line(f"{target} = d[p:e - 1].decode()")
             self.known(1)
         self.line("p = e")
         if type_.has_maximum_size():
-            self.line(f"if len({target}) > {type_.maximum_size}: raise Malformed('string is longer than its bound')")
+            self.line(
+                f"if len({target}) > {type_.maximum_size}: raise MalformedError('string is longer than its bound')"
+            )
 
     def array(self, type_: Array, target: str) -> None:
         element = type_.value_type
@@ -356,13 +358,15 @@ class _Decoder(_Generator):
                 dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
                 self.line(f"{target} = frombuffer(d, {dtype}, {type_.size}, p).astype({native})")
             else:
-                self.line("if e > len(d): raise Malformed('array goes beyond the end')")
+                self.line("if e > len(d): raise MalformedError('array goes beyond the end')")
                 self.line(f"{target} = {self.elements(element)}")
             self.line("p = e")
             self.advance(size * type_.size)
             return
         self.flush()
-        self.line(f"if {type_.size * minimum_size(element)} > len(d) - p: raise Malformed('array goes beyond the end')")
+        self.line(
+            f"if {type_.size * minimum_size(element)} > len(d) - p: raise MalformedError('array goes beyond the end')"
+        )
         self.loop_over(element, str(type_.size), target)
 
     def sequence(self, type_: AbstractSequence, target: str) -> None:
@@ -371,17 +375,17 @@ class _Decoder(_Generator):
         self.scalar("I", 4, local)
         self.flush()
         if isinstance(type_, BoundedSequence):
-            self.line(f"if {local} > {type_.maximum_size}: raise Malformed('sequence is longer than its bound')")
+            self.line(f"if {local} > {type_.maximum_size}: raise MalformedError('sequence is longer than its bound')")
         if not isinstance(element, BasicType):
             beyond = f"{local} * {minimum_size(element)} > len(d) - p"
-            self.line(f"if {beyond}: raise Malformed('sequence goes beyond the end')")
+            self.line(f"if {beyond}: raise MalformedError('sequence goes beyond the end')")
             self.loop_over(element, local, target)
             return
         code, size = CODES[element.typename]
         if size > 4 and (self.modulus < size or self.offset % size):
             self.line(f"if {local}: p = (p + 3 & -8) + 4")
         self.line(f"e = p + {local} * {size}" if size > 1 else f"e = p + {local}")
-        self.line("if e > len(d): raise Malformed('sequence goes beyond the end')")
+        self.line("if e > len(d): raise MalformedError('sequence goes beyond the end')")
         if element.typename in PACKED:
             self.names["memoryview"] = memoryview
             values = self.name("a")
@@ -437,8 +441,8 @@ def make_decoder(
 
     Notes
     -----
-    The function raises ValueError (also as UnicodeDecodeError or `Malformed`), IndexError or struct.error on malformed
-    input. Sequence lengths are compared with what is left of the data before anything is allocated.
+    The function raises ValueError (also its subclasses UnicodeDecodeError and `MalformedError`), IndexError or
+    struct.error on malformed input. Sequence lengths are compared with what is left of the data before anything is allocated.
     """
     generator = _Decoder(order, message_class)
     generator.create(type_name, "m")
@@ -456,10 +460,10 @@ def encode_wide(text: str, order: str) -> bytes:
 
 
 def decode_wide(data: bytes, order: str) -> str:
-    """Reverse of `encode_wide`; raises Malformed for units that do not fit and UnicodeDecodeError for bad pairs."""
+    """Reverse of `encode_wide`; raises ValueError for what is not UTF-16."""
     import numpy as np
 
     units = np.frombuffer(data, f"{order}u4")
     if (units > 0xFFFF).any():
-        raise Malformed("wide string holds more than UTF-16")
+        raise MalformedError("wide string holds more than UTF-16")
     return units.astype("<u2").tobytes().decode("utf-16-le")

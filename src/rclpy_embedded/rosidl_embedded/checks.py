@@ -12,7 +12,6 @@ from typing import Any, NoReturn
 from .definition import (
     AbstractGenericString,
     AbstractNestedType,
-    AbstractString,
     AbstractType,
     Array,
     BasicType,
@@ -72,9 +71,9 @@ def check_source(name: str, type_: AbstractType, class_name: str) -> list[tuple[
         kind = "an integer" if low else "an unsigned integer"
         checks.append((f"{low} <= value <= {high}", f"{label} {kind} in [{low}, {high}]"))
     elif type_.typename == "float":
-        bound = _BOUNDS["float"]
-        condition = f"not (value < -{bound!r} or value > {bound!r}) or isinf(value)"
-        checks.append((condition, f"{label} a float in [{-bound}, {bound}]"))
+        limit = _BOUNDS["float"]
+        condition = f"not (value < -{limit!r} or value > {limit!r}) or isinf(value)"
+        checks.append((condition, f"{label} a float in [{-limit}, {limit}]"))
     return checks
 
 

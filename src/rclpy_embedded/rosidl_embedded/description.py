@@ -66,9 +66,7 @@ def type_hash(type_name: str) -> str:
         fields = referenced.pop(f"{package}/{kind}/{name}")
     described = {
         "type_description": {"type_name": f"{package}/{kind}/{name}", "fields": fields},
-        "referenced_type_descriptions": [
-            {"type_name": key, "fields": referenced[key]} for key in sorted(referenced)
-        ],
+        "referenced_type_descriptions": [{"type_name": key, "fields": referenced[key]} for key in sorted(referenced)],
     }
     return "RIHS01_" + sha256(json.dumps(described).encode()).hexdigest()
 

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from . import catalogue
 from .definition import UnknownInterfaceError
 from .message import get_message, get_service
+
+if TYPE_CHECKING:
+    # Only for annotations: importing importlib.abc takes 10 ms.
+    from importlib.abc import Loader, MetaPathFinder
 
 _KINDS = ("msg", "srv")
 
@@ -27,6 +30,8 @@ def lazy_interfaces(module_name: str) -> tuple[Callable[[str], Any], Callable[[]
     package, kind = module_name.split(".")
 
     def get_attribute(name: str) -> Any:
+        if name == "__all__":
+            return list_attributes()
         if name.startswith("_") or not name.isidentifier():
             raise AttributeError(f"module {module_name!r} has no attribute {name!r}")
         whole = kind == "srv" and not catalogue.service_part(name)[1]
@@ -43,7 +48,7 @@ def lazy_interfaces(module_name: str) -> tuple[Callable[[str], Any], Callable[[]
     return get_attribute, list_attributes
 
 
-class InterfaceFinder(MetaPathFinder, Loader):
+class InterfaceFinder:
     """Finds interface packages that have no Python package; asked last, so that genuine ones win."""
 
     def find_spec(
@@ -55,7 +60,7 @@ class InterfaceFinder(MetaPathFinder, Loader):
             return None
         if kind and not catalogue.interface_names(package, kind):
             return None
-        return ModuleSpec(fullname, self, is_package=not kind)
+        return ModuleSpec(fullname, cast("Loader", self), is_package=not kind)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         """Leave it to Python."""
@@ -70,4 +75,4 @@ class InterfaceFinder(MetaPathFinder, Loader):
 def install() -> None:
     """Append the finder to ``sys.meta_path``, once."""
     if not any(isinstance(finder, InterfaceFinder) for finder in sys.meta_path):
-        sys.meta_path.append(InterfaceFinder())
+        sys.meta_path.append(cast("MetaPathFinder", InterfaceFinder()))

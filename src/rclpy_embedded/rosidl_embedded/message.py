@@ -100,13 +100,17 @@ def field_type_text(type_: AbstractType) -> str:
 
 def _make_service(type_name: str) -> type:
     package, _, name = type_name.split("/")
-    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": type_name, "__module__": f"{package}.srv"})
 
     def refuse(self: object) -> NoReturn:
         raise NotImplementedError("Service classes can not be instantiated")
 
-    members = {part: get_message(f"{type_name}_{part}") for part in ("Request", "Response", "Event")}
-    return metaclass(name, (), {"__module__": f"{package}.srv", "__init__": refuse, **members})
+    # The event, which only service introspection uses, is made when it is asked for.
+    event = property(lambda cls: get_message(f"{type_name}_Event"))
+    metaclass = type(
+        f"Metaclass_{name}", (type,), {"_TYPE_NAME": type_name, "__module__": f"{package}.srv", "Event": event}
+    )
+    members = {part: get_message(f"{type_name}_{part}") for part in ("Request", "Response")}
+    return cast(type, metaclass(name, (), {"__module__": f"{package}.srv", "__init__": refuse, **members}))
 
 
 def _make_message(definition: Structure) -> type:
@@ -115,7 +119,7 @@ def _make_message(definition: Structure) -> type:
     values = {constant.name: constant.value for constant in definition.constants}
     values |= {f"{f.name.upper()}__DEFAULT": f.default for f in definition.fields if f.default is not None}
     # Read-only on the class by a property of its metaclass; a plain attribute for its instances.
-    properties = {key: property(lambda cls, value=value: copy.copy(value)) for key, value in values.items()}
+    properties = {key: _read_only(value) for key, value in values.items()}
     metaclass = type(
         f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, "__module__": module}
     )
@@ -138,6 +142,10 @@ def _make_message(definition: Structure) -> type:
     return cast(type, namespace[name])
 
 
+def _read_only(value: Any) -> property:
+    return property(lambda cls: copy.copy(value))
+
+
 def _reject(unknown: dict[str, Any]) -> NoReturn:
     raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(unknown))}")
 
@@ -157,16 +165,17 @@ def _repr(self: Any) -> str:
 def _class_source(definition: Structure, values: dict[str, Any], namespace: dict[str, Any]) -> list[str]:
     name = definition.type_name.rpartition("/")[2]
     fields = definition.fields
+    arguments = "".join(f"{field.name}=UNSET, " for field in fields)
     shown = {field.name: field_type_text(field.type) for field in fields}
     lines = [
         f"class {name}(metaclass=Metaclass):",
-        f"    \"\"\"Message class '{name}'.\"\"\"",
+        f'    """Message class \'{name}\'."""',
         f"    __slots__ = {[*(f'_{field.name}' for field in fields), '_check_fields']}",
         f"    _fields_and_field_types = {shown}",
         "    SLOT_TYPES = types",
         "    __repr__ = __repr__",
         *(f"    {key} = VALUES['{key}']" for key in values),
-        f"    def __init__(self, *, {''.join(f'{field.name}=UNSET, ' for field in fields)}check_fields=CHECK, **unknown):",
+        f"    def __init__(self, *, {arguments}check_fields=CHECK, **unknown):",
         "        self._check_fields = check_fields",
         "        if unknown: reject(unknown)",
     ]
@@ -176,9 +185,7 @@ def _class_source(definition: Structure, values: dict[str, Any], namespace: dict
             f"        if {field.name} is UNSET: self._{field.name} = {default}",
             f"        else: self.{field.name} = {given}",
         ]
-    same = [
-        f"(self._{f.name} != other._{f.name})" + (".any()" if _packing(f.type) == "array" else "") for f in fields
-    ]
+    same = [f"(self._{f.name} != other._{f.name})" + (".any()" if _packing(f.type) == "array" else "") for f in fields]
     lines += [
         "    def __eq__(self, other):",
         "        if not isinstance(other, self.__class__): return False",
@@ -228,7 +235,9 @@ def _construction(field: Field, namespace: dict[str, Any]) -> tuple[str, str]:
 
         namespace.update(numpy_array=np.array, zeros=np.zeros)
         assert isinstance(type_, Array)
-        default = f"zeros({type_.size}, '{code}')" if field.default is None else f"numpy_array({field.default}, '{code}')"
+        default = (
+            f"zeros({type_.size}, '{code}')" if field.default is None else f"numpy_array({field.default}, '{code}')"
+        )
         return default, f"numpy_array({name}, '{code}')"
     if field.default is not None:
         return repr(field.default), name
@@ -251,7 +260,7 @@ def _property(field: Field, index: int) -> list[str]:
     lines = [
         "    @property",
         f"    def {name}(self):",
-        f"        \"\"\"Message field '{name}'.\"\"\"",
+        f'        """Message field \'{name}\'."""',
         f"        return self._{name}",
         f"    @{name}.setter",
         f"    def {name}(self, value):",

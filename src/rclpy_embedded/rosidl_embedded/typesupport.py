@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 from . import catalogue, description
 from .cdr import HEADER_SIZE, make_decoder, make_encoder
@@ -116,7 +116,9 @@ class TypeSupport:
         except (IndexError, ValueError, struct.error) as error:
             raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
         if not 0 <= len(data) - end <= _MAX_PADDING:
-            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {len(data) - end} bytes too many")
+            raise DeserializationError(
+                f"{len(data)} bytes are not a {self.type_name}: {len(data) - end} bytes too many"
+            )
         return data[HEADER_SIZE:start], msg
 
     def _decoder(self, encapsulation: bytes) -> Callable[[bytes, int], tuple[Any, int]]:
@@ -166,7 +168,7 @@ def type_support(cls: Any) -> TypeSupport:
     TypeError
         If `cls` is not a message class of this package.
     """
-    return _support(cls, TypeSupport, "message", "__slots__")
+    return cast(TypeSupport, _support(cls, TypeSupport, "message", "__slots__"))
 
 
 def service_type_support(cls: Any) -> ServiceTypeSupport:
@@ -177,7 +179,7 @@ def service_type_support(cls: Any) -> ServiceTypeSupport:
     TypeError
         If `cls` is not a service class of this package.
     """
-    return _support(cls, ServiceTypeSupport, "service", "Request")
+    return cast(ServiceTypeSupport, _support(cls, ServiceTypeSupport, "service", "Request"))
 
 
 def _support(cls: Any, kind: type[Any], what: str, attribute: str) -> Any:
