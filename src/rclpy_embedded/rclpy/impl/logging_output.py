@@ -1,0 +1,180 @@
+"""Levels of the loggers, and where messages go: the console and /rosout. Follows rcutils."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TextIO
+
+from rclpy.impl.logging_severity import LoggingSeverity
+
+if TYPE_CHECKING:
+    from rclpy.arguments import Arguments
+
+SEPARATOR = "."
+DEFAULT_LEVEL = LoggingSeverity.INFO
+DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
+
+
+class LogRecord(NamedTuple):
+    """One message: severity, logger, text, place in the code, and system time in ns."""
+
+    severity: LoggingSeverity
+    name: str
+    message: str
+    function_name: str
+    file_name: str
+    line_number: int
+    stamp_ns: int
+
+
+def _seconds(record: LogRecord) -> str:
+    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+    return f"{seconds:010d}.{nanoseconds:09d}"
+
+
+def _date(record: LogRecord) -> str:
+    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+    return f"{time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(seconds))}.{nanoseconds // 1_000_000:03d}"
+
+
+_TOKENS: dict[str, Callable[[LogRecord], str]] = {
+    "severity": lambda record: record.severity.name,
+    "name": lambda record: record.name,
+    "message": lambda record: record.message,
+    "function_name": lambda record: record.function_name,
+    "file_name": lambda record: record.file_name,
+    "line_number": lambda record: str(record.line_number),
+    "time": _seconds,
+    "date_time_with_ms": _date,
+    "time_as_nanoseconds": lambda record: f"{record.stamp_ns:019d}",
+}
+_TOKEN = re.compile("{(" + "|".join(_TOKENS) + ")}")
+_ESCAPES = {r"\a": "\a", r"\b": "\b", r"\n": "\n", r"\r": "\r", r"\t": "\t", r"\x1b": "\x1b"}
+_NORMAL = "\033[0m"
+_COLORS = {
+    LoggingSeverity.DEBUG: "\033[32m",
+    LoggingSeverity.INFO: _NORMAL,
+    LoggingSeverity.WARN: "\033[33m",
+    LoggingSeverity.ERROR: "\033[31m",
+    LoggingSeverity.FATAL: "\033[31m",
+}
+
+
+def _switch(name: str) -> bool | None:
+    """Return an environment variable that is 0 or 1; None if it is not set or says something else."""
+    value = os.environ.get(name, "")
+    if value not in ("", "0", "1"):
+        sys.stderr.write(f"Warning: unexpected value [{value}] specified for {name}. Valid values are 0 or 1.\n")
+    return {"0": False, "1": True}.get(value)
+
+
+class Console:
+    """Writes messages to stderr, or as the RCUTILS_* variables of the environment say."""
+
+    def __init__(self) -> None:
+        self._use_stdout = _switch("RCUTILS_LOGGING_USE_STDOUT") is True
+        # Python buffers like C: stderr by line, stdout by line on a terminal only. Either value means a flush here.
+        self._flush = _switch("RCUTILS_LOGGING_BUFFERED_STREAM") is not None
+        self._colorized = _switch("RCUTILS_COLORIZED_OUTPUT")
+        layout = os.environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT
+        layout = re.sub(r"\\(?:[abnrt]|x1b)", lambda escape: _ESCAPES[escape[0]], layout)
+        self._parts = _TOKEN.split(layout)
+
+    def _stream(self) -> TextIO | None:
+        return sys.stdout if self._use_stdout else sys.stderr
+
+    def format(self, record: LogRecord) -> str:
+        """Return the message in the layout of the console, without colour."""
+        # Token names are at the odd places.
+        return "".join(_TOKENS[part](record) if index % 2 else part for index, part in enumerate(self._parts))
+
+    def __call__(self, record: LogRecord) -> None:
+        """Write the message; a console that is gone is no reason to fail."""
+        stream = self._stream()
+        if stream is None:
+            return
+        try:
+            line = self.format(record)
+            if stream.isatty() if self._colorized is None else self._colorized:
+                line = f"{_COLORS[record.severity]}{line}{_NORMAL}"
+            stream.write(line + "\n")
+            if self._flush:
+                stream.flush()
+        except (OSError, ValueError):
+            return
+
+
+class LoggingSystem:
+    """Levels by logger name and the outputs in use; there is one per process."""
+
+    def __init__(self) -> None:
+        self.rosout: Callable[[LogRecord], None] | None = None
+        self.rosout_enabled = False
+        self.initialize()
+
+    def initialize(self) -> None:
+        """Forget all levels and read the environment anew."""
+        self._levels: dict[str, LoggingSeverity] = {}
+        self._default_level = DEFAULT_LEVEL
+        self._effective: dict[str, LoggingSeverity] = {}
+        self._console = Console()
+        self.stdout_enabled = True
+
+    def configure(self, arguments: Arguments) -> None:
+        """Apply a command line: levels and outputs; done by the first context."""
+        if arguments.default_log_level is not LoggingSeverity.UNSET:
+            self._default_level = arguments.default_log_level
+        self._levels.update(arguments.log_levels)
+        self._effective = {}
+        self.stdout_enabled = arguments.stdout_logs
+        self.rosout_enabled = arguments.rosout_logs
+
+    def finish(self) -> None:
+        """Go back to console output only; done after the last context."""
+        self.stdout_enabled = True
+        self.rosout_enabled = False
+
+    def level(self, name: str) -> LoggingSeverity:
+        """Return the level set for exactly this logger; UNSET if none is."""
+        return self._levels.get(name, LoggingSeverity.UNSET) if name else self._default_level
+
+    def set_level(self, name: str, level: LoggingSeverity) -> None:
+        """Set the level of a logger; '' is the root, whose level is the default of all."""
+        if name:
+            self._levels[name] = level
+        else:
+            self._default_level = level
+        self._effective = {}
+
+    def effective_level(self, name: str) -> LoggingSeverity:
+        """Return the level of a logger or of its nearest ancestor that has one."""
+        found = self._effective.get(name)
+        if found is None:
+            found, ancestor = LoggingSeverity.UNSET, name
+            while ancestor and found is LoggingSeverity.UNSET:
+                found = self._levels.get(ancestor, LoggingSeverity.UNSET)
+                ancestor = ancestor.rpartition(SEPARATOR)[0]
+            if found is LoggingSeverity.UNSET:
+                found = self._default_level
+            self._effective[name] = found
+        return found
+
+    def log(
+        self, severity: LoggingSeverity, name: str, message: str, function_name: str, file_name: str, line_number: int
+    ) -> None:
+        """Send a message to the outputs if the logger is enabled for it."""
+        if severity < self.effective_level(name) or severity is LoggingSeverity.UNSET:
+            return
+        record = LogRecord(severity, name, message, function_name, file_name, line_number, time.time_ns())
+        if self.stdout_enabled:
+            self._console(record)
+        if self.rosout_enabled and self.rosout is not None:
+            self.rosout(record)
+
+
+#: The logging system of this process.
+system = LoggingSystem()

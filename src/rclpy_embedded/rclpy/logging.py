@@ -1,0 +1,95 @@
+"""Logging: loggers by name and their levels."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rclpy.impl import rcutils_logger
+from rclpy.impl.logging_output import system
+from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+if TYPE_CHECKING:
+    from rclpy.arguments import Arguments
+
+__all__ = [
+    "LoggingSeverity",
+    "RcutilsLogger",
+    "clear_config",
+    "configure",
+    "finish",
+    "get_logger",
+    "get_logger_effective_level",
+    "get_logger_level",
+    "get_logging_directory",
+    "get_logging_severity_from_string",
+    "initialize",
+    "set_logger_level",
+    "shutdown",
+]
+
+rcutils_logger._internal_callers.append(__file__)
+_root_logger = RcutilsLogger()
+
+
+def get_logger(name: str) -> RcutilsLogger:
+    """Return a logger; ValueError if the name is empty."""
+    if not name:
+        raise ValueError("Logger name must not be empty.")
+    return _root_logger.get_child(name)
+
+
+def initialize() -> None:
+    """Set the logging system up; importing this module does so."""
+
+
+def shutdown() -> None:
+    """Forget all levels, and read the environment again."""
+    system.initialize()
+
+
+def clear_config() -> None:
+    """Forget the configuration of the logging system, e.g. levels."""
+    shutdown()
+
+
+def configure(arguments: Arguments) -> None:
+    """Apply the logging arguments of a command line; for the first context of the process."""
+    system.configure(arguments)
+
+
+def finish() -> None:
+    """Stop publishing to /rosout; for the last context of the process."""
+    system.finish()
+
+
+def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
+    """Set the level of a logger ('' is the root); ValueError if there is no such level."""
+    system.set_level(name, LoggingSeverity(level))
+
+
+def get_logger_effective_level(name: str) -> LoggingSeverity:
+    """Return the level of a logger, or of its nearest ancestor that has one."""
+    return system.effective_level(name)
+
+
+def get_logger_level(name: str) -> LoggingSeverity:
+    """Return the level of exactly this logger; UNSET if it has none."""
+    return system.level(name)
+
+
+def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
+    """Return the severity of a name in any case; RuntimeError if there is none."""
+    try:
+        return LoggingSeverity[log_severity.upper()]
+    except KeyError:
+        raise RuntimeError("Failed to get severity name") from None
+
+
+def get_logging_directory() -> Path:
+    """Return the directory for log files: ROS_LOG_DIR, else ROS_HOME/log, else ~/.ros/log."""
+    if directory := os.environ.get("ROS_LOG_DIR"):
+        return Path(directory).expanduser()
+    return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "log"

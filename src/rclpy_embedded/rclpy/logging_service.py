@@ -1,0 +1,43 @@
+"""Services to read and set logger levels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rcl_interfaces.msg import LoggerLevel, SetLoggerLevelsResult
+from rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
+
+from rclpy.logging import get_logger_level, set_logger_level
+from rclpy.qos import qos_profile_services_default
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+
+class LoggingService:
+    """The services ``get_logger_levels`` and ``set_logger_levels`` of a node."""
+
+    def __init__(self, node: Node) -> None:
+        for kind, name, callback in (
+            (GetLoggerLevels, "get_logger_levels", self._get_logger_levels),
+            (SetLoggerLevels, "set_logger_levels", self._set_logger_levels),
+        ):
+            node.create_service(kind, f"{node.get_name()}/{name}", callback, qos_profile=qos_profile_services_default)
+
+    def _get_logger_levels(
+        self, request: GetLoggerLevels.Request, response: GetLoggerLevels.Response
+    ) -> GetLoggerLevels.Response:
+        response.levels = [LoggerLevel(name=name, level=int(get_logger_level(name))) for name in request.names]
+        return response
+
+    def _set_logger_levels(
+        self, request: SetLoggerLevels.Request, response: SetLoggerLevels.Response
+    ) -> SetLoggerLevels.Response:
+        for wanted in request.levels:
+            result = SetLoggerLevelsResult(successful=True)
+            try:
+                set_logger_level(wanted.name, wanted.level)
+            except ValueError:
+                result = SetLoggerLevelsResult(successful=False, reason="Failed reason: Invalid logger level.")
+            response.results.append(result)
+        return response

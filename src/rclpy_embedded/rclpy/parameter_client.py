@@ -1,0 +1,161 @@
+"""Access to the parameters of another node."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
+from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.client import Client
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+    from rclpy.task import Future
+
+Callback = Callable[["Future"], None]
+
+
+def _messages(parameters: Sequence[Parameter | ParameterMsg]) -> list[ParameterMsg]:
+    return [item.to_parameter_msg() if isinstance(item, Parameter) else item for item in parameters]
+
+
+class AsyncParameterClient:
+    """Calls the parameter services of another node; every call returns a Future of the service's response.
+
+    Parameters
+    ----------
+    node : Node
+        Node that makes the calls.
+    remote_node_name : str
+        Name of the other node, with namespace if that differs.
+    qos_profile, callback_group
+        For the six clients.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        remote_node_name: str,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> None:
+        self.remote_node_name = remote_node_name
+        self.node = node
+
+        def client(kind: Any, name: str) -> Client:
+            return node.create_client(
+                kind, f"{remote_node_name}/{name}", qos_profile=qos_profile, callback_group=callback_group
+            )
+
+        self._get_parameter_client = client(GetParameters, "get_parameters")
+        self._list_parameter_client = client(ListParameters, "list_parameters")
+        self._set_parameter_client = client(SetParameters, "set_parameters")
+        self._get_parameter_types_client = client(GetParameterTypes, "get_parameter_types")
+        self._describe_parameters_client = client(DescribeParameters, "describe_parameters")
+        self._set_parameters_atomically_client = client(SetParametersAtomically, "set_parameters_atomically")
+
+    def services_are_ready(self) -> bool:
+        """Return whether all six services are there."""
+        return all(
+            client.service_is_ready()
+            for client in (
+                self._list_parameter_client,
+                self._set_parameter_client,
+                self._get_parameter_client,
+                self._get_parameter_types_client,
+                self._describe_parameters_client,
+                self._set_parameters_atomically_client,
+            )
+        )
+
+    def wait_for_services(self, timeout_sec: float | None = None) -> bool:
+        """Wait until all six services are there (None: for ever) and return whether they are."""
+        deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
+        while not self.services_are_ready():
+            remaining = 0.05 if deadline is None else min(0.05, deadline - time.monotonic())
+            if remaining <= 0.0 or not self.node.context.ok():
+                return self.services_are_ready()
+            time.sleep(remaining)
+        return True
+
+    @staticmethod
+    def _call(client: Client, request: Any, callback: Callback | None) -> Future:
+        future = client.call_async(request)
+        if callback:
+            future.add_done_callback(callback)
+        return future
+
+    def list_parameters(
+        self, prefixes: list[str] | None = None, depth: int | None = None, callback: Callback | None = None
+    ) -> Future:
+        """List the parameters below prefixes (None: all) down to a depth (None: any)."""
+        request = ListParameters.Request(prefixes=prefixes or [], depth=depth or 0)
+        return self._call(self._list_parameter_client, request, callback)
+
+    def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
+        """Get the values of parameters."""
+        return self._call(self._get_parameter_client, GetParameters.Request(names=names), callback)
+
+    def set_parameters(
+        self, parameters: Sequence[Parameter | ParameterMsg], callback: Callback | None = None
+    ) -> Future:
+        """Set parameters one after the other."""
+        request = SetParameters.Request(parameters=_messages(parameters))
+        return self._call(self._set_parameter_client, request, callback)
+
+    def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
+        """Get the descriptors of parameters."""
+        return self._call(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
+
+    def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future:
+        """Get the types of parameters."""
+        return self._call(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
+
+    def set_parameters_atomically(
+        self, parameters: Sequence[Parameter | ParameterMsg], callback: Callback | None = None
+    ) -> Future:
+        """Set all the parameters or none."""
+        request = SetParametersAtomically.Request(parameters=_messages(parameters))
+        return self._call(self._set_parameters_atomically_client, request, callback)
+
+    def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
+        """Unset parameters; only dynamically typed ones can be unset."""
+        return self.set_parameters([Parameter(name) for name in names], callback)
+
+    def load_parameter_file(
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
+    ) -> Future:
+        """Set the parameters of a YAML file one after the other."""
+        parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters(list(parameters.values()), callback)
+
+    def load_parameter_file_atomically(
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callback | None = None
+    ) -> Future:
+        """Set all the parameters of a YAML file or none."""
+        parameters = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters_atomically(list(parameters.values()), callback)
+
+    def on_parameter_event(
+        self,
+        callback: Callable[[ParameterEvent], None],
+        qos_profile: QoSProfile = qos_profile_parameter_events,
+        **kwargs: Any,
+    ) -> Subscription:
+        """Subscribe to the changes of all parameters; further arguments are those of ``create_subscription``."""
+        return self.node.create_subscription(ParameterEvent, "/parameter_events", callback, qos_profile, **kwargs)

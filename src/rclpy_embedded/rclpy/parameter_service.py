@@ -1,0 +1,93 @@
+"""The services through which other nodes reach a node's parameters."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+from rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_parameters
+
+if TYPE_CHECKING:
+    from rcl_interfaces.msg import Parameter as ParameterMsg
+    from rcl_interfaces.msg import SetParametersResult
+
+    from rclpy.node import Node
+
+
+class ParameterService:
+    """The six parameter services of a node."""
+
+    def __init__(self, node: Node) -> None:
+        from rcl_interfaces.srv import (
+            DescribeParameters,
+            GetParameters,
+            GetParameterTypes,
+            ListParameters,
+            SetParameters,
+            SetParametersAtomically,
+        )
+
+        self._node_weak_ref = weakref.ref(node)
+        for kind, name, callback in (
+            (DescribeParameters, "describe_parameters", self._describe_parameters_callback),
+            (GetParameters, "get_parameters", self._get_parameters_callback),
+            (GetParameterTypes, "get_parameter_types", self._get_parameter_types_callback),
+            (ListParameters, "list_parameters", self._list_parameters_callback),
+            (SetParameters, "set_parameters", self._set_parameters_callback),
+            (SetParametersAtomically, "set_parameters_atomically", self._set_parameters_atomically_callback),
+        ):
+            node.create_service(kind, f"{node.get_name()}/{name}", callback, qos_profile=qos_profile_parameters)
+
+    def _node(self) -> Node:
+        node = self._node_weak_ref()
+        if node is None:
+            raise ReferenceError("Expected valid node weak reference")
+        return node
+
+    # One unknown name empties the whole answer: that is how a client sees that something was wrong.
+
+    def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
+        try:
+            response.descriptors = self._node().describe_parameters(list(request.names))
+        except ParameterNotDeclaredException:
+            response.descriptors = []
+        return response
+
+    def _get_parameters_callback(self, request: Any, response: Any) -> Any:
+        try:
+            parameters = self._node().get_parameters(list(request.names))
+            response.values = [parameter.get_parameter_value() for parameter in parameters]
+        except (ParameterNotDeclaredException, ParameterUninitializedException):
+            response.values = []
+        return response
+
+    def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
+        try:
+            types = self._node().get_parameter_types(list(request.names))
+            response.types = [type_.value if isinstance(type_, Parameter.Type) else type_ for type_ in types]
+        except ParameterNotDeclaredException:
+            response.types = []
+        return response
+
+    def _list_parameters_callback(self, request: Any, response: Any) -> Any:
+        response.result = self._node().list_parameters(list(request.prefixes), int(request.depth))
+        return response
+
+    def _set(self, messages: list[ParameterMsg]) -> SetParametersResult:
+        from rcl_interfaces.msg import SetParametersResult
+
+        try:
+            return self._node().set_parameters_atomically([Parameter.from_parameter_msg(msg) for msg in messages])
+        except (ParameterNotDeclaredException, ValueError) as error:
+            # ValueError: a type of parameter that does not exist.
+            return SetParametersResult(successful=False, reason=str(error))
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        response.result = self._set(list(request.parameters))
+        return response
