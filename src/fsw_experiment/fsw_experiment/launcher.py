@@ -1,0 +1,218 @@
+"""Starts the parts of the graph as processes, watches them and ends them all, whatever happens."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO
+
+#: Domains that the ports of Linux allow, without the low ones that people use by hand.
+_DOMAINS = range(20, 101)
+_POLL_S = 0.02
+
+
+class LaunchError(RuntimeError):
+    """A process could not be started, ended too early, or did not do in time what was waited for."""
+
+
+@contextlib.contextmanager
+def free_domain() -> Iterator[int]:
+    """A ROS domain of its own on this machine, for as long as the context lasts.
+
+    Raises
+    ------
+    LaunchError
+        When all are taken.
+    """
+    for domain in _DOMAINS:
+        path = Path(tempfile.gettempdir()) / f"fsw_domain_{domain}.lock"
+        try:
+            file = path.open("w")
+        except OSError:  # another user's
+            continue
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    raise LaunchError(f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}: end other runs first")
+
+
+@dataclass(slots=True)
+class Child:
+    """One running part of the graph.
+
+    Attributes
+    ----------
+    name : str
+        For people and for the log file.
+    process : subprocess.Popen
+    log : Path
+        Everything that it prints.
+    """
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.process.poll() is None
+
+    def text(self) -> str:
+        """What it has printed so far."""
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def last_words(self, lines: int = 5) -> str:
+        """The last lines that it printed, as one line."""
+        return " | ".join(self.text().strip().splitlines()[-lines:]) or "it printed nothing"
+
+
+class Launcher:
+    """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL.
+
+    Children that outlive the launcher because it was killed get SIGTERM from the kernel (Linux).
+
+    Parameters
+    ----------
+    log_folder : Path
+        Made if need be; one ``<name>.log`` per process.
+    domain : int
+        ROS domain of all processes.
+    environment : mapping, optional
+        More environment variables for all of them.
+    patience_s : float
+        How long to wait after each signal.
+    """
+
+    def __init__(
+        self, log_folder: Path, domain: int, environment: Mapping[str, str] | None = None, patience_s: float = 5.0
+    ) -> None:
+        self.log_folder = log_folder
+        self.children: dict[str, Child] = {}
+        self._patience_s = patience_s
+        self._environment = {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+            **(environment or {}),
+        }
+        log_folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Launcher:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
+        """Start the ``main`` of a Python module as a process.
+
+        Raises
+        ------
+        LaunchError
+            When a process of this name runs already.
+        """
+        if name in self.children and self.children[name].running:
+            raise LaunchError(f"{name} is running already")
+        command = [sys.executable, "-m", "fsw_experiment.child_process", str(os.getpid()), module, *arguments]
+        log = self.log_folder / f"{name}.log"
+        with log.open("wb") as file:
+            process = _popen(command, self._environment, file)
+        self.children[name] = child = Child(name, process, log)
+        return child
+
+    def check(self, expected_to_run: Sequence[str] | None = None) -> None:
+        """Raise LaunchError if a process (any, or one of those named) has ended."""
+        for name in self.children if expected_to_run is None else expected_to_run:
+            child = self.children[name]
+            if not child.running:
+                raise LaunchError(
+                    f"{name} has ended with exit code {child.process.returncode}: {child.last_words()} (see {child.log})"
+                )
+
+    def wait_until(
+        self, condition: Callable[[], bool], timeout_s: float, what: str, watch: Sequence[str] | None = None
+    ) -> None:
+        """Wait for a condition while the processes run.
+
+        Parameters
+        ----------
+        condition : callable
+            Polled.
+        timeout_s : float
+        what : str
+            What is waited for, for the error.
+        watch : sequence of str, optional
+            Processes that must not end meanwhile; all by default.
+
+        Raises
+        ------
+        LaunchError
+            When a watched process ends, or when it takes too long.
+        """
+        end = time.monotonic() + timeout_s
+        while not condition():
+            self.check(watch)
+            if time.monotonic() > end:
+                raise LaunchError(f"waited {timeout_s:g} s in vain for {what}; logs are in {self.log_folder}")
+            time.sleep(_POLL_S)
+
+    def wait_for_text(self, name: str, pattern: str, timeout_s: float = 30.0) -> str:
+        """Wait until a process has printed something that matches; returns what matched."""
+        child = self.children[name]
+        found: list[str] = []
+
+        def printed() -> bool:
+            match = re.search(pattern, child.text())
+            if match:
+                found.append(match.group(0))
+            return bool(match)
+
+        self.wait_until(printed, timeout_s, f"{name} to print {pattern!r}")
+        return found[0]
+
+    def stop(self, *names: str) -> dict[str, int]:
+        """End processes (all by default, the last started first) and return their exit codes."""
+        chosen = [self.children[name] for name in names] if names else list(reversed(self.children.values()))
+        for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            for child in chosen:
+                if child.running:
+                    with contextlib.suppress(ProcessLookupError):
+                        child.process.send_signal(sign)
+            end = time.monotonic() + self._patience_s
+            while any(child.running for child in chosen) and time.monotonic() < end:
+                time.sleep(_POLL_S)
+            if not any(child.running for child in chosen):
+                break
+        return {child.name: child.process.wait() for child in chosen}
+
+
+def _popen(command: Sequence[str], environment: Mapping[str, str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+    # a session of its own: Ctrl-C reaches the launcher alone, which then ends its children in order
+    return subprocess.Popen(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )

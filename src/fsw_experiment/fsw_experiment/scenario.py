@@ -1,0 +1,176 @@
+"""A scenario: what happens in a weld experiment, as validated data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+#: Time between two ticks of the plant.
+TICK_S = 0.1
+#: Name of the controller in scenarios that drive the handles themselves.
+OPEN_LOOP = "none"
+_EPSILON_S = 1e-9
+
+
+class ScenarioError(ValueError):
+    """A scenario is wrong; the message says in which file, at which place, and what is allowed."""
+
+
+def tick_of(at_s: float) -> int:
+    """First tick whose stamp is at or after ``at_s``."""
+    tick = round(at_s / TICK_S)
+    return tick if tick * TICK_S >= at_s - _EPSILON_S else tick + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Sine:
+    """Sine about the set-point of a reference, from its event until the next one.
+
+    Attributes
+    ----------
+    depth_mm, temperature_c : float
+        Amplitudes.
+    period_s : float
+    """
+
+    depth_mm: float
+    temperature_c: float
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceEvent:
+    """New set-points; None keeps the present one.
+
+    Attributes
+    ----------
+    at_s : float
+        When it takes effect.
+    depth_mm, temperature_c : float or None
+        New values.
+    over_s : float
+        Length of the ramp that leads there; 0 is a step.
+    sine : Sine or None
+        Sine on top, beginning after the ramp.
+    """
+
+    at_s: float
+    depth_mm: float | None = None
+    temperature_c: float | None = None
+    over_s: float = 0.0
+    sine: Sine | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbanceEvent:
+    """Disturbance of an output (depth mm, temperature degC) or an input (axial_force kN, spindle_speed rpm).
+
+    Attributes
+    ----------
+    at_s : float
+    channel, shape : str
+        See ``ranges.DISTURBANCE_AMPLITUDE`` and ``ranges.DISTURBANCE_SHAPES``.
+    amplitude : float
+        In the channel's unit.
+    duration_s : float
+        Rise time of a ramp, length of a pulse.
+    period_s : float
+        Of a sine.
+    """
+
+    at_s: float
+    channel: str
+    shape: str
+    amplitude: float
+    duration_s: float = 0.0
+    period_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FaultEvent:
+    """Sensor fault.
+
+    Attributes
+    ----------
+    at_s : float
+    sensor, kind : str
+        See ``ranges.FAULT_MAGNITUDE`` and ``ranges.FAULT_KINDS``.
+    magnitude : float
+        Bias and spike in the sensor's unit (mm, N m, degC), drift in that unit per second, delay in s.
+    duration_s : float
+        0: until the end.
+    """
+
+    at_s: float
+    sensor: str
+    kind: str
+    magnitude: float = 0.0
+    duration_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchEvent:
+    """Another controller is selected."""
+
+    at_s: float
+    controller: str
+
+
+@dataclass(frozen=True, slots=True)
+class CommandEvent:
+    """New handles in an open-loop experiment; None keeps the present one."""
+
+    at_s: float
+    force_kn: float | None = None
+    speed_rpm: float | None = None
+
+
+Event = ReferenceEvent | DisturbanceEvent | FaultEvent | SwitchEvent | CommandEvent
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A weld experiment.
+
+    Attributes
+    ----------
+    name, description : str
+    duration_s : float
+        Length of the experiment; the last tick is ``n_ticks - 1``.
+    controller : str
+        Selected at the start; ``OPEN_LOOP`` when the events drive the handles.
+    plant : dict of str to value
+        The plant's parameters that differ from their defaults, by dotted name.
+    events : tuple of Event
+        In order of time.
+    figures : tuple of int
+        The paper's figures that it shows.
+    text : str
+        The YAML it was read from, with all overrides applied.
+    """
+
+    name: str
+    duration_s: float
+    description: str = ""
+    controller: str = "decentral"
+    plant: dict[str, Any] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+    figures: tuple[int, ...] = ()
+    text: str = ""
+
+    @property
+    def n_ticks(self) -> int:
+        """Number of ticks."""
+        return round(self.duration_s / TICK_S)
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether the events drive the handles instead of a controller."""
+        return self.controller == OPEN_LOOP
+
+    @property
+    def controllers(self) -> tuple[str, ...]:
+        """Names of the controllers that are selected at some time, the first first."""
+        names = [] if self.open_loop else [self.controller]
+        names += [event.controller for event in self.events if isinstance(event, SwitchEvent)]
+        return tuple(dict.fromkeys(names))

@@ -1,0 +1,82 @@
+"""What a scenario means at each tick: the set-points, the open-loop handles, the selected controller."""
+
+from __future__ import annotations
+
+from math import pi, sin
+
+from fsw_control.contract import Command, Reference
+
+from fsw_experiment.scenario import TICK_S, CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
+
+
+def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
+    """Changes of the set-points by tick, from tick 0 on.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    start : Reference
+        In force before the first reference event.
+
+    Returns
+    -------
+    dict of int to Reference
+        In order of ticks, always with tick 0; a tick that is not a key keeps the last reference.
+    """
+    events = [event for event in scenario.events if isinstance(event, ReferenceEvent)]
+    begins = [tick_of(event.at_s) for event in events]
+    changes: dict[int, Reference] = {0: start}
+    depth_mm, temperature_c = start.depth_mm, start.temperature_c
+    for i, event in enumerate(events):
+        end = begins[i + 1] if i + 1 < len(events) else scenario.n_ticks
+        from_depth, from_temperature = depth_mm, temperature_c
+        to_depth = from_depth if event.depth_mm is None else event.depth_mm
+        to_temperature = from_temperature if event.temperature_c is None else event.temperature_c
+        ramp_end = tick_of(event.at_s + event.over_s)
+        for tick in range(begins[i], end):
+            if tick >= ramp_end:
+                share = 1.0
+            else:
+                share = max(0.0, (tick * TICK_S - event.at_s) / event.over_s)
+            depth_mm = to_depth if share >= 1.0 else from_depth + share * (to_depth - from_depth)
+            temperature_c = (
+                to_temperature if share >= 1.0 else from_temperature + share * (to_temperature - from_temperature)
+            )
+            if event.sine is None or share < 1.0:
+                changes[tick] = Reference(depth_mm, temperature_c)
+                if share >= 1.0:
+                    break
+            else:
+                swing = sin(2.0 * pi * (tick * TICK_S - event.at_s - event.over_s) / event.sine.period_s)
+                changes[tick] = Reference(
+                    depth_mm + event.sine.depth_mm * swing, temperature_c + event.sine.temperature_c * swing
+                )
+    return _without_repeats(changes)
+
+
+def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
+    """Changes of the open-loop handles by tick, from tick 0 on; as :func:`references`."""
+    changes = {0: start}
+    present = start
+    for event in scenario.events:
+        if isinstance(event, CommandEvent):
+            present = Command(
+                present.force_kn if event.force_kn is None else event.force_kn,
+                present.speed_rpm if event.speed_rpm is None else event.speed_rpm,
+            )
+            changes[tick_of(event.at_s)] = present
+    return changes
+
+
+def switches(scenario: Scenario) -> dict[int, str]:
+    """Newly selected controller by tick."""
+    return {tick_of(event.at_s): event.controller for event in scenario.events if isinstance(event, SwitchEvent)}
+
+
+def _without_repeats(changes: dict[int, Reference]) -> dict[int, Reference]:
+    kept: dict[int, Reference] = {}
+    last: Reference | None = None
+    for tick, reference in changes.items():
+        if reference != last:
+            kept[tick] = last = reference
+    return kept

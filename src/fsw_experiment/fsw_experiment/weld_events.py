@@ -1,0 +1,65 @@
+"""Finds in the signals of a weld the moments at which something was asked of the controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from fsw_recorder.weld_signals import WeldSignals
+
+#: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
+_GROUP_TICKS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One quantity starts to change.
+
+    Attributes
+    ----------
+    quantity : str
+        ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or ``temperature_disturbance``.
+    begin, end : int
+        First and last tick of the change; equal for a step.
+    size : float
+        New minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign.
+    """
+
+    quantity: str
+    begin: int
+    end: int
+    size: float
+
+    @property
+    def is_step(self) -> bool:
+        """Whether the whole change happened at one tick."""
+        return self.begin == self.end
+
+
+def changes(signals: WeldSignals) -> list[Change]:
+    """All changes of set-points and output disturbances, in order of time."""
+    series = {
+        "depth_reference": signals.reference_depth_mm,
+        "temperature_reference": signals.reference_temperature_c,
+    }
+    if signals.truth is not None:
+        series["depth_disturbance"] = signals.truth.depth_disturbance_mm
+        series["temperature_disturbance"] = signals.truth.temperature_disturbance_c
+    found = [change for quantity, values in series.items() for change in _changes(quantity, values)]
+    return sorted(found, key=lambda change: change.begin)
+
+
+def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
+    if values.size < 2:
+        return []
+    steps = np.diff(values)
+    ticks = np.flatnonzero(np.abs(steps) > 1e-9) + 1  # NaN compares false: a reference that appears is no change
+    found: list[Change] = []
+    for group in np.split(ticks, np.flatnonzero(np.diff(ticks) > _GROUP_TICKS) + 1):
+        if not group.size:
+            continue
+        begin, end = int(group[0]), int(group[-1])
+        excursion = values[begin : end + 1] - values[begin - 1]
+        found.append(Change(quantity, begin, end, float(excursion[np.argmax(np.abs(excursion))])))
+    return found
