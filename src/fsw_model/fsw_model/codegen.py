@@ -9,7 +9,14 @@ import casadi as ca
 
 _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/"}
 _UNARY = {ca.OP_NEG: "-{0}", ca.OP_SQ: "{0}*{0}", ca.OP_TWICE: "2.0*{0}", ca.OP_INV: "1.0/{0}", ca.OP_ASSIGN: "{0}"}
-_CALLS = {ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_FABS: "fabs", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+_CALLS = {
+    ca.OP_SQRT: "sqrt",
+    ca.OP_EXP: "exp",
+    ca.OP_LOG: "log",
+    ca.OP_FABS: "fabs",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+}
 
 
 def python_function(function: ca.Function) -> Callable[..., tuple[float, ...]]:

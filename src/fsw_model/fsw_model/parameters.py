@@ -173,7 +173,9 @@ class ModelParameters:
         if data is None:
             data = {}
         if not isinstance(data, dict):
-            raise ParameterError(f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}")
+            raise ParameterError(
+                f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}"
+            )
         _check_names(data, where)
         return nominal().with_values(**data) if set(data) != _NAMES else cls(**data)
 
@@ -189,7 +191,9 @@ _NAMES = {field.name for field in fields(ModelParameters)}
 def _check_names(names: Any, where: str) -> None:
     unknown = sorted(str(name) for name in names if name not in _NAMES)
     if unknown:
-        raise ParameterError(f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(_NAMES))}")
+        raise ParameterError(
+            f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(_NAMES))}"
+        )
 
 
 def nominal() -> ModelParameters:

@@ -141,6 +141,7 @@ class ProcessModel:
         self.output_function: ca.Function = equations.output_function(self.parameters)
         self._step = python_function(self.step_function)
         self._outputs = python_function(self.output_function)
+        self._least_deviation_mm = self.parameters.shallowest_depth_mm - self.parameters.operating_depth_mm
 
     def step(self, state: ProcessState, force_kn: float, speed_rpm: float) -> None:
         """Advance ``state`` in place by one step with the inputs held.
@@ -152,8 +153,12 @@ class ProcessModel:
         """
         history = state.power_kw
         delayed = history[0]
+        x = state.x
+        # Written so that NaN fails too. Below, the pressure would change its sign: numbers, but no physics.
+        if not x[0] + x[1] + x[2] + x[3] > self._least_deviation_mm:
+            raise self._out_of_range(state, force_kn, speed_rpm)
         try:
-            result = self._step(*state.x, *delayed, force_kn, speed_rpm)
+            result = self._step(*x, *delayed, force_kn, speed_rpm)
         except (ValueError, ZeroDivisionError):
             raise self._out_of_range(state, force_kn, speed_rpm) from None
         if not isfinite(result[7]):
@@ -170,8 +175,11 @@ class ProcessModel:
         OperatingPointError
             As :meth:`step`.
         """
+        x = state.x
+        if not x[0] + x[1] + x[2] + x[3] > self._least_deviation_mm:
+            raise self._out_of_range(state, force_kn, speed_rpm)
         try:
-            return Outputs(*self._outputs(*state.x, force_kn, speed_rpm))
+            return Outputs(*self._outputs(*x, force_kn, speed_rpm))
         except (ValueError, ZeroDivisionError):
             raise self._out_of_range(state, force_kn, speed_rpm) from None
 
@@ -201,7 +209,9 @@ class ProcessModel:
         depth = p.operating_depth_mm if depth_mm is None else depth_mm
         temperature = p.operating_temperature_c if temperature_c is None else temperature_c
         if not depth > p.shallowest_depth_mm or not isfinite(depth):
-            raise OperatingPointError(f"no equilibrium at depth {depth} mm: must be above {p.shallowest_depth_mm:.3f} mm")
+            raise OperatingPointError(
+                f"no equilibrium at depth {depth} mm: must be above {p.shallowest_depth_mm:.3f} mm"
+            )
         if not temperature > p.ambient_temperature_c or not isfinite(temperature):
             raise OperatingPointError(
                 f"no equilibrium at {temperature} degC: must be above the ambient {p.ambient_temperature_c} degC"
@@ -272,5 +282,3 @@ class ProcessModel:
         columns["motor_torque_nm"] = columns["process_torque_nm"] + columns["friction_torque_nm"]
         columns["time_s"] = np.arange(len(rows)) * self.step_s
         return columns
-
-

@@ -1,0 +1,18 @@
+"""Plant emulator: the weld as its controllers and operators meet it."""
+
+from fsw_plant.config import PlantConfig
+from fsw_plant.disturbances import DisturbanceError
+from fsw_plant.emulator import FIRST_TICK, TICK_NS, PlantEmulator, Reading, Truth
+from fsw_plant.schedule import PlantEvent, PlantSchedule
+
+__all__ = [
+    "FIRST_TICK",
+    "TICK_NS",
+    "DisturbanceError",
+    "PlantConfig",
+    "PlantEmulator",
+    "PlantEvent",
+    "PlantSchedule",
+    "Reading",
+    "Truth",
+]
