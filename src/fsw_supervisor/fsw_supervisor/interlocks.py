@@ -1,0 +1,135 @@
+"""Limits of the process that no controller can talk away: warn, trip, hysteresis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from math import isfinite
+
+
+class Severity(StrEnum):
+    """State of one interlock."""
+
+    OK = "ok"
+    WARN = "warn"
+    TRIP = "trip"
+
+
+@dataclass(frozen=True, slots=True)
+class Interlock:
+    """One limit.
+
+    Attributes
+    ----------
+    name : str
+        E.g. ``temperature_high``; a name that ends in ``_low`` guards against low values.
+    quantity : str
+        Key of the value that it watches, with the unit in the name.
+    warn, trip : float
+        Limits in that unit.
+    hysteresis : float
+        How far the value must come back before the level falls.
+    """
+
+    name: str
+    quantity: str
+    warn: float
+    trip: float
+    hysteresis: float
+
+    def __post_init__(self) -> None:
+        if not all(map(isfinite, (self.warn, self.trip, self.hysteresis))) or self.hysteresis < 0.0:
+            raise ValueError(
+                f"interlock {self.name}: warn, trip and hysteresis must be finite, hysteresis not negative"
+            )
+        if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):
+            raise ValueError(f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}")
+
+    def level(self, value: float, present: Severity) -> Severity:
+        """Level that ``value`` means when the level is ``present``."""
+        sign = 1.0 if self.trip > self.warn else -1.0
+        excess_warn, excess_trip = sign * (value - self.warn), sign * (value - self.trip)
+        if excess_trip >= 0.0 or (present is Severity.TRIP and excess_trip > -self.hysteresis):
+            return Severity.TRIP
+        if excess_warn >= 0.0 or (present is not Severity.OK and excess_warn > -self.hysteresis):
+            return Severity.WARN
+        return Severity.OK
+
+
+#: Chosen: the temperature window is the weld's, the ceilings leave room for the paper's experiments.
+DEFAULT_INTERLOCKS = (
+    Interlock("temperature_low", "temperature_c", 800.0, 790.0, 2.0),
+    Interlock("temperature_high", "temperature_c", 900.0, 910.0, 2.0),
+    Interlock("depth_high", "depth_mm", 3.4, 3.7, 0.02),
+    Interlock("force_high", "force_kn", 95.5, 97.0, 0.5),
+    Interlock("torque_high", "torque_nm", 1400.0, 1600.0, 20.0),
+    Interlock("power_high", "power_kw", 60.0, 66.0, 1.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One interlock changed its level."""
+
+    interlock: Interlock
+    level: Severity
+    value: float
+
+    def text(self) -> str:
+        """In words."""
+        return f"{self.interlock.name} is {self.level}: {self.interlock.quantity} {self.value:.4g}"
+
+
+class Interlocks:
+    """All interlocks with their levels.
+
+    Parameters
+    ----------
+    table : tuple of Interlock
+        What to watch.
+    persistence : int
+        Ticks in a row that a worse level must last before it is believed (a spike is no trip).
+    """
+
+    def __init__(self, table: tuple[Interlock, ...] = DEFAULT_INTERLOCKS, persistence: int = 3) -> None:
+        if persistence < 1:
+            raise ValueError(f"interlock persistence is {persistence}; it must be at least 1 tick")
+        self.table = table
+        self._persistence = persistence
+        self._levels = dict.fromkeys((item.name for item in table), Severity.OK)
+        self._worse = dict.fromkeys((item.name for item in table), 0)
+
+    def configure(self, table: tuple[Interlock, ...], persistence: int) -> None:
+        """Judge by other limits (of the same names) from now on; the levels stay until the next value."""
+        self.table, self._persistence = table, persistence
+
+    def update(self, values: Mapping[str, float]) -> list[Change]:
+        """Take the tick's values; a quantity that is absent or not finite leaves its interlocks as they are."""
+        changes: list[Change] = []
+        order = list(Severity)
+        for item in self.table:
+            value = values.get(item.quantity)
+            if value is None or not isfinite(value):
+                continue
+            present = self._levels[item.name]
+            level = item.level(value, present)
+            if order.index(level) > order.index(present):
+                self._worse[item.name] += 1
+                if self._worse[item.name] < self._persistence:
+                    continue
+            self._worse[item.name] = 0
+            if level is not present:
+                self._levels[item.name] = level
+                changes.append(Change(item, level, value))
+        return changes
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Active warnings and trips, e.g. ``temperature_high:warn``."""
+        return tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
+
+    @property
+    def tripped(self) -> tuple[str, ...]:
+        """Names of the tripped interlocks."""
+        return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)

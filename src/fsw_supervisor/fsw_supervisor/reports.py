@@ -1,0 +1,180 @@
+"""The arbiter's state as messages: supervisor state, list of controllers, diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from fsw_control import messages_ros as convert
+from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.modes import Mode
+from fsw_supervisor.roster import ControllerRecord
+from fsw_supervisor.tick import Decision
+
+#: on the wire there is no mode "start": nothing changes then, as in hold
+_WIRE_MODE = {Mode.START: Mode.HOLD}
+
+
+def command(decision: Decision) -> WeldCommand:
+    """Command message of a decision."""
+    return convert.command_message(
+        decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
+    )
+
+
+def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
+    """What is known of one controller."""
+    return ControllerHealth(
+        name=record.name,
+        healthy=record.present and record.consecutive_good > 0,
+        warm=record.consecutive_good >= arbiter.settings.warm_ticks,
+        latched_out=bool(record.latched_out),
+        tolerated_sensors=list(record.tolerated_sensors),
+        reason=arbiter.obstacle(record.name),
+        consecutive_good=min(record.consecutive_good, 2**32 - 1),
+        missed=min(record.missed, 2**32 - 1),
+        late=min(record.late, 2**32 - 1),
+        rejected=min(record.rejected, 2**32 - 1),
+        latency_mean=record.latency.mean_s,
+        latency_max=record.latency.max_s,
+        jitter=record.latency.jitter_s,
+    )
+
+
+def mode(arbiter: Arbiter) -> str:
+    """Actual mode as the messages name it."""
+    return str(_WIRE_MODE.get(arbiter.mode, arbiter.mode))
+
+
+def state(arbiter: Arbiter, now: Time) -> SupervisorState:
+    """The latched state."""
+    message = SupervisorState(
+        target_controller=arbiter.target,
+        actual_controller=arbiter.active,
+        target_mode=str(arbiter.target_mode),
+        actual_mode=mode(arbiter),
+        reason=arbiter.reason,
+        requested_by=arbiter.requested_by,
+        since=convert.stamp_from_ns(arbiter.since_ns),
+        transitions=arbiter.transitions,
+        controllers=[health(arbiter, record) for record in arbiter.roster.all()],
+        interlocks=list(arbiter.interlocks.active),
+    )
+    message.header.stamp = now
+    if arbiter.last is not None:
+        message.applied = command(arbiter.last)
+    return message
+
+
+def diagnostics(
+    arbiter: Arbiter, now: Time, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
+) -> DiagnosticArray:
+    """Diagnostics of the arbiter, its inputs and every controller.
+
+    Parameters
+    ----------
+    arbiter : Arbiter
+        Whose state.
+    now : Time
+        Stamp.
+    writers : int
+        Publishers of the command topic, this one included.
+    namesakes : mapping of str to int
+        Publishers of each controller's proposal topic.
+    limits : (float, float)
+        99 % latencies [s] to warn of and to call an error.
+    """
+    message = DiagnosticArray()
+    message.header.stamp = now
+    message.status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)]
+    message.status += [
+        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.roster.all()
+    ]
+    return message
+
+
+def _status(name: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticStatus(name=f"fsw_supervisor: {name}", level=level, message=text, hardware_id="fsw", values=pairs)
+
+
+def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
+    level = DiagnosticStatus.OK
+    text = f"{arbiter.mode}: {arbiter.active}" if arbiter.active else str(arbiter.mode)
+    if arbiter.mode is not arbiter.target_mode or (arbiter.active and arbiter.active != arbiter.target):
+        level, text = DiagnosticStatus.WARN, f"{text} instead of {arbiter.target_mode} with {arbiter.target}"
+    if arbiter.mode is Mode.SAFE_STOP:
+        level = DiagnosticStatus.ERROR
+    latency_ms = arbiter.last.latency_s * 1e3 if arbiter.last is not None else 0.0
+    return _status(
+        "arbiter",
+        level,
+        f"{text}: {arbiter.reason}",
+        {
+            "ticks": arbiter.ticks,
+            "commands": arbiter.commands,
+            "ticks without a command": arbiter.lost_ticks,
+            "own stalls": arbiter.stalls,
+            "transitions": arbiter.transitions,
+            "last latency [ms]": f"{latency_ms:.3f}",
+        },
+    )
+
+
+def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
+    level, text = DiagnosticStatus.OK, "only writer of the command topic"
+    if writers > 1:
+        level, text = DiagnosticStatus.WARN, f"{writers} publishers on the command topic"
+    if arbiter.foreign_writer:
+        level, text = DiagnosticStatus.ERROR, "a foreign writer sends commands"
+    return _status("command topic", level, text, {"publishers": writers, "foreign commands": arbiter.foreign_commands})
+
+
+def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
+    level, parts = DiagnosticStatus.OK, []
+    if arbiter.invalid_sensors:
+        level = DiagnosticStatus.WARN
+        parts.append(f"invalid sensors: {', '.join(arbiter.invalid_sensors)}")
+    if arbiter.interlocks.active:
+        level = DiagnosticStatus.ERROR if arbiter.interlocks.tripped else DiagnosticStatus.WARN
+        parts.append(", ".join(arbiter.interlocks.active))
+    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in arbiter.guard.reasons.items()}
+    return _status("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
+
+
+def _controller_status(
+    arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
+) -> DiagnosticStatus:
+    obstacle = arbiter.obstacle(record.name)
+    p99_s = record.latency.quantile_s(0.99)
+    level = DiagnosticStatus.WARN if obstacle else DiagnosticStatus.OK
+    text = obstacle or ("active" if record.name == arbiter.active else "ready")
+    if not arbiter.lockstep and p99_s >= limits[0]:
+        level = DiagnosticStatus.ERROR if p99_s >= limits[1] else max(level, DiagnosticStatus.WARN)
+        text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
+    if record.conflicts:
+        level, text = DiagnosticStatus.ERROR, f"two controllers are called {record.name}"
+    elif publishers > 1:
+        level = max(level, DiagnosticStatus.WARN)
+        text = f"{text}; {publishers} publishers of its proposals"
+    if record.latched_out:
+        level = DiagnosticStatus.ERROR
+    return _status(
+        f"controller {record.name}",
+        level,
+        text,
+        {
+            "good in a row": record.consecutive_good,
+            "missed": record.missed,
+            "late": record.late,
+            "rejected": record.rejected,
+            "duplicates": record.duplicates,
+            "latency mean [ms]": f"{record.latency.mean_s * 1e3:.3f}",
+            "latency 99 % [ms]": f"{p99_s * 1e3:.3f}",
+            "latency max [ms]": f"{record.latency.max_s * 1e3:.3f}",
+            "jitter [ms]": f"{record.latency.jitter_s * 1e3:.3f}",
+        },
+    )

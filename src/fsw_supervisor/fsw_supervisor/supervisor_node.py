@@ -1,0 +1,276 @@
+"""The arbiter as a node: converts messages, asks the arbiter, publishes."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from fsw_control.contract import Command
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
+from fsw_control.validity import SensorGuard
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import String
+
+from fsw_control import messages_ros as convert
+from fsw_control import units
+from fsw_msgs.msg import ControllerStatus, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
+from fsw_msgs.srv import ListControllers, SetMode, SwitchController
+from fsw_supervisor import configuration, reports
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.checks import ProposalInput
+from fsw_supervisor.events import Level
+from fsw_supervisor.interlocks import Interlocks
+from fsw_supervisor.requests import SwitchRequest
+from fsw_supervisor.tick import Decision
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: sources that are no controllers, so no controller may be called so
+RESERVED = ("manual", "hold", "safe_stop")
+_DISCOVERY_S = 0.2
+_REPORT_S = 1.0
+
+
+class SupervisorNode(Node):
+    """The only writer of ``fsw/command``.
+
+    Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from the same
+    callback, so the hop costs no wait. A timer on the steady clock, armed for the arbiter's next wake-up, does the
+    deadlines.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("fsw_supervisor")
+        self._parameters = declare(self, "fsw_supervisor", "supervisor.yaml")
+        values = self._parameters.values
+        wrong = configuration.problem(values)
+        if wrong is not None:
+            raise ValueError(wrong)
+        lockstep = values["lockstep"]
+        self._arbiter = Arbiter(
+            configuration.settings(values),
+            lockstep=bool(self.get_parameter("use_sim_time").value) if lockstep == "auto" else lockstep == "on",
+            guard=SensorGuard(configuration.sensor_limits(values)),
+            interlocks=Interlocks(configuration.interlocks(values), values["interlocks.persistence_ticks"]),
+        )
+        self._parameters.add_check(configuration.problem)
+        self._parameters.on_change(self._configure)
+        self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
+        self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._prefix = self.resolve_topic_name("fsw/command").removesuffix("command")
+        self._proposal_topic = re.compile(re.escape(self._prefix) + r"([A-Za-z][A-Za-z0-9_]*)/proposal\Z")
+        self._subscribed: set[str] = set()
+        self._refused_names: set[str] = set()
+        self._published_revision = -1
+        self._next_report_s = 0.0
+        self._open_topics()
+        self._open_services()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
+        self._wakeup.cancel()
+        self._armed_s: float | None = None
+        self._housekeeping = self.create_timer(_DISCOVERY_S, self._on_housekeeping, clock=steady)
+        self._on_housekeeping()
+
+    def _open_topics(self) -> None:
+        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
+        self.create_subscription(SpindleTorque, "fsw/spindle_torque", self._on_torque, STREAM)
+        self.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, STREAM)
+        # Only the part that real drives report: the force and the speed that act.
+        self.create_subscription(PlantState, "fsw/plant/truth", self._on_drives, STREAM)
+        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
+        for name in dict.fromkeys((self._arbiter.settings.controller, *self._arbiter.settings.fallbacks)):
+            self._subscribe(name)
+
+    def _open_services(self) -> None:
+        # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
+        group = ReentrantCallbackGroup()
+        self.create_service(SwitchController, "fsw/switch_controller", self._on_switch, callback_group=group)
+        self.create_service(ListControllers, "fsw/list_controllers", self._on_list, callback_group=group)
+        self.create_service(SetMode, "fsw/set_mode", self._on_set_mode, callback_group=group)
+
+    def _configure(self, values: dict[str, Any]) -> None:
+        self._arbiter.settings = configuration.settings(values)
+        self._arbiter.guard.configure(configuration.sensor_limits(values))
+        self._arbiter.interlocks.configure(configuration.interlocks(values), values["interlocks.persistence_ticks"])
+
+    # ---------------------------------------------------------------- topics
+
+    def _on_depth(self, message: ShoulderDepth) -> None:
+        self._on_sample("depth", message, convert.depth_mm(message))
+
+    def _on_torque(self, message: SpindleTorque) -> None:
+        self._on_sample("torque", message, convert.torque_nm(message))
+
+    def _on_temperature(self, message: Temperature) -> None:
+        self._on_sample("thermocouple", message, convert.temperature_c(message))
+
+    def _on_sample(self, sensor: str, message: Any, value: float) -> None:
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self._publish(self._arbiter.on_sample(sensor, stamp_ns, value, time.monotonic()))
+
+    def _on_drives(self, message: PlantState) -> None:
+        feedback = Command(
+            units.kn_from_n(message.axial_force - message.force_disturbance),
+            units.rpm_from_rad_s(message.spindle_speed - message.speed_disturbance),
+        )
+        self._publish(self._arbiter.on_drives(convert.stamp_ns(message.header.stamp), feedback, time.monotonic()))
+
+    def _on_proposal(self, name: str, message: WeldCommand) -> None:
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        proposal = ProposalInput(stamp_ns, message.source, convert.command(message), message.healthy, message.reason)
+        self._publish(self._arbiter.on_proposal(name, proposal, time.monotonic()))
+
+    def _on_status(self, name: str, message: ControllerStatus) -> None:
+        sensors = tuple(message.tolerated_sensors)
+        self._publish(self._arbiter.on_status(name, sensors, message.selected, time.monotonic()))
+
+    def _on_command(self, message: WeldCommand) -> None:
+        self._arbiter.on_command(convert.stamp_ns(message.header.stamp), message.source, convert.command(message))
+
+    def _on_switch_topic(self, message: String) -> None:
+        timeout_s = self._parameters["switch_request_timeout_s"]
+        self._arbiter.request_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
+        self._publish([])
+
+    def _on_wakeup(self) -> None:
+        self._wakeup.cancel()
+        self._armed_s = None
+        self._publish(self._arbiter.on_time(time.monotonic()))
+
+    def _publish(self, decisions: list[Decision]) -> None:
+        for decision in decisions:
+            self._commands.publish(reports.command(decision))
+        wakeup_s = self._arbiter.wakeup_s
+        if wakeup_s != self._armed_s:
+            self._arm(wakeup_s)
+        if self._arbiter.revision != self._published_revision:
+            self._tell()
+
+    def _arm(self, wakeup_s: float | None) -> None:
+        self._armed_s = wakeup_s
+        if wakeup_s is None:
+            self._wakeup.cancel()
+            return
+        self._wakeup.timer_period_ns = max(100_000, round((wakeup_s - time.monotonic()) * 1e9))
+        self._wakeup.reset()
+
+    def _tell(self) -> None:
+        """Publish the state and log what has happened."""
+        self._published_revision = self._arbiter.revision
+        for event in self._arbiter.events.take():
+            logger, text = self.get_logger(), f"[{event.who}] {event.text}"
+            if event.level is Level.ERROR:
+                logger.error(text)
+            elif event.level is Level.WARN:
+                logger.warning(text)
+            else:
+                logger.info(text)
+        self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg()))
+
+    # ---------------------------------------------------------------- services
+
+    async def _on_switch(
+        self, request: SwitchController.Request, response: SwitchController.Response
+    ) -> SwitchController.Response:
+        if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
+            response.ok = False
+            response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            return response
+        timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
+        strict = request.strictness == SwitchController.Request.STRICT
+        wish = self._arbiter.request_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        self._publish([])
+        if not wish.done:
+            answered: Future = Future(executor=self.executor)
+            wish.when_done(partial(_complete, answered))
+            await answered
+        response.ok, response.message = wish.ok, wish.message
+        return response
+
+    def _on_list(
+        self, request: ListControllers.Request, response: ListControllers.Response
+    ) -> ListControllers.Response:
+        response.active = self._arbiter.active
+        response.mode = reports.mode(self._arbiter)
+        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.roster.all()]
+        return response
+
+    def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
+        manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
+        response.ok, response.message = self._arbiter.request_mode(request.mode, manual, "operator")
+        self._publish([])
+        return response
+
+    # ---------------------------------------------------------------- graph and reports
+
+    def _on_housekeeping(self) -> None:
+        now_s = time.monotonic()
+        self._look_for_controllers()
+        self._publish(self._arbiter.on_time(now_s))
+        if now_s >= self._next_report_s:
+            self._next_report_s = now_s + _REPORT_S
+            self._tell()
+            self._diagnose()
+
+    def _look_for_controllers(self) -> None:
+        for topic, types in self.get_topic_names_and_types():
+            match = self._proposal_topic.match(topic)
+            if match is None:
+                continue
+            name = match[1]
+            if name in RESERVED or types != ["fsw_msgs/msg/WeldCommand"]:
+                if name not in self._refused_names:
+                    self._refused_names.add(name)
+                    self.get_logger().error(
+                        f"{topic} is ignored: reserved name or not of type fsw_msgs/msg/WeldCommand"
+                    )
+                continue
+            if self.count_publishers(topic):
+                self._subscribe(name)
+                self._arbiter.join(name)
+            else:
+                self._arbiter.leave(name)
+
+    def _subscribe(self, name: str) -> None:
+        if name in self._subscribed:
+            return
+        self._subscribed.add(name)
+        self.create_subscription(WeldCommand, f"fsw/{name}/proposal", partial(self._on_proposal, name), STREAM)
+        self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
+
+    def _diagnose(self) -> None:
+        namesakes = {
+            record.name: self.count_publishers(f"{self._prefix}{record.name}/proposal")
+            for record in self._arbiter.roster.all()
+        }
+        writers = self.count_publishers(f"{self._prefix}command")
+        limits = (self._parameters["latency_warn_s"], self._parameters["latency_error_s"])
+        now = self.get_clock().now().to_msg()
+        self._diagnostics.publish(reports.diagnostics(self._arbiter, now, writers, namesakes, limits))
+
+
+def _complete(future: Future, request: SwitchRequest) -> None:
+    future.set_result(request.ok)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run(SupervisorNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""One tick: a measurement, the proposals that answer it, and the one command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fsw_control.contract import Command
+
+from fsw_supervisor.checks import Verdict
+
+NANOSECONDS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class Tick:
+    """State of one tick.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of its measurement.
+    index : int
+        Number since the start, from 1.
+    started_s, deadline_s : float
+        On the steady clock: first sample of the stamp; when a command is decided anyway.
+    before : Command or None
+        Command applied in the tick before.
+    samples : dict of str to float
+        By sensor (mm, N m, degC).
+    verdicts : dict of str to Verdict
+        By controller, of the proposals that came in time.
+    conflicts : set of str
+        Controllers from which two different proposals came.
+    evaluated : bool
+        Whether sensors and interlocks have been judged.
+    failed : bool
+        Whether the active controller has failed in this tick.
+    stalled : bool
+        Whether the arbiter itself was held up, so that nobody can be blamed.
+    decided : bool
+        Whether its command is out.
+    """
+
+    stamp_ns: int
+    index: int
+    started_s: float
+    deadline_s: float
+    before: Command | None
+    samples: dict[str, float] = field(default_factory=dict)
+    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    conflicts: set[str] = field(default_factory=set)
+    evaluated: bool = False
+    failed: bool = False
+    stalled: bool = False
+    decided: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The command of one tick.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the measurement that it answers.
+    command : Command
+        To be applied; finite, in limits, within one move limit of the one before.
+    source : str
+        Who computed it: a controller, ``manual``, ``hold`` or ``safe_stop``.
+    reason : str
+        Why this source; empty when nominal.
+    latency_s : float
+        Measurement to decision.
+    """
+
+    stamp_ns: int
+    command: Command
+    source: str
+    reason: str = ""
+    latency_s: float = 0.0
+
+
+class Stamps:
+    """Turns the stamps of several sensors into ticks.
+
+    The newest stamp makes the tick; an older one is a late or repeated sample. A stamp that is far away (the clock
+    jumped, the plant was restarted, or one sensor's clock is broken) is believed when a second source confirms it
+    or when nothing else has come for a while.
+
+    Parameters
+    ----------
+    jump_s : float
+        Distance from the present tick that counts as far away.
+    silence_s : float
+        Steady time without a believed stamp after which an unconfirmed one is believed.
+    """
+
+    def __init__(self, silence_s: float, jump_s: float = 1.0) -> None:
+        self.newest_ns = -1
+        self.jumps = 0
+        self._jump_ns = round(jump_s * NANOSECONDS)
+        self._silence_s = silence_s
+        self._heard_s = float("-inf")
+        self._strange: dict[str, tuple[int, float]] = {}
+
+    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> dict[str, float] | None:
+        """Take a sample; return the samples that begin a new tick, or None when it begins none.
+
+        Parameters
+        ----------
+        source : str
+            Which sensor.
+        stamp_ns : int
+            Its stamp.
+        value : float
+            Its value.
+        now_s : float
+            Steady time of arrival.
+        """
+        if self.newest_ns >= 0 and abs(stamp_ns - self.newest_ns) > self._jump_ns:
+            self._strange[source] = (stamp_ns, value)
+            return self._believe(stamp_ns, now_s)
+        self._heard_s = now_s
+        if stamp_ns <= self.newest_ns:
+            # Without a jump, a clock that went back a little is caught up with in less than jump_s.
+            return None
+        self.newest_ns = stamp_ns
+        self._strange.clear()
+        return {source: value}
+
+    def _believe(self, stamp_ns: int, now_s: float) -> dict[str, float] | None:
+        agreeing = {name: value for name, (stamp, value) in self._strange.items() if stamp == stamp_ns}
+        if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
+            return None
+        self.newest_ns, self._heard_s = stamp_ns, now_s
+        self.jumps += 1
+        self._strange.clear()
+        return agreeing
