@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any, cast
 
 import casadi as ca
 
@@ -64,6 +65,6 @@ def python_function(function: ca.Function) -> Callable[..., tuple[float, ...]]:
     order = [(i, j) for i in range(function.n_out()) for j in range(function.nnz_out(i))]
     arguments = ", ".join(f"a{i}" for i in range(offsets[-1]))
     body = "\n    ".join([*lines, "return (" + ", ".join(results.get(key, "0.0") for key in order) + ",)"])
-    namespace = {name: getattr(math, name) for name in ("sqrt", "exp", "log", "fabs", "pow")}
+    namespace: dict[str, Any] = {name: getattr(math, name) for name in ("sqrt", "exp", "log", "fabs", "pow")}
     exec(compile(f"def f({arguments}):\n    {body}\n", f"<{function.name()}>", "exec"), namespace)
-    return namespace["f"]  # type: ignore[return-value]
+    return cast("Callable[..., tuple[float, ...]]", namespace["f"])

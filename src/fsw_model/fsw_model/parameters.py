@@ -113,8 +113,8 @@ class ModelParameters:
             raise ParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
         if self.shallowest_depth_mm >= self.operating_depth_mm:
             raise ParameterError(
-                f"model parameter 'contact_inner_radius_m' = {self.contact_inner_radius_m}: the shoulder would not touch "
-                f"at the operating depth (it touches below {self.shallowest_depth_mm:.3f} mm)"
+                f"model parameter 'contact_inner_radius_m' = {self.contact_inner_radius_m}: the shoulder would not "
+                f"touch at the operating depth (it touches below {self.shallowest_depth_mm:.3f} mm)"
             )
 
     @property

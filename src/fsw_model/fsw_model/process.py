@@ -135,7 +135,8 @@ class ProcessModel:
         self.delay_steps = round(delay)
         if self.delay_steps < 1 or abs(delay - self.delay_steps) > 1e-9:
             raise ParameterError(
-                f"model parameter 'dead_time_s' = {self.parameters.dead_time_s}: must be a whole number of {step_s} s steps"
+                f"model parameter 'dead_time_s' = {self.parameters.dead_time_s}: "
+                f"must be a whole number of {step_s} s steps"
             )
         self.step_function: ca.Function = equations.step_function(self.parameters, step_s)
         self.output_function: ca.Function = equations.output_function(self.parameters)
