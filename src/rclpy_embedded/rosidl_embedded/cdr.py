@@ -442,7 +442,8 @@ def make_decoder(
     Notes
     -----
     The function raises ValueError (also its subclasses UnicodeDecodeError and `MalformedError`), IndexError or
-    struct.error on malformed input. Sequence lengths are compared with what is left of the data before anything is allocated.
+    struct.error on malformed input. Sequence lengths are compared with what is left of the data before anything is
+    allocated.
     """
     generator = _Decoder(order, message_class)
     generator.create(type_name, "m")

@@ -22,7 +22,9 @@ from .parser import INTEGER_RANGES
 
 CHECK_FIELDS: bool = __debug__ and os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") != "0"
 
+# As rosidl's error texts have it; the true limit is a little larger, and accepted.
 _BOUNDS = {"float": 3.402823466e38, "double": 1.7976931348623157e308}
+_FLOAT_MAX = 3.4028234663852886e38
 _PYTHON_TYPES = {"boolean": "bool", "octet": "bytes", "float": "float", "double": "float"}
 # What generated setters refer to by name.
 NAMESPACE = {"Sequence": Sequence, "Set": Set, "UserList": UserList, "isinf": math.isinf}
@@ -72,7 +74,7 @@ def check_source(name: str, type_: AbstractType, class_name: str) -> list[tuple[
         checks.append((f"{low} <= value <= {high}", f"{label} {kind} in [{low}, {high}]"))
     elif type_.typename == "float":
         limit = _BOUNDS["float"]
-        condition = f"not (value < -{limit!r} or value > {limit!r}) or isinf(value)"
+        condition = f"not abs(value) > {_FLOAT_MAX!r} or isinf(value)"
         checks.append((condition, f"{label} a float in [{-limit}, {limit}]"))
     return checks
 
@@ -170,8 +172,7 @@ def _fits(value: Any, type_: AbstractNestedType) -> bool:
         return getattr(getattr(value, "dtype", None), "kind", "i") != "f"
     if not hasattr(value, "dtype") and not all([isinstance(item, float) for item in value]):
         return False
-    bound = _BOUNDS["float"]
-    return typename == "double" or all(not (v < -bound or v > bound) or math.isinf(v) for v in value)
+    return typename == "double" or all(not abs(item) > _FLOAT_MAX or math.isinf(item) for item in value)
 
 
 def _refuse(name: str, type_: AbstractNestedType) -> NoReturn:

@@ -32,7 +32,8 @@ from .definition import (
 )
 
 _lock = RLock()
-_classes: dict[str, type] = {}
+_messages: dict[str, type] = {}
+_services: dict[str, type] = {}
 _UNSET: Any = object()
 
 
@@ -51,14 +52,14 @@ def get_message(type_name: str) -> Any:
     InvalidInterfaceError
         If its definition is wrong.
     """
-    cls = _classes.get(type_name)
+    cls = _messages.get(type_name)
     if cls is not None:
         return cls
     full_name = "/".join(catalogue.split_name(type_name))
     with _lock:
-        if full_name not in _classes:
-            _classes[full_name] = _make_message(catalogue.structure(full_name))
-        return _classes[full_name]
+        if full_name not in _messages:
+            _messages[full_name] = _make_message(catalogue.structure(full_name))
+        return _messages[full_name]
 
 
 def get_service(type_name: str) -> Any:
@@ -71,14 +72,14 @@ def get_service(type_name: str) -> Any:
     InvalidInterfaceError
         If its definition is wrong.
     """
-    cls = _classes.get(type_name)
+    cls = _services.get(type_name)
     if cls is not None:
         return cls
+    catalogue.service(type_name)
     with _lock:
-        if type_name not in _classes:
-            catalogue.service(type_name)
-            _classes[type_name] = _make_service(type_name)
-        return _classes[type_name]
+        if type_name not in _services:
+            _services[type_name] = _make_service(type_name)
+        return _services[type_name]
 
 
 def field_type_text(type_: AbstractType) -> str:

@@ -1,0 +1,112 @@
+"""Bytes and hashes recorded from genuine ROS 2 Jazzy."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosidl_embedded import catalogue
+from rosidl_embedded.definition import AbstractNestedType, BasicType, NamespacedType
+from rosidl_embedded.typesupport import get_message, get_service, service_type_support, type_hash, type_support
+
+DATA = Path(__file__).parent / "data"
+GOLDEN = json.loads((DATA / "golden_cdr.json").read_text())
+WIRE = json.loads((DATA / "golden_wire.json").read_text())
+SERVICE_HEADER_SIZE = 16
+DISCOVERY = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+def from_values(type_: Any, value: Any) -> Any:
+    """Make what a field of the type holds from the plain values of the golden file."""
+    if isinstance(type_, NamespacedType):
+        return message_from_values(type_.type_name, value)
+    if isinstance(type_, AbstractNestedType):
+        return [from_values(type_.value_type, item) for item in value]
+    if isinstance(type_, BasicType) and type_.typename == "octet":
+        return bytes(value if isinstance(value, list) else [value])
+    return value
+
+
+def message_from_values(type_name: str, values: dict[str, Any]) -> Any:
+    definition = catalogue.structure(type_name)
+    assert [field.name for field in definition.fields] == list(values)
+    return get_message(type_name)(
+        **{field.name: from_values(field.type, values[field.name]) for field in definition.fields}
+    )
+
+
+def support_of_topic(topic: str) -> tuple[Any, int]:
+    """Type support and size of the prefix of a sample's topic."""
+    if topic == "ros_discovery_info":
+        return type_support(get_message(DISCOVERY)), 0
+    if topic == "rt/parameter_events":
+        return type_support(get_message("rcl_interfaces/msg/ParameterEvent")), 0
+    name = "rcl_interfaces/srv/SetParameters" if "set_parameters" in topic else "std_srvs/srv/Trigger"
+    service = service_type_support(get_service(name))
+    return service.request if topic.startswith("rq/") else service.response, SERVICE_HEADER_SIZE
+
+
+@pytest.mark.parametrize("entry", GOLDEN["messages"], ids=lambda entry: entry["type"])
+def test_message_encodes_to_the_golden_bytes_and_decodes_back(entry: dict[str, Any]) -> None:
+    message = message_from_values(entry["type"], entry["values"])
+    support = type_support(type(message))
+    golden = bytes.fromhex(entry["cdr"])
+    assert support.serialize(message).hex() == entry["cdr"]
+    assert support.deserialize(golden) == message
+    assert support.deserialize(memoryview(golden + bytes(-len(golden) % 4))) == message
+
+
+def test_all_type_hashes_match() -> None:
+    assert len(GOLDEN["type_hashes"]) == 209
+    assert {name: type_hash(name) for name in GOLDEN["type_hashes"]} == GOLDEN["type_hashes"]
+
+
+@pytest.mark.parametrize("index", range(len(WIRE["samples"])), ids=lambda i: f"{i}:{WIRE['samples'][i]['topic']}")
+def test_captured_sample_decodes_and_encodes_identically(index: int) -> None:
+    sample = WIRE["samples"][index]
+    support, size = support_of_topic(sample["topic"])
+    captured = bytes.fromhex(sample["bytes"])
+    prefix, message = support.deserialize_with_prefix(captured, size)
+    assert len(prefix) == size
+    encoded = support.serialize_with_prefix(prefix, message)
+    assert (encoded + bytes(-len(encoded) % 4)).hex() == sample["bytes"]
+
+
+def test_captured_reply_says_what_the_server_answered() -> None:
+    reply = next(sample for sample in WIRE["samples"] if sample["topic"] == "rr/go_homeReply")
+    support, size = support_of_topic(reply["topic"])
+    prefix, message = support.deserialize_with_prefix(bytes.fromhex(reply["bytes"]), size)
+    assert (message.success, message.message) == (True, "moved")
+    assert int.from_bytes(prefix[8:], "little") == 1
+
+
+def test_captured_discovery_names_the_node() -> None:
+    samples = [s for s in WIRE["samples"] if s["topic"] == "ros_discovery_info"]
+    info = type_support(get_message(DISCOVERY)).deserialize(bytes.fromhex(samples[0]["bytes"]))
+    (node,) = info.node_entities_info_seq
+    assert (node.node_namespace, node.node_name) == ("/", "srv_node")
+    assert len(node.reader_gid_seq) + len(node.writer_gid_seq) == 1
+
+
+def test_names_on_the_wire() -> None:
+    support = service_type_support(get_service("std_srvs/srv/Trigger"))
+    assert support.type_name == "std_srvs/srv/Trigger"
+    assert support.type_hash == GOLDEN["type_hashes"]["std_srvs/srv/Trigger"]
+    assert support.request.dds_name == "std_srvs::srv::dds_::Trigger_Request_"
+    assert support.response.type_hash == GOLDEN["type_hashes"]["std_srvs/srv/Trigger_Response"]
+    assert type_support(get_message("std_msgs/String")).dds_name == "std_msgs::msg::dds_::String_"
+
+
+def test_hashes_of_captured_endpoints() -> None:
+    captured, computed = {}, {}
+    for endpoint in WIRE["endpoints"]:
+        found = re.search(r"typehash=(RIHS01_[0-9a-f]{64});", str(endpoint["qos"]))
+        if found is not None:
+            name = endpoint["type"].replace("::dds_::", "::").replace("::", "/").removesuffix("_")
+            captured[name] = found[1]
+            computed[name] = type_hash(name)
+    assert len(captured) >= 15
+    assert computed == captured

@@ -1,0 +1,247 @@
+"""Definitions on disk: finding, parsing, importing; definition texts and stubs."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rosidl_embedded
+from rosidl_embedded import InvalidInterfaceError, UnknownInterfaceError, catalogue, stubs
+from rosidl_embedded.parser import parse_service, parse_structure
+from rosidl_embedded.typesupport import (
+    get_message,
+    get_service,
+    interface_definition,
+    service_type_support,
+    type_hash,
+    type_support,
+)
+
+EMBEDDED = Path(rosidl_embedded.__file__).parent.parent
+
+ODDS = """\
+# All that a definition may hold.
+string<=4 short "ab"   # bounded, with a default
+wstring wide
+wstring<=3 narrow
+string[<=2] names
+float32[2] pair [1.5, -2]
+uint8[<=3] few [1, 2]
+byte[] raw
+bool[2] flags [true, false]
+bool on true
+char letter 65
+int64 LOWEST = -9223372036854775808
+string GREETING = "hello # not a comment"
+string BARE=plain text
+byte MARK=7
+bool YES=true
+geometry_msgs/Point[2] corners
+Other other
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> str:
+    """An interface package of a name of its own, in a folder of the interface path."""
+    name = "odd_" + str(abs(hash(request.node.name)))
+    (tmp_path / name / "msg").mkdir(parents=True)
+    (tmp_path / name / "srv").mkdir()
+    (tmp_path / name / "msg" / "Odds.msg").write_text(ODDS.replace(" # not a comment", ""), encoding="utf-8")
+    (tmp_path / name / "msg" / "Other.msg").write_text("float64 x\n")
+    (tmp_path / name / "srv" / "Ask.srv").write_text("Other question\n---\nuint8 OK=1\nOther[] answers\n")
+    monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path))
+    return name
+
+
+def test_import_of_a_package_without_python(package: str) -> None:
+    messages = importlib.import_module(f"{package}.msg")
+    services = importlib.import_module(f"{package}.srv")
+    assert dir(messages) == ["Odds", "Other"]
+    odds = messages.Odds()
+    assert messages.Odds is messages.Odds
+    assert (odds.short, odds.on, odds.letter) == ("ab", True, 65)
+    assert odds.pair.tolist() == [1.5, -2.0]
+    assert odds.few.tolist() == [1, 2]
+    assert odds.flags == [True, False]
+    assert (odds.LOWEST, odds.GREETING, odds.BARE) == (-(2**63), "hello", "plain text")
+    assert (odds.MARK, odds.YES) == (b"\7", True)
+    assert len(odds.corners) == 2
+    assert services.Ask.Response.OK == 1
+    assert services.Ask_Request is services.Ask.Request
+    with pytest.raises(ImportError):
+        importlib.import_module(f"{package}.action")
+    with pytest.raises(AttributeError, match="no such interface is known"):
+        _ = messages.Missing
+
+
+def test_round_trip_of_odd_fields(package: str) -> None:
+    cls = get_message(f"{package}/Odds")
+    support = type_support(cls)
+    message = cls(short="å", wide="wide 🚀", narrow="Ω", names=["a", ""], raw=[b"\1", b"\2"], flags=[False, True])
+    assert support.deserialize(support.serialize(message)) == message
+    assert support.type_hash.startswith("RIHS01_")
+    with pytest.raises(AssertionError, match="string value not longer than 4"):
+        message.short = "abcde"
+    with pytest.raises(AssertionError, match="with length <= 2"):
+        message.names = ["a"] * 3
+    with pytest.raises(AssertionError, match="with length <= 3"):
+        message.few = [1] * 4
+    service = service_type_support(get_service(f"{package}/srv/Ask"))
+    answer = service.cls.Response(answers=[get_message(f"{package}/Other")(x=1.0)])
+    assert service.response.deserialize(service.response.serialize(answer)) == answer
+
+
+def test_wide_string_takes_four_bytes_a_unit(package: str) -> None:
+    # As rmw_cyclonedds writes it: number of UTF-16 units, each in four bytes, no terminator.
+    cls = get_message(f"{package}/Odds")
+    data = type_support(cls).serialize(cls(short="", wide="aΩ"))
+    assert data[4:24] == bytes.fromhex("01000000 00000000 02000000 61000000 a9030000")
+
+
+def test_interface_path_may_name_the_package_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "named_directly" / "msg").mkdir(parents=True)
+    (tmp_path / "named_directly" / "msg" / "One.msg").write_text("int8 x 3\n")
+    monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path / "named_directly"))
+    assert get_message("named_directly/msg/One")().x == 3
+
+
+def test_share_of_a_ros_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "share" / "installed_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "share" / "installed_msgs" / "msg" / "One.msg").write_text("int8 x 4\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    assert get_message("installed_msgs/msg/One")().x == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("float64", "'' is not a field's name"),
+        ("float x", "'float' is neither a basic type"),
+        ("float64 X", "'X' is not a field's name"),
+        ("float64 x__y", "'x__y' is not a field's name"),
+        ("float64 lambda", "'lambda' is not a field's name"),
+        ("float64[ x", "'float64[' is not a type"),
+        ("float64[0] x", "size must be positive"),
+        ("float64[<=] x", "the bound is missing"),
+        ("float64<=3 x", "only strings are bounded"),
+        ("uint8 x 256", "256 is not a value of type uint8"),
+        ("bool x maybe", "'maybe' is not a value"),
+        ("uint8[2] x [1]", "1 values for an array of 2"),
+        ("uint8[<=1] x [1, 2]", "2 values for a sequence of at most 1"),
+        ("Other x 1", "a message field cannot have a default"),
+        ("int8 lower=1", "'lower' is not a constant's name"),
+        ("int8[2] A=1", "must be a number, a boolean or a string"),
+        ("int8 A=1.5", "1.5 is not a value of type int8"),
+    ],
+)
+def test_wrong_definition(text: str, reason: str) -> None:
+    with pytest.raises(InvalidInterfaceError) as caught:
+        parse_structure(f"# first line\n{text}", "pkg/msg/Name", "Name.msg")
+    assert str(caught.value).startswith("Name.msg, line 2: ")
+    assert reason in str(caught.value)
+
+
+def test_field_defined_twice() -> None:
+    with pytest.raises(InvalidInterfaceError, match="line 2: 'x' is defined twice"):
+        parse_structure("int8 x\nint8 x", "pkg/msg/Name", "Name.msg")
+
+
+@pytest.mark.parametrize("text", ["int8 x", "---\n---\n"])
+def test_service_needs_two_parts(text: str) -> None:
+    with pytest.raises(InvalidInterfaceError, match="exactly one line '---'"):
+        parse_service(text, "pkg/srv/Name", "Name.srv")
+
+
+def test_errors_in_the_response_name_the_line_of_the_file() -> None:
+    with pytest.raises(InvalidInterfaceError, match="line 3"):
+        parse_service("int8 x\n---\nint8 Y", "pkg/srv/Name", "Name.srv")
+
+
+@pytest.mark.parametrize(
+    "name", ["std_msgs/msg/Missing", "nowhere/msg/String", "String", "a/b/c", "std_srvs/srv/No_Request"]
+)
+def test_unknown_message(name: str) -> None:
+    with pytest.raises(UnknownInterfaceError):
+        get_message(name)
+    with pytest.raises(UnknownInterfaceError):
+        type_hash(name)
+
+
+def test_service_and_message_are_not_confused() -> None:
+    with pytest.raises(UnknownInterfaceError):
+        get_service("std_msgs/msg/String")
+    with pytest.raises(UnknownInterfaceError):
+        get_message("std_srvs/srv/Trigger")
+    with pytest.raises(TypeError, match="is not a message class"):
+        type_support(get_service("std_srvs/srv/Trigger"))
+    with pytest.raises(TypeError, match="is not a service class"):
+        service_type_support(get_message("std_msgs/msg/String"))
+    for wrong in (int, "std_msgs/msg/String", None):
+        with pytest.raises(TypeError):
+            type_support(wrong)
+
+
+def test_definition_text_holds_all_that_is_referred_to() -> None:
+    bar = "=" * 80
+    assert interface_definition("sensor_msgs/msg/Temperature") == (
+        "std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"
+        f"{bar}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        f"{bar}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+
+
+@pytest.mark.parametrize("name", ["rcl_interfaces/msg/ParameterEvent", "geometry_msgs/msg/PoseWithCovarianceStamped"])
+def test_definition_text_reads_back(name: str) -> None:
+    text = interface_definition(name).split("=" * 80)[0]
+    assert parse_structure(text, name, "text") == catalogue.structure(name)
+
+
+def test_own_interfaces_come_from_their_files() -> None:
+    from fsw_msgs.msg import SupervisorState, WeldCommand
+    from fsw_msgs.srv import SwitchController
+
+    state = SupervisorState(applied=WeldCommand(axial_force=78.4e3))
+    support = type_support(SupervisorState)
+    assert support.deserialize(support.serialize(state)) == state
+    assert SwitchController.Request.STRICT == 2
+    assert support.dds_name == "fsw_msgs::msg::dds_::SupervisorState_"
+
+
+def test_own_interfaces_ask_to_be_built_where_rclpy_is_genuine(tmp_path: Path) -> None:
+    (tmp_path / "rclpy").mkdir()
+    (tmp_path / "rclpy" / "__init__.py").write_text("")
+    import fsw_msgs
+
+    folders = [str(tmp_path), str(Path(fsw_msgs.__file__).parent.parent), str(EMBEDDED)]
+    code = f"import sys; sys.path[:0] = {folders!r}; import fsw_msgs"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert "fsw_msgs is not built: run 'colcon build'" in run.stderr
+
+
+def test_importing_messages_is_quick_and_builds_none() -> None:
+    code = (
+        "import sys, std_msgs.msg as m; "
+        "assert not any('rosbags' in name or name == 'numpy' for name in sys.modules); "
+        "assert not [name for name in vars(m) if name[0].isupper()]"
+    )
+    subprocess.run([sys.executable, "-c", f"import sys; sys.path.insert(0, {str(EMBEDDED)!r}); {code}"], check=True)
+
+
+def test_star_import() -> None:
+    namespace: dict[str, Any] = {}
+    exec("from std_srvs.srv import *", namespace)
+    assert {"Empty", "SetBool", "Trigger"} <= set(namespace)
+
+
+@pytest.mark.parametrize("folder", [EMBEDDED, EMBEDDED.parent / "fsw_msgs"], ids=lambda folder: folder.name)
+def test_stubs_are_up_to_date(folder: Path) -> None:
+    files = list(stubs.stub_files(folder))
+    assert files
+    stale = [str(path) for path, text in files if not path.is_file() or path.read_text(encoding="utf-8") != text]
+    assert not stale, "run 'python -m rosidl_embedded.stubs' for them"
