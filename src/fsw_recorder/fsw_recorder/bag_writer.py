@@ -33,6 +33,8 @@ class RecordedTopic:
         ``RIHS01_...``; empty when unknown.
     qos : tuple[OfferedQos, ...]
         Of the publishers.
+    encoding, definition_encoding : str
+        Of messages and definition; anything but the defaults only for copies of foreign bags.
     """
 
     name: str
@@ -40,6 +42,8 @@ class RecordedTopic:
     definition: str = ""
     type_hash: str = ""
     qos: tuple[OfferedQos, ...] = (OfferedQos(),)
+    encoding: str = "cdr"
+    definition_encoding: str = "ros2msg"
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,10 +342,10 @@ class BagWriter:
         key = (known.type_name, known.definition)
         schema = file.schemas.get(key)
         if schema is None:
-            encoding = "ros2msg" if known.definition else ""
+            encoding = known.definition_encoding if known.definition else ""
             schema = file.schemas[key] = file.output.add_schema(known.type_name, encoding, known.definition)
         metadata = {"offered_qos_profiles": qos_text(known.qos), "topic_type_hash": known.type_hash}
-        file.channels[topic] = file.output.add_channel(topic, schema, metadata)
+        file.channels[topic] = file.output.add_channel(topic, schema, known.encoding, metadata)
         return file.channels[topic]
 
     def _take_topic(self, topic: RecordedTopic) -> None:

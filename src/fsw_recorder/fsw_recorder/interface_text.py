@@ -47,6 +47,21 @@ def interface_hash(type_name: str) -> str:
         return ""
 
 
+def message_class(type_name: str) -> Any:
+    """Message class of a type.
+
+    Raises
+    ------
+    ImportError, AttributeError, ValueError, LookupError
+        It is not installed.
+    """
+    try:
+        from rosidl_runtime_py.utilities import get_message
+    except ImportError:
+        from rosidl_embedded.typesupport import get_message
+    return get_message(type_name)
+
+
 def _embedded_definition(type_name: str) -> str:
     try:
         from rosidl_embedded.typesupport import interface_definition as embedded

@@ -111,12 +111,12 @@ class McapOutput:
         self._chunk += _encoded(schema)
         return schema.id
 
-    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
+    def add_channel(self, topic: str, schema_id: int, encoding: str, metadata: Mapping[str, str]) -> int:
         """Add a topic; returns its id."""
         channel = Channel(
             id=len(self._channels) + 1,
             topic=topic,
-            message_encoding="cdr",
+            message_encoding=encoding,
             metadata=dict(metadata),
             schema_id=schema_id,
         )

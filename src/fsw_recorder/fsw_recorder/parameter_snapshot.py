@@ -1,0 +1,82 @@
+"""Collects the parameters of every node of the graph, without ever waiting for one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import yaml
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+
+_TRIES = 30
+
+
+class ParameterSnapshots:
+    """Asks each node of the graph once for its parameters.
+
+    Parameters
+    ----------
+    node : Node
+        Through which is asked.
+    found : callable
+        Called with a node's full name and its parameters as the YAML of a ROS parameter file.
+    """
+
+    def __init__(self, node: Node, found: Callable[[str, str], None]) -> None:
+        self._node = node
+        self._found = found
+        self._waiting: dict[str, tuple[Any, Any, int]] = {}
+        self._known = {node.get_fully_qualified_name()}
+
+    def look_for_nodes(self) -> None:
+        """Ask nodes that are new, or that had no parameter services yet; to be called now and then."""
+        for name, namespace in self._node.get_node_names_and_namespaces():
+            full_name = f"{namespace.rstrip('/')}/{name}"
+            if full_name not in self._known:
+                self._known.add(full_name)
+                lister = self._node.create_client(ListParameters, f"{full_name}/list_parameters")
+                getter = self._node.create_client(GetParameters, f"{full_name}/get_parameters")
+                self._waiting[full_name] = (lister, getter, _TRIES)
+        for full_name, (lister, getter, tries) in list(self._waiting.items()):
+            if lister.service_is_ready() and getter.service_is_ready():
+                del self._waiting[full_name]
+                self._ask(full_name, lister, getter)
+            elif tries == 0:
+                del self._waiting[full_name]
+                self._forget(lister, getter)
+            else:
+                self._waiting[full_name] = (lister, getter, tries - 1)
+
+    def _ask(self, full_name: str, lister: Any, getter: Any) -> None:
+        def listed(future: Any) -> None:
+            names = list(future.result().result.names) if future.exception() is None else []
+            if names:
+                getter.call_async(GetParameters.Request(names=names)).add_done_callback(
+                    lambda answer: got(names, answer)
+                )
+            else:
+                self._forget(lister, getter)
+
+        def got(names: list[str], future: Any) -> None:
+            if future.exception() is None:
+                values = [_plain(parameter_value_to_python(value)) for value in future.result().values]
+                contents = {full_name: {"ros__parameters": dict(zip(names, values, strict=False))}}
+                self._found(full_name, yaml.safe_dump(contents, allow_unicode=True))
+            self._forget(lister, getter)
+
+        lister.call_async(ListParameters.Request()).add_done_callback(listed)
+
+    def _forget(self, *clients: Any) -> None:
+        for client in clients:
+            self._node.destroy_client(client)
+
+
+def _plain(value: Any) -> Any:
+    """Plain Python for YAML: arrays become lists, bytes numbers."""
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, bytes):
+        return list(value)
+    return [_plain(one) for one in value]

@@ -1,0 +1,184 @@
+"""Decides which recorded message is published when: the player without any middleware."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
+from fsw_recorder.errors import BagError
+
+MIN_RATE, MAX_RATE = 1e-3, 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """How a bag is played.
+
+    Attributes
+    ----------
+    topics : frozenset[str] or None
+        Only these; None: all.
+    rate : float
+        1 plays as recorded, 2 twice as fast.
+    start_offset_s, duration_s : float
+        Part of the bag to play [s]; a duration of 0 means to the end.
+    loop : bool
+        Begin anew at the end.
+    paused : bool
+        Begin paused.
+    """
+
+    topics: frozenset[str] | None = None
+    rate: float = 1.0
+    start_offset_s: float = 0.0
+    duration_s: float = 0.0
+    loop: bool = False
+    paused: bool = False
+
+
+class Player:
+    """Plays one bag; time is handed in, so it can be driven by any clock.
+
+    Parameters
+    ----------
+    reader : BagReader
+        The bag; owned by the caller.
+    options : PlayOptions
+    now_ns : int
+        Present time of the clock that drives the player, e.g. ``time.monotonic_ns()``.
+
+    Raises
+    ------
+    BagError
+        The bag has nothing to play, or an option is out of range.
+    """
+
+    def __init__(self, reader: BagReader, options: PlayOptions, now_ns: int) -> None:
+        check_rate(options.rate)
+        self._reader = reader
+        self._topics: Collection[str] | None = options.topics
+        info = reader.info()
+        played = [one for one in info.topics if one.count and (self._topics is None or one.name in self._topics)]
+        if not played:
+            wanted = f" on {', '.join(sorted(options.topics))}" if options.topics else ""
+            raise BagError(f"{reader.path}: nothing to play: no messages{wanted}")
+        self.topics = played
+        self.start_ns = info.start_ns + round(options.start_offset_s * 1e9)
+        self.end_ns = info.end_ns
+        if not info.start_ns <= self.start_ns <= self.end_ns:
+            raise BagError(
+                f"{reader.path}: start offset {options.start_offset_s:g} s is outside the bag, "
+                f"which is {info.duration_s:.3f} s long"
+            )
+        if options.duration_s > 0.0:
+            self.end_ns = min(self.end_ns, self.start_ns + round(options.duration_s * 1e9))
+        self._bag_start_ns = info.start_ns
+        self._loop = options.loop
+        self._rate = options.rate
+        self.is_paused = options.paused
+        self.finished = False
+        self.loops = 0
+        self._source: Iterator[BagRecord] = iter(())
+        self._next: BagRecord | None = None
+        self._anchor_bag_ns = self._anchor_now_ns = 0
+        self._go_to(self.start_ns, now_ns)
+
+    @property
+    def rate(self) -> float:
+        """Bag time per clock time."""
+        return self._rate
+
+    def latched_before_start(self) -> list[BagRecord]:
+        """Last message before the start of every latched topic; to be published first."""
+        names = {one.name for one in self.topics if any(qos.durability == "transient_local" for qos in one.qos)}
+        last: dict[str, BagRecord] = {}
+        if names and self.start_ns > self._bag_start_ns:
+            for record in self._reader.records(names, stop_ns=self.start_ns):
+                last[record.topic] = record
+        return list(last.values())
+
+    def bag_time_ns(self, now_ns: int) -> int:
+        """Time in the bag at a time of the clock; never beyond the end."""
+        if self.is_paused:
+            return min(self._anchor_bag_ns, self.end_ns)
+        elapsed = round((now_ns - self._anchor_now_ns) * self._rate)
+        return min(self._anchor_bag_ns + elapsed, self.end_ns)
+
+    def take_due(self, now_ns: int, most: int = 1000) -> list[BagRecord]:
+        """Messages whose time has come, at most ``most``; `finished` is set after the last one."""
+        due: list[BagRecord] = []
+        if self.is_paused or self.finished:
+            return due
+        bag_time = self.bag_time_ns(now_ns)
+        while self._next is not None and self._next.log_time_ns <= bag_time and len(due) < most:
+            due.append(self._next)
+            self._advance()
+        if self._next is None:
+            if self._loop:
+                self.loops += 1
+                self._go_to(self.start_ns, now_ns)
+            else:
+                self.finished = True
+        return due
+
+    def next_due_ns(self) -> int | None:
+        """Clock time at which the next message is due; None while paused or finished."""
+        if self.is_paused or self.finished or self._next is None:
+            return None
+        return self._anchor_now_ns + max(round((self._next.log_time_ns - self._anchor_bag_ns) / self._rate), 0)
+
+    def pause(self, now_ns: int) -> None:
+        """Stand still."""
+        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
+        self.is_paused = True
+
+    def resume(self, now_ns: int) -> None:
+        """Go on from where `pause` stopped."""
+        if self.is_paused:
+            self.is_paused = False
+            self._anchor_now_ns = now_ns
+
+    def set_rate(self, rate: float, now_ns: int) -> bool:
+        """Change the rate from now on; False when it is not positive or absurd."""
+        if not MIN_RATE <= rate <= MAX_RATE:
+            return False
+        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
+        self._rate = rate
+        return True
+
+    def seek(self, bag_time_ns: int, now_ns: int) -> bool:
+        """Go on from a time in the bag; False when it is outside the bag."""
+        if not self._bag_start_ns <= bag_time_ns <= self.end_ns:
+            return False
+        self._go_to(bag_time_ns, now_ns)
+        self.finished = False
+        return True
+
+    def step(self, now_ns: int) -> BagRecord | None:
+        """While paused: take the next message at once; None at the end or when not paused."""
+        if not self.is_paused or self._next is None:
+            return None
+        record = self._next
+        self._anchor_bag_ns, self._anchor_now_ns = record.log_time_ns, now_ns
+        self._advance()
+        return record
+
+    def _go_to(self, bag_time_ns: int, now_ns: int) -> None:
+        self._source = self._reader.records(self._topics, start_ns=bag_time_ns, stop_ns=min(self.end_ns + 1, FOREVER_NS))
+        self._anchor_bag_ns, self._anchor_now_ns = bag_time_ns, now_ns
+        self._advance()
+
+    def _advance(self) -> None:
+        self._next = next(self._source, None)
+
+
+def check_rate(rate: float) -> None:
+    """Refuse a rate that makes no sense.
+
+    Raises
+    ------
+    BagError
+    """
+    if not MIN_RATE <= rate <= MAX_RATE:
+        raise BagError(f"rate {rate:g} is outside {MIN_RATE:g} to {MAX_RATE:g}")

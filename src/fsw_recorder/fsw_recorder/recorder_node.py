@@ -1,0 +1,267 @@
+"""Records the topics of the graph to a rosbag2 MCAP bag."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rosbag2_interfaces.msg import WriteSplitEvent
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
+
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.errors import BagError
+from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
+from fsw_recorder.parameter_snapshot import ParameterSnapshots
+from fsw_recorder.qos_ros import offered_by, profile_of
+from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions_text
+from fsw_recorder.sequence_gaps import SequenceGaps
+from fsw_recorder.topic_selection import TopicSelection, requested_qos
+
+_NO_SEQUENCE = 2**64 - 1
+
+
+class RecorderNode(Node):
+    """Node that records; see ``recorder.yaml`` for its parameters.
+
+    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused``, ``~/split_bagfile`` and, in snapshot
+    mode, ``~/snapshot``; topic ``~/events/write_split`` (as ``events/write_split``).
+
+    Raises
+    ------
+    BagError
+        The bag cannot be made, or an attachment cannot be read.
+    """
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_recorder", **arguments)
+        values = declare(self, "fsw_recorder", "recorder.yaml").values
+        self._selection = TopicSelection(
+            topics=tuple(values["topics"]),
+            regex=values["regex"],
+            exclude=tuple(values["exclude"]),
+            exclude_regex=values["exclude_regex"],
+            include_hidden=values["include_hidden"],
+        )
+        self._depth: int = values["queue_depth"]
+        attachments = [("versions.json", versions_text())]
+        if values["scenario"]:
+            attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
+        attachments += [(path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]]
+        self._custom = custom_entries(values["custom_data"])
+        options = WriterOptions(
+            compression=values["compression"],
+            max_file_bytes=values["max_bag_size"],
+            max_file_s=values["max_bag_duration"],
+            chunk_period_s=values["chunk_period"],
+            sync_period_s=values["sync_period"],
+            max_pending_bytes=values["max_cache_size"],
+            snapshot=values["snapshot_mode"],
+        )
+        self.writer = BagWriter(output_folder(values["output"], datetime.now()), options, self._custom)
+        for name, data in attachments:
+            self.writer.attach(name, media_type(name), data)
+        if values["start_paused"]:
+            self.writer.pause()
+        self._gaps = SequenceGaps()
+        self._subscriptions_by_topic: dict[str, Any] = {}
+        self._offers: dict[str, tuple[Any, ...]] = {}
+        self._left_out: dict[str, str] = {}
+        self._files = 1
+        self._make_services(options.snapshot)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._parameters = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
+        self.create_timer(values["discovery_period"], self._discover, clock=steady)
+        self.create_timer(1.0, self._report, clock=steady)
+        self._discover()
+        self.get_logger().info(f"recording to {self.writer.folder}")
+
+    @property
+    def failed(self) -> bool:
+        """Whether writing has failed."""
+        return self.writer.error is not None
+
+    def _make_services(self, snapshot: bool) -> None:
+        writer, logger = self.writer, self.get_logger()
+        self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
+
+        def pause(_: Pause.Request, response: Pause.Response) -> Pause.Response:
+            writer.pause()
+            logger.info("paused")
+            return response
+
+        def resume(_: Resume.Request, response: Resume.Response) -> Resume.Response:
+            writer.resume()
+            logger.info("resumed")
+            return response
+
+        def is_paused(_: IsPaused.Request, response: IsPaused.Response) -> IsPaused.Response:
+            response.paused = writer.is_paused
+            return response
+
+        def split(_: SplitBagfile.Request, response: SplitBagfile.Response) -> SplitBagfile.Response:
+            writer.split()
+            writer.flush(2.0)
+            self._announce_split()
+            return response
+
+        def take_snapshot(_: Snapshot.Request, response: Snapshot.Response) -> Snapshot.Response:
+            writer.take_snapshot()
+            response.success = writer.flush(5.0)
+            return response
+
+        self.create_service(Pause, "~/pause", pause)
+        self.create_service(Resume, "~/resume", resume)
+        self.create_service(IsPaused, "~/is_paused", is_paused)
+        self.create_service(SplitBagfile, "~/split_bagfile", split)
+        if snapshot:
+            self.create_service(Snapshot, "~/snapshot", take_snapshot)
+
+    # ------------------------------------------------------------------ topics
+
+    def _discover(self) -> None:
+        if self.failed:
+            self.get_logger().fatal(str(self.writer.error))
+            self._report()
+            rclpy.try_shutdown()
+            return
+        for name, types in self.get_topic_names_and_types():
+            if name in self._subscriptions_by_topic or name in self._left_out or not self._selection.takes(name):
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if publishers:
+                self._subscribe(name, types, tuple(offered_by(one.qos_profile) for one in publishers))
+        self._announce_split()
+
+    def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Any, ...]) -> None:
+        if len(types) != 1:
+            self._leave_out(name, f"publishers disagree about its type: {', '.join(types)}")
+            return
+        type_name = types[0]
+        try:
+            kind = message_class(type_name)
+        except (ImportError, AttributeError, ValueError, LookupError) as error:
+            self._leave_out(name, f"its type {type_name} is not installed here: {error}")
+            return
+        topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
+        self.writer.add_topic(topic)
+        events = SubscriptionEventCallbacks(message_lost=self._lost_callback(name))
+        profile = profile_of(requested_qos(offers, self._depth))
+        callback = self._receive_callback(name)
+        self._offers[name] = offers
+        self._subscriptions_by_topic[name] = self.create_subscription(
+            kind, name, callback, profile, raw=True, event_callbacks=events
+        )
+        self.get_logger().info(f"subscribed to {name} [{type_name}]")
+
+    def _leave_out(self, name: str, reason: str) -> None:
+        self._left_out[name] = reason
+        self.get_logger().warning(f"{name} is not recorded: {reason}")
+
+    def _receive_callback(self, topic: str) -> Callable[[bytes, dict[str, Any]], None]:
+        write, gaps, single = self.writer.write, self._gaps, len(self._offers.get(topic, ())) <= 1
+
+        def receive(data: bytes, info: dict[str, Any]) -> None:
+            received = info.get("received_timestamp") or time.time_ns()
+            sequence = info.get("publication_sequence_number")
+            if sequence is None or sequence == _NO_SEQUENCE:
+                sequence = 0
+            elif single:
+                gaps.note(topic, sequence)
+            write(topic, bytes(data), received, info.get("source_timestamp") or received, sequence)
+
+        return receive
+
+    def _lost_callback(self, topic: str) -> Callable[[Any], None]:
+        def lost(status: Any) -> None:
+            self._gaps.report(topic, status.total_count_change)
+            self.get_logger().warning(f"{topic}: {status.total_count_change} messages lost before they were received")
+
+        return lost
+
+    # ------------------------------------------------------------------ reports
+
+    def _attach_parameters(self, node_name: str, text: str) -> None:
+        name = f"parameters/{node_name.strip('/').replace('/', '.')}.yaml"
+        self.writer.attach(name, media_type(name), text.encode())
+
+    def _announce_split(self) -> None:
+        files = self.writer.statistics().files
+        while self._files < files:
+            name = self.writer.folder.name
+            closed, opened = (str(self.writer.folder / f"{name}_{n}.mcap") for n in (self._files - 1, self._files))
+            self._split_events.publish(
+                WriteSplitEvent(closed_file=closed, opened_file=opened, node_name=self.get_fully_qualified_name())
+            )
+            self._files += 1
+
+    def _report(self) -> None:
+        if self._parameters is not None and not self.failed:
+            self._parameters.look_for_nodes()
+        counters = self.writer.statistics()
+        level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
+        if self._gaps.total or counters.dropped or self._left_out:
+            level, text = DiagnosticStatus.WARN, "recording, but not everything is in the bag"
+        if self.writer.error is not None:
+            level, text = DiagnosticStatus.ERROR, str(self.writer.error)
+        values = {
+            "bag": str(self.writer.folder),
+            "topics": str(len(self._subscriptions_by_topic)),
+            "received": str(counters.received),
+            "written": str(counters.written),
+            "dropped": str(counters.dropped),
+            "lost": str(self._gaps.total),
+            "files": str(counters.files),
+            "bytes": str(counters.bytes),
+            "pending_bytes": str(counters.pending_bytes),
+            "longest_write_s": f"{counters.longest_write_s:.3f}",
+        }
+        values |= {f"lost {topic}": str(count) for topic, count in self._gaps.lost.items()}
+        values |= {f"left out {topic}": reason for topic, reason in self._left_out.items()}
+        status = DiagnosticStatus(level=level, name=f"{self.get_name()}: recording", message=text)
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def destroy_node(self) -> None:
+        """Finish the bag and leave the graph."""
+        self.writer.custom_data["lost_messages"] = str(self._gaps.total)
+        self.writer.custom_data |= {f"lost_messages {topic}": str(n) for topic, n in self._gaps.lost.items()}
+        self.writer.close()
+        counters = self.writer.statistics()
+        if not self.failed:
+            self.get_logger().info(
+                f"{counters.written} messages in {self.writer.folder} ({self._gaps.total} lost, {counters.dropped} dropped)"
+            )
+        super().destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the recorder until it is told to end; exit code 1 when writing failed."""
+    nodes: list[RecorderNode] = []
+
+    def make() -> RecorderNode:
+        try:
+            nodes.append(RecorderNode())
+        except BagError as error:
+            raise ValueError(str(error)) from None
+        return nodes[0]
+
+    code = run(make, args)
+    return 1 if code == 0 and nodes and nodes[0].failed else code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,278 @@
+"""Publishes a bag into the graph, with its clock."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosbag2_interfaces.srv import (
+    Burst,
+    GetRate,
+    IsPaused,
+    Pause,
+    PlayNext,
+    Resume,
+    Seek,
+    SetRate,
+    Stop,
+    TogglePaused,
+)
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from fsw_recorder.bag_reader import BagReader, BagRecord
+from fsw_recorder.errors import BagError
+from fsw_recorder.interface_text import interface_hash, message_class
+from fsw_recorder.player import Player, PlayOptions
+from fsw_recorder.qos_ros import profile_of
+from fsw_recorder.topic_selection import TopicSelection, replayed_qos
+
+_PERIOD_S = 0.002
+
+
+class ReplayNode(Node):
+    """Node that plays a bag; see ``replay.yaml`` for its parameters.
+
+    Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``, ``~/get_rate``,
+    ``~/set_rate``, ``~/play_next``, ``~/burst``, ``~/seek``, ``~/stop``.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be read or has nothing to play.
+    """
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_replay", **arguments)
+        values = declare(self, "fsw_recorder", "replay.yaml").values
+        if not values["bag"]:
+            raise BagError("no bag given; write its path behind the command, or set the parameter 'bag'")
+        selection = TopicSelection(
+            topics=tuple(values["topics"]),
+            regex=values["regex"],
+            exclude=tuple(values["exclude"]),
+            exclude_regex=values["exclude_regex"],
+            include_hidden=True,
+        )
+        self._exit_at_end: bool = values["exit_at_end"]
+        self._reader = BagReader(Path(values["bag"]).expanduser())
+        for problem in self._reader.problems:
+            self.get_logger().warning(problem)
+        recorded_clock = "/clock" in self._reader.topics()
+        own_clock = values["clock"] == "bag_time" or (values["clock"] == "auto" and not recorded_clock)
+        if values["clock"] == "recorded" and not recorded_clock:
+            raise BagError(f"{values['bag']}: clock is 'recorded' but the bag has no /clock")
+        names = {name for name in self._reader.topics() if selection.takes(name)}
+        if own_clock or values["clock"] == "none":
+            names.discard("/clock")
+        elif recorded_clock:
+            names.add("/clock")
+        options = PlayOptions(
+            topics=frozenset(names),
+            rate=values["rate"],
+            start_offset_s=values["start_offset"],
+            duration_s=values["duration"],
+            loop=values["loop"],
+            paused=values["start_paused"],
+        )
+        self.player = Player(self._reader, options, time.monotonic_ns())
+        self.published = 0
+        self._publishers_by_topic = self._make_publishers()
+        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
+        self._clock_period_ns = round(1e9 / values["clock_frequency"])
+        self._last_clock_ns = 0
+        self._wait_for: list[str] = [name for name in values["wait_for"] if name]
+        now = time.monotonic()
+        self._settled_at = now + values["wait_settle"]
+        self._waits_until = now + max(values["wait_timeout"], values["wait_settle"])
+        self._playing = False
+        self._make_services()
+        self.create_timer(_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_publishers(self) -> dict[str, Any]:
+        publishers: dict[str, Any] = {}
+        for topic in self.player.topics:
+            try:
+                if topic.encoding != "cdr":
+                    raise ValueError(f"encoding '{topic.encoding}' is not CDR")
+                kind = message_class(topic.type_name)
+            except (ImportError, AttributeError, ValueError, LookupError) as error:
+                self.get_logger().warning(f"{topic.name} [{topic.type_name}] is not played: {error}")
+                continue
+            known = interface_hash(topic.type_name)
+            if topic.type_hash and known and topic.type_hash != known:
+                self.get_logger().warning(
+                    f"{topic.name} is not played: {topic.type_name} was another version when the bag was recorded"
+                )
+                continue
+            publishers[topic.name] = self.create_publisher(kind, topic.name, profile_of(replayed_qos(topic.qos)))
+        if not publishers:
+            raise BagError(f"{self._reader.path}: nothing to play: no type of its topics is installed here")
+        return publishers
+
+    # ------------------------------------------------------------------ playing
+
+    def _tick(self) -> None:
+        now_ns = time.monotonic_ns()
+        if not self._playing:
+            if not self._subscribers_ready():
+                return
+            self._playing = True
+            for record in self.player.latched_before_start():
+                self._publish(record)
+            paused = self.player.is_paused
+            self.player.seek(self.player.start_ns, now_ns)
+            self.get_logger().info(f"playing {self._reader.path}" + (" (paused)" if paused else ""))
+        for record in self.player.take_due(now_ns):
+            self._publish(record)
+        if self._clock_publisher is not None and now_ns - self._last_clock_ns >= self._clock_period_ns:
+            self._publish_clock(self.player.bag_time_ns(now_ns))
+            self._last_clock_ns = now_ns
+        if self.player.finished and self._exit_at_end:
+            self.get_logger().info(f"played {self.published} messages")
+            self._wait_for_delivery()
+            rclpy.try_shutdown()
+
+    def _subscribers_ready(self) -> bool:
+        now = time.monotonic()
+        if now < self._settled_at:
+            return False
+        missing = [
+            name
+            for name, publisher in self._publishers_by_topic.items()
+            if publisher.get_subscription_count() < max(self.count_subscribers(name), name in self._wait_for)
+        ]
+        missing += [name for name in self._wait_for if name not in self._publishers_by_topic]
+        if missing and now < self._waits_until:
+            return False
+        if missing:
+            self.get_logger().warning(f"playing although no subscriber has matched on {', '.join(missing)}")
+        return True
+
+    def _publish(self, record: BagRecord) -> None:
+        publisher = self._publishers_by_topic.get(record.topic)
+        if publisher is None:
+            return
+        if self._clock_publisher is not None:
+            self._publish_clock(record.log_time_ns)
+        publisher.publish(record.data)
+        self.published += 1
+
+    def _publish_clock(self, time_ns: int) -> None:
+        message = ClockMessage()
+        message.clock.sec, message.clock.nanosec = time_ns // 1_000_000_000, time_ns % 1_000_000_000
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(message)
+
+    def _wait_for_delivery(self) -> None:
+        from rclpy.duration import Duration
+
+        for publisher in self._publishers_by_topic.values():
+            publisher.wait_for_all_acked(Duration(seconds=2.0))
+
+    # ------------------------------------------------------------------ services
+
+    def _make_services(self) -> None:
+        player, now = self.player, time.monotonic_ns
+
+        def pause(_: Any, response: Any) -> Any:
+            player.pause(now())
+            return response
+
+        def resume(_: Any, response: Any) -> Any:
+            player.resume(now())
+            return response
+
+        def toggle(_: Any, response: Any) -> Any:
+            (player.resume if player.is_paused else player.pause)(now())
+            return response
+
+        def is_paused(_: Any, response: Any) -> Any:
+            response.paused = player.is_paused
+            return response
+
+        def get_rate(_: Any, response: Any) -> Any:
+            response.rate = player.rate
+            return response
+
+        def set_rate(request: Any, response: Any) -> Any:
+            response.success = player.set_rate(request.rate, now())
+            return response
+
+        def play_next(_: Any, response: Any) -> Any:
+            response.success = self._step() == 1
+            return response
+
+        def burst(request: Any, response: Any) -> Any:
+            response.actually_burst = self._step(request.num_messages)
+            return response
+
+        def seek(request: Any, response: Any) -> Any:
+            response.success = player.seek(request.time.sec * 1_000_000_000 + request.time.nanosec, now())
+            return response
+
+        def stop(_: Any, response: Any) -> Any:
+            player.pause(now())
+            player.finished = True
+            return response
+
+        for kind, name, answer in (
+            (Pause, "pause", pause),
+            (Resume, "resume", resume),
+            (TogglePaused, "toggle_paused", toggle),
+            (IsPaused, "is_paused", is_paused),
+            (GetRate, "get_rate", get_rate),
+            (SetRate, "set_rate", set_rate),
+            (PlayNext, "play_next", play_next),
+            (Burst, "burst", burst),
+            (Seek, "seek", seek),
+            (Stop, "stop", stop),
+        ):
+            self.create_service(kind, f"~/{name}", answer)
+
+    def _step(self, most: int = 1) -> int:
+        """Publish the next messages while paused; ``most`` 0 means all."""
+        count = 0
+        while most == 0 or count < most:
+            record = self.player.step(time.monotonic_ns())
+            if record is None:
+                break
+            self._publish(record)
+            count += 1
+        return count
+
+    def destroy_node(self) -> None:
+        """Close the bag and leave the graph."""
+        self._reader.close()
+        super().destroy_node()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Play a bag: ``run_replay.py BAG [--ros-args ...]``."""
+    argv = list(sys.argv if args is None else args)
+    overrides: list[Parameter] = []
+    if len(argv) > 1 and not argv[1].startswith("-"):
+        overrides.append(Parameter("bag", Parameter.Type.STRING, argv.pop(1)))
+    nodes: list[ReplayNode] = []
+
+    def make() -> ReplayNode:
+        try:
+            nodes.append(ReplayNode(parameter_overrides=overrides))
+        except BagError as error:
+            raise ValueError(str(error)) from None
+        return nodes[0]
+
+    return run(make, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
