@@ -1,0 +1,52 @@
+"""Writes the kernel's model function, ``kernel/torque.c``, from the CasADi equations.
+
+Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations (19)-(22).
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+
+import casadi as ca
+
+from fsw_model import ModelParameters, equations
+
+#: Parameters of the torque function, in the order of the kernel's ``torque_par``.
+TORQUE_PARAMETERS = (
+    "shoulder_radius_m",
+    "contact_inner_radius_m",
+    "probe_volume_m3",
+    "sticking_stress_pa",
+    "friction_coefficient",
+)
+SOURCE = Path(__file__).parent / "kernel" / "torque.c"
+
+
+def torque_function() -> ca.Function:
+    """CasADi function (force_kn, depth_mm, parameters (5)) -> (torque N m, by force, by depth)."""
+    force, depth = ca.SX.sym("force_kn"), ca.SX.sym("depth_mm")
+    par = ca.SX.sym("parameters", len(TORQUE_PARAMETERS))
+    named = SimpleNamespace(**{name: par[i] for i, name in enumerate(TORQUE_PARAMETERS)})
+    torque = equations.process_torque_nm(cast(ModelParameters, named), force, depth)
+    out = ca.vertcat(torque, ca.gradient(torque, force), ca.gradient(torque, depth))
+    return ca.Function("fsw_torque_casadi", [force, depth, par], [ca.cse(out)])
+
+
+def generate() -> str:
+    """The C99 text of the torque function."""
+    with tempfile.TemporaryDirectory() as folder:
+        generator = ca.CodeGenerator("torque", {"casadi_int": "int", "casadi_real": "double", "with_header": False})
+        generator.add(torque_function())
+        generator.generate(folder + "/")
+        text = (Path(folder) / "torque.c").read_text(encoding="utf-8")
+    lines = [line.rstrip() for line in text.splitlines()]
+    return "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n" + "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    SOURCE.write_text(generate(), encoding="utf-8")
+    print(f"wrote {SOURCE.name}", file=sys.stderr)
