@@ -152,10 +152,13 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
         If a ROS argument is malformed, with what and why.
     UnknownROSArgsError
         If there are ROS arguments that nobody knows.
+    UnicodeEncodeError
+        If an argument is not UTF-8.
     """
     arguments, unknown, in_ros = Arguments(), [], False
     words = iter(sys.argv if argv is None else argv)
     for word in words:
+        word.encode()
         if word == "--ros-args":
             in_ros = True
         elif not in_ros:

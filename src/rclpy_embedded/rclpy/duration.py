@@ -10,7 +10,43 @@ if TYPE_CHECKING:
     import builtin_interfaces.msg
 
 
-class Duration:
+class NanosecondValue:
+    """Order of values that are a number of nanoseconds; like the genuine classes they have no hash."""
+
+    __slots__ = ("__weakref__", "_nanoseconds")
+    __hash__ = None  # type: ignore[assignment]
+
+    _nanoseconds: int
+
+    @property
+    def nanoseconds(self) -> int:
+        """The value in nanoseconds."""
+        return self._nanoseconds
+
+    def _comparable(self, other: object) -> int | None:
+        """Return the nanoseconds of `other` if it can be compared with this, else None."""
+        raise TypeError(f"{type(self).__name__} has no order")
+
+    def __eq__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds == ns
+
+    def __ne__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds != ns
+
+    def __lt__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds < ns
+
+    def __le__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds <= ns
+
+    def __gt__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds > ns
+
+    def __ge__(self, other: object) -> bool:
+        return NotImplemented if (ns := self._comparable(other)) is None else self._nanoseconds >= ns
+
+
+class Duration(NanosecondValue):
     """A signed period between two time points.
 
     Parameters
@@ -26,7 +62,7 @@ class Duration:
         If the total does not fit into 64 bits.
     """
 
-    __slots__ = ("__weakref__", "_nanoseconds")
+    __slots__ = ()
 
     def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
         total = int(seconds * S_TO_NS) + int(nanoseconds)
@@ -34,37 +70,14 @@ class Duration:
             raise OverflowError("Total nanoseconds value is too large to store in C duration.")
         self._nanoseconds = total
 
-    @property
-    def nanoseconds(self) -> int:
-        """Total length in nanoseconds."""
-        return self._nanoseconds
+    def _comparable(self, other: object) -> int | None:
+        return other._nanoseconds if isinstance(other, Duration) else None
 
     def __repr__(self) -> str:
         return f"Duration(nanoseconds={self._nanoseconds})"
 
     def __str__(self) -> str:
         return "Infinite" if self._nanoseconds == INT64_MAX else f"{self._nanoseconds} nanoseconds"
-
-    # Like the genuine class: equality without a hash.
-    __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        return self._nanoseconds == other._nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __ne__(self, other: object) -> bool:
-        return self._nanoseconds != other._nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __lt__(self, other: object) -> bool:
-        return self._nanoseconds < other._nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __le__(self, other: object) -> bool:
-        return self._nanoseconds <= other._nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __gt__(self, other: object) -> bool:
-        return self._nanoseconds > other._nanoseconds if isinstance(other, Duration) else NotImplemented
-
-    def __ge__(self, other: object) -> bool:
-        return self._nanoseconds >= other._nanoseconds if isinstance(other, Duration) else NotImplemented
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:
         """Return the duration as ``builtin_interfaces/msg/Duration``."""

@@ -1,3 +1,4 @@
+# ruff: noqa: N818 - the names are the genuine ones
 """Exceptions of the client library, with the names and texts of the genuine ones."""
 
 from __future__ import annotations
@@ -68,32 +69,37 @@ class NameValidationException(Exception):
         super().__init__(f"Invalid {name_type}: {error_msg}:\n  '{name}'\n   {' ' * invalid_index}^")
 
 
-class InvalidNamespaceException(NameValidationException):
+class _InvalidNameException(NameValidationException):
+    """Base of the errors about one kind of name."""
+
+    name_type = "name"
+
+    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
+        super().__init__(self.name_type, name, error_msg, invalid_index)
+
+
+class InvalidNamespaceException(_InvalidNameException):
     """Raised when a namespace is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
-        super().__init__("namespace", name, error_msg, invalid_index)
+    name_type = "namespace"
 
 
-class InvalidNodeNameException(NameValidationException):
+class InvalidNodeNameException(_InvalidNameException):
     """Raised when a node name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
-        super().__init__("node name", name, error_msg, invalid_index)
+    name_type = "node name"
 
 
-class InvalidTopicNameException(NameValidationException):
+class InvalidTopicNameException(_InvalidNameException):
     """Raised when a topic name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
-        super().__init__("topic name", name, error_msg, invalid_index)
+    name_type = "topic name"
 
 
-class InvalidServiceNameException(NameValidationException):
+class InvalidServiceNameException(_InvalidNameException):
     """Raised when a service name is invalid."""
 
-    def __init__(self, name: str, error_msg: str, invalid_index: int) -> None:
-        super().__init__("service name", name, error_msg, invalid_index)
+    name_type = "service name"
 
 
 class ParameterException(Exception):

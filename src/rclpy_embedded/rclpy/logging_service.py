@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import LoggerLevel, SetLoggerLevelsResult
 from rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
-
 from rclpy.logging import get_logger_level, set_logger_level
 from rclpy.qos import qos_profile_services_default
 

@@ -8,10 +8,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+from rclpy.exceptions import (
+    InvalidNamespaceException,
+    InvalidNodeNameException,
+    InvalidParameterException,
+    InvalidServiceNameException,
+    InvalidTopicNameException,
+)
 
 if TYPE_CHECKING:
     from rclpy.arguments import RemapRule
+
+TOPIC_SEPARATOR_STRING = "/"
 
 #: DDS allows 255 characters; 8 are kept for the prefixes and suffixes of ROS.
 MAX_TOPIC_LENGTH = 255 - 8
@@ -102,6 +112,41 @@ def topic_name_error(name: str) -> NameError_:
     if bad := re.search(r"/[0-9]", name):
         return "topic name token must not start with a number", bad.start() + 1
     return None
+
+
+def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
+    """Return True for a valid name, which need not be expanded; else raise Invalid{Topic,Service}NameException."""
+    if error := topic_name_error(name):
+        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+    return True
+
+
+def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
+    """Return True for a valid fully qualified name; else raise Invalid{Topic,Service}NameException."""
+    if error := full_topic_name_error(name):
+        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+    return True
+
+
+def validate_namespace(namespace: str) -> Literal[True]:
+    """Return True for a valid absolute namespace; else raise InvalidNamespaceException."""
+    if error := namespace_error(namespace):
+        raise InvalidNamespaceException(namespace, *error)
+    return True
+
+
+def validate_node_name(node_name: str) -> Literal[True]:
+    """Return True for a valid node name; else raise InvalidNodeNameException."""
+    if error := node_name_error(node_name):
+        raise InvalidNodeNameException(node_name, *error)
+    return True
+
+
+def validate_parameter_name(name: str) -> Literal[True]:
+    """Return True for a valid parameter name; else raise InvalidParameterException."""
+    if not name:
+        raise InvalidParameterException(name)
+    return True
 
 
 def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> str:

@@ -12,7 +12,6 @@ from rclpy.qos import qos_profile_parameters
 if TYPE_CHECKING:
     from rcl_interfaces.msg import Parameter as ParameterMsg
     from rcl_interfaces.msg import SetParametersResult
-
     from rclpy.node import Node
 
 

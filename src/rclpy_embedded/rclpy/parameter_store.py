@@ -14,9 +14,9 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
+from rclpy.names import validate_parameter_name
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
 from rclpy.parameter_ranges import PARAM_REL_TOL, range_error
-from rclpy.validate_parameter_name import validate_parameter_name
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import (

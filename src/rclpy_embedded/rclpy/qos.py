@@ -30,7 +30,7 @@ def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
     return QoSPolicyKind(policy_kind).name
 
 
-class InvalidQoSProfileException(Exception):
+class InvalidQoSProfileException(Exception):  # noqa: N818 - the genuine name
     """Raised when a profile lacks what it needs."""
 
     def __init__(self, *args: Any) -> None:
@@ -145,7 +145,7 @@ class QoSProfile:
         For an unknown keyword or a value of the wrong type, as the genuine class does.
     """
 
-    __slots__ = [
+    __slots__ = [  # noqa: RUF023 - the order of __str__
         "_history",
         "_depth",
         "_reliability",
@@ -278,61 +278,47 @@ class QoSCompatibility(IntEnum):
     ERROR = 2
 
 
-def _errors(pub: QoSProfile, sub: QoSProfile) -> list[str]:
-    found = []
-    if pub.reliability == ReliabilityPolicy.BEST_EFFORT and sub.reliability == ReliabilityPolicy.RELIABLE:
-        found.append("Best effort publisher and reliable subscription")
-    if pub.durability == DurabilityPolicy.VOLATILE and sub.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        found.append("Volatile publisher and transient local subscription")
-    if sub.deadline.nanoseconds and not pub.deadline.nanoseconds:
-        found.append("Subscription has a deadline, but publisher does not")
-    elif sub.deadline.nanoseconds and sub.deadline < pub.deadline:
-        found.append("Subscription deadline is less than publisher deadline")
-    if pub.liveliness == LivelinessPolicy.AUTOMATIC and sub.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC:
-        found.append("Publisher's liveliness is automatic and subscription's is manual by topic")
-    pub_lease, sub_lease = pub.liveliness_lease_duration, sub.liveliness_lease_duration
-    if sub_lease.nanoseconds and not pub_lease.nanoseconds:
-        found.append("Subscription has a liveliness lease duration, but publisher does not")
-    elif sub_lease.nanoseconds and sub_lease < pub_lease:
-        found.append("Subscription liveliness lease duration is less than publisher")
-    return found
-
-
-def _warnings(pub: QoSProfile, sub: QoSProfile) -> list[str]:
-    """Return doubts: one side's policy is left to the system, so nobody can know."""
-    found = []
-    for label, weakest, strictest, if_requested, if_offered in (
-        (
-            "reliability",
-            ReliabilityPolicy.BEST_EFFORT,
-            ReliabilityPolicy.RELIABLE,
-            "Reliable subscription, but publisher is",
-            "Best effort publisher, but subscription is",
-        ),
-        (
-            "durability",
-            DurabilityPolicy.VOLATILE,
-            DurabilityPolicy.TRANSIENT_LOCAL,
-            "Transient local subscription, but publisher is",
-            "Volatile publisher, but subscription is",
-        ),
-        (
-            "liveliness",
-            LivelinessPolicy.AUTOMATIC,
-            LivelinessPolicy.MANUAL_BY_TOPIC,
-            "Subscription's liveliness is manual by topic, but publisher's is",
-            "Publisher's liveliness is automatic, but subscription's is",
-        ),
-    ):
-        offered, requested = getattr(pub, label).short_key, getattr(sub, label).short_key
-        unknown = ("system_default", "unknown")
-        if offered in unknown and requested in unknown:
-            found.append(f"Publisher {label} is {offered} and subscription {label} is {requested}")
-        elif offered in unknown and getattr(sub, label) == strictest:
-            found.append(f"{if_requested} {offered}")
-        elif requested in unknown and getattr(pub, label) == weakest:
-            found.append(f"{if_offered} {requested}")
-    return found
+#: Policy; what cannot serve what, and the error; the doubts if only the offer or only the request is known.
+_ENUM_RULES = (
+    (
+        "reliability",
+        ReliabilityPolicy.BEST_EFFORT,
+        ReliabilityPolicy.RELIABLE,
+        "Best effort publisher and reliable subscription",
+        "Best effort publisher, but subscription is",
+        "Reliable subscription, but publisher is",
+    ),
+    (
+        "durability",
+        DurabilityPolicy.VOLATILE,
+        DurabilityPolicy.TRANSIENT_LOCAL,
+        "Volatile publisher and transient local subscription",
+        "Volatile publisher, but subscription is",
+        "Transient local subscription, but publisher is",
+    ),
+    (
+        "liveliness",
+        LivelinessPolicy.AUTOMATIC,
+        LivelinessPolicy.MANUAL_BY_TOPIC,
+        "Publisher's liveliness is automatic and subscription's is manual by topic",
+        "Publisher's liveliness is automatic, but subscription's is",
+        "Subscription's liveliness is manual by topic, but publisher's is",
+    ),
+)
+#: Duration; the errors if only the request has one, and if the request is shorter than the offer.
+_DURATION_RULES = (
+    (
+        "deadline",
+        "Subscription has a deadline, but publisher does not",
+        "Subscription deadline is less than publisher deadline",
+    ),
+    (
+        "liveliness_lease_duration",
+        "Subscription has a liveliness lease duration, but publisher does not",
+        "Subscription liveliness lease duration is less than publisher",
+    ),
+)
+_UNKNOWN = ("system_default", "unknown")
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
@@ -345,10 +331,26 @@ def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile
     reason : str
         Every problem found, each ended by ``;``; empty if there is none.
     """
-    errors = _errors(publisher_qos, subscription_qos)
+    errors, doubts = [], []
+    for label, weak, strict, error, offer_known, request_known in _ENUM_RULES:
+        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
+        if offered == weak and requested == strict:
+            errors.append(error)
+        elif offered.short_key in _UNKNOWN and requested.short_key in _UNKNOWN:
+            doubts.append(f"Publisher {label} is {offered.short_key} and subscription {label} is {requested.short_key}")
+        elif offered.short_key in _UNKNOWN and requested == strict:
+            doubts.append(f"{request_known} {offered.short_key}")
+        elif requested.short_key in _UNKNOWN and offered == weak:
+            doubts.append(f"{offer_known} {requested.short_key}")
+    for label, missing, too_short in _DURATION_RULES:
+        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
+        # Zero means unspecified.
+        if requested.nanoseconds and requested < offered:
+            errors.append(too_short)
+        elif requested.nanoseconds and not offered.nanoseconds:
+            errors.append(missing)
     if errors:
         return QoSCompatibility.ERROR, "".join(f"ERROR: {text};" for text in errors)
-    doubts = _warnings(publisher_qos, subscription_qos)
     if doubts:
         return QoSCompatibility.WARNING, "".join(f"WARNING: {text};" for text in doubts)
     return QoSCompatibility.OK, ""

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, overload
 
 from rclpy.clock_type import ClockType
 from rclpy.constants import INT64_MAX, S_TO_NS
-from rclpy.duration import Duration
+from rclpy.duration import Duration, NanosecondValue
 
 if TYPE_CHECKING:
     import builtin_interfaces.msg
 
 
-class Time:
+class Time(NanosecondValue):
     """A point in time: nanoseconds since the epoch of a kind of clock.
 
     Parameters
@@ -34,7 +34,7 @@ class Time:
         If `clock_type` is not a ClockType.
     """
 
-    __slots__ = ("__weakref__", "_clock_type", "_nanoseconds")
+    __slots__ = ("_clock_type",)
 
     def __init__(
         self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
@@ -50,11 +50,6 @@ class Time:
             raise OverflowError("Total nanoseconds value is too large to store in C time point.")
         self._nanoseconds = total
         self._clock_type = clock_type
-
-    @property
-    def nanoseconds(self) -> int:
-        """Nanoseconds since the epoch."""
-        return self._nanoseconds
 
     @property
     def clock_type(self) -> ClockType:
@@ -95,39 +90,11 @@ class Time:
         return NotImplemented
 
     def _comparable(self, other: object) -> int | None:
-        """Return the other point's nanoseconds, or None if `other` is not a Time."""
         if not isinstance(other, Time):
             return None
         if self._clock_type != other._clock_type:
             raise TypeError("Can't compare times with different clock types")
         return other._nanoseconds
-
-    # Like the genuine class: equality without a hash.
-    __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds == ns
-
-    def __ne__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds != ns
-
-    def __lt__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds < ns
-
-    def __le__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds <= ns
-
-    def __gt__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds > ns
-
-    def __ge__(self, other: object) -> bool:
-        ns = self._comparable(other)
-        return NotImplemented if ns is None else self._nanoseconds >= ns
 
     def to_msg(self) -> builtin_interfaces.msg.Time:
         """Return the point as ``builtin_interfaces/msg/Time``."""

@@ -13,10 +13,9 @@ from rclpy.time import Time
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import SetParametersResult
-    from rosgraph_msgs.msg import Clock as ClockMsg
-
     from rclpy.node import Node
     from rclpy.subscription import Subscription
+    from rosgraph_msgs.msg import Clock as ClockMsg
 
 CLOCK_TOPIC = "/clock"
 USE_SIM_TIME_NAME = "use_sim_time"

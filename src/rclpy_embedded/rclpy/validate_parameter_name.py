@@ -1,12 +1,5 @@
 """Check of parameter names."""
 
-from typing import Literal
+from rclpy.names import validate_parameter_name
 
-from rclpy.exceptions import InvalidParameterException
-
-
-def validate_parameter_name(name: str) -> Literal[True]:
-    """Return True for a valid parameter name; else raise InvalidParameterException."""
-    if not name:
-        raise InvalidParameterException(name)
-    return True
+__all__ = ["validate_parameter_name"]
