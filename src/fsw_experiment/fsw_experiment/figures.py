@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -15,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_experiment.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
+from fsw_experiment.weld_events import experiment_time_s
 
 COLOURS = ("#0b62a4", "#d1495b", "#2e8540", "#8d5fd3", "#e08214", "#444444")
 _STYLE = {
@@ -27,8 +29,8 @@ _STYLE = {
     "lines.linewidth": 1.4,
     "axes.axisbelow": True,
 }
-_REFERENCE = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
-_LIMIT = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
+_REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
+_LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,6 +55,8 @@ class _Panel:
     limits: tuple[float, float] | None = None
     smallest_span: float = 0.0
     sensor: str = ""
+    error_span: float = 0.0
+    factor: float = 1.0
 
 
 _DEPTH = _Panel(
@@ -68,6 +72,25 @@ _TEMPERATURE = _Panel(
     1.0,
     "temperature_c",
 )
+_DEPTH_ERROR = _Panel(
+    "Depth error, close up",
+    "error [µm]",
+    "depth_mm",
+    "reference_depth_mm",
+    DEAD_BAND_DEPTH_MM,
+    error_span=20.0,
+    factor=1e3,
+)
+_TEMPERATURE_ERROR = _Panel(
+    "Temperature error, close up",
+    "error [°C]",
+    "temperature_c",
+    "reference_temperature_c",
+    DEAD_BAND_TEMPERATURE_C,
+    error_span=1.0,
+)
+_DEPTH_FREE = replace(_DEPTH, reference="")
+_TEMPERATURE_FREE = replace(_TEMPERATURE, reference="")
 _LIMITS = Limits()
 _FORCE = _Panel(
     "Axial force", "force [kN]", "force_kn", limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn), smallest_span=0.5
@@ -83,11 +106,11 @@ _TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", sma
 _POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", smallest_span=0.5)
 
 _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
-    4: ("Fig. 4: axial force steps, open loop", (_FORCE, _DEPTH, _TORQUE, _TEMPERATURE)),
-    5: ("Fig. 5: spindle speed steps, open loop", (_SPEED, _TORQUE, _POWER, _TEMPERATURE)),
-    6: ("Fig. 6: reference tracking, controlled outputs", (_DEPTH, _TEMPERATURE)),
+    4: ("Fig. 4: axial force steps, open loop", (_FORCE, _DEPTH_FREE, _TORQUE, _TEMPERATURE_FREE)),
+    5: ("Fig. 5: spindle speed steps, open loop", (_SPEED, _TORQUE, _POWER, _TEMPERATURE_FREE)),
+    6: ("Fig. 6: reference tracking, controlled outputs", (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)),
     7: ("Fig. 7: reference tracking, handles", (_FORCE, _SPEED, _POWER)),
-    8: ("Fig. 8: output disturbances, controlled outputs", (_DEPTH, _TEMPERATURE)),
+    8: ("Fig. 8: output disturbances, controlled outputs", (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)),
     9: ("Fig. 9: output disturbances, handles", (_FORCE, _SPEED, _POWER)),
 }
 _OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
@@ -156,46 +179,48 @@ def _page(runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: in
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     axis.set_title(panel.title, loc="left", fontsize=10.0)
     axis.set_ylabel(panel.ylabel)
+    if panel.error_span:
+        _draw_error(axis, panel, runs)
+        return
     shown: list[FloatArray] = []
+    if panel.reference:
+        shown += _draw_reference(axis, panel, runs[0].signals)
     for i, run in enumerate(runs):
         colour = COLOURS[i % len(COLOURS)]
-        signals = run.signals
-        true = _values(signals, panel.quantity)
-        sensed = getattr(signals, panel.sensor) if panel.sensor else None
-        if sensed is not None and (true is None or len(runs) == 1):
-            faint = true is not None
-            axis.plot(
-                signals.time_s,
-                sensed,
-                color=colour,
-                alpha=0.35 if faint else 1.0,
-                linewidth=0.7 if faint else 1.4,
-                label="sensor" if faint else run.label,
-            )
+        true, time_s = _values(run.signals, panel.quantity), experiment_time_s(run.signals)
+        sensed = getattr(run.signals, panel.sensor) if panel.sensor else None
+        if sensed is not None and true is None:
+            axis.plot(time_s, sensed, color=colour, label=run.label)
+            shown.append(sensed)
+        elif sensed is not None and len(runs) == 1:
+            axis.plot(time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
             shown.append(sensed)
         if true is not None:
             held = panel.quantity in ("force_kn", "speed_rpm")
-            axis.plot(
-                signals.time_s, true, color=colour, label=run.label, drawstyle="steps-post" if held else "default"
-            )
+            axis.plot(time_s, true, color=colour, label=run.label, drawstyle="steps-post" if held else "default")
             shown.append(true)
-    if panel.reference:
-        reference = getattr(runs[0].signals, panel.reference)
-        if np.isfinite(reference).any():
-            time_s = runs[0].signals.time_s
-            axis.fill_between(
-                time_s,
-                reference - panel.band,
-                reference + panel.band,
-                step="post",
-                color="black",
-                alpha=0.15,
-                linewidth=0.0,
-                label="dead-band (±2 µm, ±0.1 °C)",
-            )
-            axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
-            shown.append(reference)
     _scale(axis, panel, shown)
+
+
+def _draw_reference(axis: Axes, panel: _Panel, signals: WeldSignals) -> list[FloatArray]:
+    reference: FloatArray = getattr(signals, panel.reference)
+    if not np.isfinite(reference).any():
+        return []
+    axis.step(experiment_time_s(signals), reference, where="post", label="reference", **_REFERENCE)
+    return [reference]
+
+
+def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
+    """Error of an output, at a scale at which the dead-band is visible."""
+    for i, run in enumerate(runs):
+        values = _values(run.signals, panel.quantity)
+        values = getattr(run.signals, panel.quantity) if values is None else values
+        error = panel.factor * (values - getattr(run.signals, panel.reference))
+        axis.plot(experiment_time_s(run.signals), error, color=COLOURS[i % len(COLOURS)], label=run.label)
+    band = panel.factor * panel.band
+    axis.axhspan(-band, band, color="black", alpha=0.15, linewidth=0.0, label="dead-band (±2 µm, ±0.1 °C)")
+    axis.set_ylim(-panel.error_span, panel.error_span)
+    axis.margins(x=0.01)
 
 
 def _values(signals: WeldSignals, quantity: str) -> FloatArray | None:

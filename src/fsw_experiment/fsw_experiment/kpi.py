@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from fsw_recorder.weld_signals import WeldSignals
 
-from fsw_experiment.weld_events import Change, changes
+from fsw_experiment.weld_events import Change, changes, experiment_time_s
 
 #: Dead-bands of the paper's controller.
 DEAD_BAND_DEPTH_MM = 0.002
@@ -73,7 +73,7 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
         "total_variation_force_kn": _variation(signals.force_kn),
         "total_variation_speed_rpm": _variation(signals.speed_rpm),
     }
-    events = _events(found, depth_error, temperature_error, signals.time_s, dt)
+    events = _events(found, depth_error, temperature_error, experiment_time_s(signals), dt)
     result |= _peaks(events)
     for name, status in signals.statuses.items():
         times = status.solve_time_s[np.isfinite(status.solve_time_s) & (status.solve_time_s > 0.0)] * 1e3
@@ -109,7 +109,7 @@ def _events(
     found: list[Change], depth_error: FloatArray, temperature_error: FloatArray, time_s: FloatArray, dt: FloatArray
 ) -> list[dict[str, Any]]:
     """Figures of each change, in the window until the next change begins."""
-    begins = sorted({change.begin for change in found}) + [len(time_s)]
+    begins = [*sorted({change.begin for change in found}), len(time_s)]
     events: list[dict[str, Any]] = []
     for change in found:
         window = slice(change.begin, next(begin for begin in begins if begin > change.begin))

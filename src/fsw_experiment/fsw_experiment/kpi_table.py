@@ -30,12 +30,9 @@ ROWS: tuple[tuple[str, str, str, float], ...] = (
 
 
 def _rows(runs: Sequence[dict[str, Any]]) -> list[tuple[str, str, str, float]]:
-    solver = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
-    extra = [
-        (key, key.replace("solve_time_", "solve time ").replace("_ms", "").replace("_", " "), "ms", 1.0)
-        for key in solver
-    ]
-    return [row for row in [*ROWS, *extra] if any(run.get(row[0]) is not None for run in runs)]
+    keys = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
+    solver = [(key, key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in keys]
+    return [row for row in [*ROWS, *solver] if any(run.get(row[0]) is not None for run in runs)]
 
 
 def _number(value: float | None, factor: float) -> str:
@@ -51,30 +48,29 @@ def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
         values = [run.get(key) for run in runs]
         row = [meaning, unit, *(_number(value, factor) for value in values)]
         if len(runs) == 2:
-            first, second = values
-            if first is None or second is None:
-                row.append("-")
-            elif first == second:
-                row.append("0 %")
-            else:
-                row.append(
-                    f"{100.0 * (second - first) / abs(first):+.1f} %" if first else f"{(second - first) * factor:+.4g}"
-                )
+            row.append(_difference(values[0], values[1], factor))
         table.append(row)
     return table
+
+
+def _difference(first: float | None, second: float | None, factor: float) -> str:
+    if first is None or second is None:
+        return "-"
+    if first == 0.0:
+        return f"{(second - first) * factor:+.4g}" if second else "0 %"
+    return f"{100.0 * (second - first) / abs(first):+.1f} %"
+
+
+def _padded(row: Sequence[str], widths: Sequence[int]) -> str:
+    cells = zip(row, widths, strict=True)
+    return "  ".join(cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(cells))
 
 
 def text(runs: Sequence[dict[str, Any]]) -> str:
     """Table for the terminal: one row per figure of merit, one column per run (two runs: and their difference)."""
     table = _cells(runs)
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if i < 2 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in table
-    ]
+    lines = [_padded(row, widths) for row in table]
     return "\n".join([lines[0].rstrip(), "-" * len(lines[0]), *(line.rstrip() for line in lines[1:])]) + "\n"
 
 

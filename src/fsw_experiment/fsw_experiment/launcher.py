@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import IO
 
 #: Domains that the ports of Linux allow, without the low ones that people use by hand.
@@ -118,9 +117,7 @@ class Launcher:
     def __enter__(self) -> Launcher:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
@@ -145,9 +142,8 @@ class Launcher:
         for name in self.children if expected_to_run is None else expected_to_run:
             child = self.children[name]
             if not child.running:
-                raise LaunchError(
-                    f"{name} has ended with exit code {child.process.returncode}: {child.last_words()} (see {child.log})"
-                )
+                code = child.process.returncode
+                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_words()} (see {child.log})")
 
     def wait_until(
         self, condition: Callable[[], bool], timeout_s: float, what: str, watch: Sequence[str] | None = None

@@ -65,6 +65,8 @@ class ReferenceEvent:
 class DisturbanceEvent:
     """Disturbance of an output (depth mm, temperature degC) or an input (axial_force kN, spindle_speed rpm).
 
+    The plant reads disturbances and faults from the scenario's text itself.
+
     Attributes
     ----------
     at_s : float
@@ -73,7 +75,7 @@ class DisturbanceEvent:
     amplitude : float
         In the channel's unit.
     duration_s : float
-        Rise time of a ramp, length of a pulse.
+        Rise time of a ramp, length of a pulse or a sine (a sine's 0: until the end).
     period_s : float
         Of a sine.
     """
@@ -136,7 +138,7 @@ class Scenario:
     ----------
     name, description : str
     duration_s : float
-        Length of the experiment; the last tick is ``n_ticks - 1``.
+        Length of the experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
     controller : str
         Selected at the start; ``OPEN_LOOP`` when the events drive the handles.
     plant : dict of str to value

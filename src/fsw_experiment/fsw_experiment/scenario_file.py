@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from fsw_control.parameters import ParameterError
 
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
@@ -36,7 +37,7 @@ class _Loader(yaml.SafeLoader):
 def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     seen: set[Any] = set()
     for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+        key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, str | int | float | bool | None):
             raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
         if key in seen:
@@ -113,7 +114,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         description=str(content.get("description", "")),
         duration_s=duration_s,
         controller=controller,
-        plant=_plant(content.get("plant") or {}, at.inside("plant")),
+        plant=_checked_plant(content.get("plant") or {}, at.inside("plant")),
         events=events,
         figures=figures,
         text=text,
@@ -213,6 +214,18 @@ def _plant(entry: Any, at: _Place) -> dict[str, Any]:
     return flat
 
 
+def _checked_plant(entry: Any, at: _Place) -> dict[str, Any]:
+    flat = _plant(entry, at)
+    if flat:
+        from fsw_plant.config import PlantConfig  # heavy to import, and most scenarios change nothing in the plant
+
+        try:
+            PlantConfig.from_values(flat)
+        except ParameterError as error:
+            raise at.error(f"is wrong: {error}") from None
+    return flat
+
+
 def _event(entry: Any, at: _Place, duration_s: float, open_loop: bool) -> Event:
     entry = at.mapping(entry)
     at.keys(entry, ("at_s", *EVENT_KINDS), required=("at_s",))
@@ -257,19 +270,20 @@ def _sine(entry: dict[str, Any], at: _Place) -> Sine:
 
 def _disturbance(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
     channel = at.choice(entry, "channel", tuple(ranges.DISTURBANCE_AMPLITUDE))
-    shape = at.choice(entry, "shape", ranges.DISTURBANCE_SHAPES, "step")
+    shape = at.choice(entry, "shape", ranges.DISTURBANCE_SHAPES)
     amplitude_key, amplitude_range = ranges.DISTURBANCE_AMPLITUDE[channel]
-    time_keys = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}.get(shape, ())
-    known = ("channel", "shape", amplitude_key, *time_keys)
-    at.keys(entry, known, required=() if shape == "none" else (amplitude_key, *time_keys))
+    needed = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}.get(shape, ())
+    allowed = (*needed, "duration_s") if shape == "sine" else needed
+    known = ("channel", "shape", amplitude_key, *allowed)
+    at.keys(entry, known, required=() if shape == "none" else (amplitude_key, *needed))
     lasting = Range(TICK_S, ranges.DURATION_S.high, "s")
     return DisturbanceEvent(
         at_s,
         channel,
         shape,
         at.number(entry, amplitude_key, amplitude_range, 0.0),
-        at.number(entry, "duration_s", lasting) if "duration_s" in time_keys else 0.0,
-        at.number(entry, "period_s", lasting) if "period_s" in time_keys else 0.0,
+        at.number(entry, "duration_s", lasting) if "duration_s" in entry else 0.0,
+        at.number(entry, "period_s", lasting) if "period_s" in entry else 0.0,
     )
 
 

@@ -10,7 +10,7 @@ from fsw_experiment.scenario import TICK_S, CommandEvent, ReferenceEvent, Scenar
 
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
-    """Changes of the set-points by tick, from tick 0 on.
+    """Changes of the set-points by tick; key 0 holds what is in force from the start.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
     changes: dict[int, Reference] = {0: start}
     depth_mm, temperature_c = start.depth_mm, start.temperature_c
     for i, event in enumerate(events):
-        end = begins[i + 1] if i + 1 < len(events) else scenario.n_ticks
+        end = begins[i + 1] if i + 1 < len(events) else scenario.n_ticks + 1
         from_depth, from_temperature = depth_mm, temperature_c
         to_depth = from_depth if event.depth_mm is None else event.depth_mm
         to_temperature = from_temperature if event.temperature_c is None else event.temperature_c
@@ -55,7 +55,7 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
-    """Changes of the open-loop handles by tick, from tick 0 on; as :func:`references`."""
+    """Changes of the open-loop handles by tick; as :func:`references`."""
     changes = {0: start}
     present = start
     for event in scenario.events:

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from fsw_recorder.weld_signals import WeldSignals
 
+from fsw_experiment.scenario import TICK_S
+
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
 _GROUP_TICKS = 10
 
@@ -63,3 +65,11 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
         excursion = values[begin : end + 1] - values[begin - 1]
         found.append(Change(quantity, begin, end, float(excursion[np.argmax(np.abs(excursion))])))
     return found
+
+
+def experiment_time_s(signals: WeldSignals) -> npt.NDArray[np.float64]:
+    """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
+    if not signals.n_ticks:
+        return signals.time_s
+    first_s = float(signals.stamp_ns[0]) * 1e-9
+    return signals.time_s + (first_s if first_s < 1e8 else TICK_S)
