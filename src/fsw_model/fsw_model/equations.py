@@ -1,5 +1,10 @@
 """The equations of the process, written once in CasADi, with the numbers they have in the paper.
 
+The paper's full text was not at hand when this was written. The forms below are reconstructed from what it publishes
+about equations (5)-(27): which block depends on what, its units, its operating point, gains, slopes and time constants.
+The coefficients are identified so that all published numbers hold together (``test/test_model_numbers.py``);
+``parameters.ORIGIN`` says for each whether it is published, identified or chosen, ``docs/model.md`` tells it at length.
+
 Everything else (the numeric step, the linearisation, the controller's prediction, generated C) is derived from here.
 State vector ``x`` (length 5), in this order: creep, slow and fast part of the force-driven depth (17), thermal part
 of the depth (27), temperature. Units: mm, kN, rpm, degC, kW, N m, s, but SI inside (19)-(22).

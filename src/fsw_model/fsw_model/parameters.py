@@ -10,8 +10,9 @@ from typing import Any
 
 import yaml
 
-#: Where each value comes from. ``published``: stated with the numbers this project is tested against.
-#: ``identified``: solved from published numbers, given the form of the equation. ``chosen``: not published.
+#: Where each value comes from. The paper's full text was not at hand when the model was written, only the numbers that
+#: it publishes. ``published``: one of these numbers. ``identified``: solved from published numbers, given the form that
+#: this project gives the equation (see ``equations``); not a number of the paper. ``chosen``: neither.
 ORIGIN: dict[str, str] = {
     "operating_depth_mm": "published",
     "operating_temperature_c": "chosen: middle of the 790-910 degC window",
@@ -157,7 +158,8 @@ class ModelParameters:
         Parameters
         ----------
         text : str
-            YAML mapping of parameter names to numbers; names left out keep their nominal value.
+            YAML mapping of parameter names to numbers; names left out keep their nominal value. ``1e5`` is a number
+            here, although YAML 1.1 takes it for text.
         where : str
             Name of the source, for error messages.
 
@@ -169,7 +171,7 @@ class ModelParameters:
         try:
             data = yaml.safe_load(text)
         except yaml.YAMLError as error:
-            raise ParameterError(f"{where}: not valid YAML: {error}") from None
+            raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
         if data is None:
             data = {}
         if not isinstance(data, dict):
@@ -177,7 +179,11 @@ class ModelParameters:
                 f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}"
             )
         _check_names(data, where)
-        return nominal().with_values(**data) if set(data) != _NAMES else cls(**data)
+        values = {name: _number(value) for name, value in data.items()}
+        try:
+            return cls(**values) if set(values) == _NAMES else nominal().with_values(**values)
+        except ParameterError as error:
+            raise ParameterError(f"{where}: {error}") from None
 
     @classmethod
     def from_file(cls, path: str | Path) -> ModelParameters:
@@ -194,6 +200,16 @@ def _check_names(names: Any, where: str) -> None:
         raise ParameterError(
             f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(_NAMES))}"
         )
+
+
+def _number(value: Any) -> Any:
+    """The number that a YAML scalar like ``1e5`` stands for; anything else as it is, to be refused by its type."""
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
 
 
 def nominal() -> ModelParameters:

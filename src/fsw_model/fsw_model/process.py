@@ -267,7 +267,7 @@ class ProcessModel:
         Raises
         ------
         ValueError
-            If the sequences differ in length.
+            If the sequences differ in length, or ``start`` is of a model with another dead time.
         OperatingPointError
             If the tool leaves the model's range.
         """
@@ -275,6 +275,8 @@ class ProcessModel:
             raise ValueError(f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; give as many of each")
         at = start or self.equilibrium()
         state = at.state.copy()
+        if len(state.power_kw) != self.delay_steps:
+            raise ValueError(f"simulate: start has {len(state.power_kw)} steps of dead time, model {self.delay_steps}")
         rows = [at.outputs]
         for force, speed in zip(force_kn, speed_rpm, strict=True):
             self.step(state, force, speed)
