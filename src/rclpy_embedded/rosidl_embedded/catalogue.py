@@ -119,8 +119,9 @@ def interface_names(package: str, kind: str) -> list[str]:
 
 
 def has_folder(package: str) -> bool:
-    """Tell whether the interface path or a ROS installation holds definitions of the package."""
-    return any(True for _ in _named_folders(package)) or any(True for _ in _ament_folders(package))
+    """Tell whether definitions of the package are anywhere but in rosbags and in importable Python packages."""
+    folders = (_with_interfaces(_SHARE / package), _named_folders(package), _ament_folders(package))
+    return any(True for found in folders for _ in found)
 
 
 def _not_found(type_name: str) -> str:

@@ -51,10 +51,6 @@ def minimum_size(type_: AbstractType) -> int:
     return 4
 
 
-class MalformedError(ValueError):
-    """Data are not the encoding of the message type."""
-
-
 class _Generator(ABC):
     """What encoder and decoder have in common: lines, names, the run of fixed-size fields, and the alignment."""
 
@@ -71,6 +67,9 @@ class _Generator(ABC):
 
     def line(self, text: str) -> None:
         self.lines.append(_INDENT * self.depth + text)
+
+    def refuse(self, condition: str, text: str) -> None:
+        self.line(f"if {condition}: raise ValueError({text!r})")
 
     def name(self, prefix: str) -> str:
         self.count += 1
@@ -106,8 +105,9 @@ class _Generator(ABC):
         self.format, self.run, self.run_size = "", [], 0
         return packer
 
-    def loop(self, head: str, body: Callable[[], None], entries: tuple[tuple[int, int], ...]) -> None:
+    def loop(self, head: str, body: Callable[[], None]) -> None:
         """Emit a loop whose body starts, each time, at the first of the alignments that its end preserves."""
+        entries = [(modulus, self.offset % modulus) for modulus in (8, 4) if modulus <= self.modulus]
         self.line(head)
         self.depth += 1
         start, state = len(self.lines), (self.count, dict(self.names))
@@ -121,10 +121,6 @@ class _Generator(ABC):
                 break
         self.depth -= 1
         self.known(modulus, offset)
-
-    def entries(self) -> tuple[tuple[int, int], ...]:
-        """Alignments to try for a loop that starts here."""
-        return tuple((m, self.offset % m) for m in (8, 4) if m <= self.modulus)
 
     def fields(self, definition: Structure, target: str) -> None:
         for field in definition.fields:
@@ -238,7 +234,7 @@ class _Encoder(_Generator):
         element = type_.value_type
         local = self.name("a")
         self.line(f"{local} = {target}")
-        self.line(f"if len({local}) != {type_.size}: raise ValueError(f'{{len({local})}} values in {target[3:]}')")
+        self.refuse(f"len({local}) != {type_.size}", f"{target.rpartition('._')[2]} must have {type_.size} values")
         if isinstance(element, BasicType):
             size = CODES[element.typename][1]
             self.align(size)
@@ -256,7 +252,7 @@ class _Encoder(_Generator):
         self.flush()
         if isinstance(type_, BoundedSequence):
             bound = type_.maximum_size
-            self.line(f"if len({local}) > {bound}: raise ValueError(f'{{len({local})}} values in {target[3:]}')")
+            self.refuse(f"len({local}) > {bound}", f"{target.rpartition('._')[2]} must have at most {bound} values")
         if not isinstance(element, BasicType):
             self.loop_over(element, local)
             return
@@ -275,7 +271,7 @@ class _Encoder(_Generator):
     def loop_over(self, element: AbstractType, local: str) -> None:
         self.close()
         item = self.name("i")
-        self.loop(f"for {item} in {local}:", lambda: self.value(element, item), self.entries())
+        self.loop(f"for {item} in {local}:", lambda: self.value(element, item))
 
 
 class _Decoder(_Generator):
@@ -286,7 +282,7 @@ class _Decoder(_Generator):
     def __init__(self, order: str, message_class: Callable[[str], type]) -> None:
         super().__init__(order)
         self.message_class = message_class
-        self.names.update(new=object.__new__, array=array, MalformedError=MalformedError)
+        self.names.update(new=object.__new__, array=array)
 
     def flush(self) -> None:
         if self.run:
@@ -327,21 +323,19 @@ class _Decoder(_Generator):
         if isinstance(type_, AbstractWString):
             self.names["decode_wide"] = decode_wide
             self.line(f"e = p + {local} * 4")
-            self.line("if e > len(d): raise MalformedError('string goes beyond the end')")
+            self.refuse("e > len(d)", "string goes beyond the end")
             self.line(f"{target} = decode_wide(d[p:e], {self.order!r})")
             self.known(4)
         else:
             # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
             # is the last byte of the length.
             self.line(f"e = p + {local}")
-            self.line("if d[e - 1]: raise MalformedError('string is not terminated')")
+            self.refuse("d[e - 1]", "string is not terminated")
             self.line(f"{target} = d[p:e - 1].decode()")
             self.known(1)
         self.line("p = e")
         if type_.has_maximum_size():
-            self.line(
-                f"if len({target}) > {type_.maximum_size}: raise MalformedError('string is longer than its bound')"
-            )
+            self.refuse(f"len({target}) > {type_.maximum_size}", "string is longer than its bound")
 
     def array(self, type_: Array, target: str) -> None:
         element = type_.value_type
@@ -358,15 +352,13 @@ class _Decoder(_Generator):
                 dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
                 self.line(f"{target} = frombuffer(d, {dtype}, {type_.size}, p).astype({native})")
             else:
-                self.line("if e > len(d): raise MalformedError('array goes beyond the end')")
+                self.refuse("e > len(d)", "array goes beyond the end")
                 self.line(f"{target} = {self.elements(element)}")
             self.line("p = e")
             self.advance(size * type_.size)
             return
         self.flush()
-        self.line(
-            f"if {type_.size * minimum_size(element)} > len(d) - p: raise MalformedError('array goes beyond the end')"
-        )
+        self.refuse(f"{type_.size * minimum_size(element)} > len(d) - p", "array goes beyond the end")
         self.loop_over(element, str(type_.size), target)
 
     def sequence(self, type_: AbstractSequence, target: str) -> None:
@@ -375,17 +367,16 @@ class _Decoder(_Generator):
         self.scalar("I", 4, local)
         self.flush()
         if isinstance(type_, BoundedSequence):
-            self.line(f"if {local} > {type_.maximum_size}: raise MalformedError('sequence is longer than its bound')")
+            self.refuse(f"{local} > {type_.maximum_size}", "sequence is longer than its bound")
         if not isinstance(element, BasicType):
-            beyond = f"{local} * {minimum_size(element)} > len(d) - p"
-            self.line(f"if {beyond}: raise MalformedError('sequence goes beyond the end')")
+            self.refuse(f"{local} * {minimum_size(element)} > len(d) - p", "sequence goes beyond the end")
             self.loop_over(element, local, target)
             return
         code, size = CODES[element.typename]
         if size > 4 and (self.modulus < size or self.offset % size):
             self.line(f"if {local}: p = (p + 3 & -8) + 4")
         self.line(f"e = p + {local} * {size}" if size > 1 else f"e = p + {local}")
-        self.line("if e > len(d): raise MalformedError('sequence goes beyond the end')")
+        self.refuse("e > len(d)", "sequence goes beyond the end")
         if element.typename in PACKED:
             self.names["memoryview"] = memoryview
             values = self.name("a")
@@ -414,12 +405,12 @@ class _Decoder(_Generator):
             self.close()
             self.line(f"{values}.append({item})")
 
-        self.loop(f"for _ in range({count}):", read, self.entries())
+        self.loop(f"for _ in range({count}):", read)
 
 
 def make_encoder(type_name: str) -> Callable[[Any, bytearray], None]:
-    """Make the function that appends a message, little endian, to a buffer that holds at least the 4 byte header."""
-    generator = _Encoder("<")
+    """Make the function that appends a message, in native byte order, to a buffer with the 4 byte header."""
+    generator = _Encoder(NATIVE)
     generator.fields(catalogue.structure(type_name), "m")
     generator.close()
     return cast(Callable[[Any, bytearray], None], generator.compile("def run(m, buf):", f"encode {type_name}"))
@@ -441,7 +432,7 @@ def make_decoder(
 
     Notes
     -----
-    The function raises ValueError (also its subclasses UnicodeDecodeError and `MalformedError`), IndexError or
+    The function raises ValueError (UnicodeDecodeError is one), IndexError or
     struct.error on malformed input. Sequence lengths are compared with what is left of the data before anything is
     allocated.
     """
@@ -466,5 +457,5 @@ def decode_wide(data: bytes, order: str) -> str:
 
     units = np.frombuffer(data, f"{order}u4")
     if (units > 0xFFFF).any():
-        raise MalformedError("wide string holds more than UTF-16")
+        raise ValueError("wide string holds more than UTF-16")
     return units.astype("<u2").tobytes().decode("utf-16-le")

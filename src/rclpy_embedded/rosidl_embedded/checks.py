@@ -22,9 +22,8 @@ from .parser import INTEGER_RANGES
 
 CHECK_FIELDS: bool = __debug__ and os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") != "0"
 
-# As rosidl's error texts have it; the true limit is a little larger, and accepted.
+# rosidl's limits; the one of float is a little below the largest float32.
 _BOUNDS = {"float": 3.402823466e38, "double": 1.7976931348623157e308}
-_FLOAT_MAX = 3.4028234663852886e38
 _PYTHON_TYPES = {"boolean": "bool", "octet": "bytes", "float": "float", "double": "float"}
 # What generated setters refer to by name.
 NAMESPACE = {"Sequence": Sequence, "Set": Set, "UserList": UserList, "isinf": math.isinf}
@@ -53,7 +52,7 @@ def check_source(name: str, type_: AbstractType, class_name: str) -> list[tuple[
     """
     label = f"The '{name}' field must be"
     if isinstance(type_, AbstractNestedType):
-        return [_check_several(label, type_, class_name)]
+        return [_check_several(name, type_, class_name)]
     if isinstance(type_, NamespacedType):
         return [(f"isinstance(value, {class_name})", f"{label} a sub message of type '{type_.name}'")]
     if isinstance(type_, AbstractGenericString):
@@ -74,31 +73,45 @@ def check_source(name: str, type_: AbstractType, class_name: str) -> list[tuple[
         checks.append((f"{low} <= value <= {high}", f"{label} {kind} in [{low}, {high}]"))
     elif type_.typename == "float":
         limit = _BOUNDS["float"]
-        condition = f"not abs(value) > {_FLOAT_MAX!r} or isinf(value)"
+        condition = f"not abs(value) > {limit!r} or isinf(value)"
         checks.append((condition, f"{label} a float in [{-limit}, {limit}]"))
     return checks
 
 
-def _check_several(label: str, type_: AbstractNestedType, class_name: str) -> tuple[str, str]:
+def _check_several(name: str, type_: AbstractNestedType, class_name: str) -> tuple[str, str]:
     element = type_.value_type
     python = python_type(element)
     conditions = ["isinstance(value, (Sequence, Set, UserList)) and not isinstance(value, str)"]
-    texts = ["a set or sequence"]
     if isinstance(type_, Array):
         conditions.append(f"len(value) == {type_.size}")
-        texts.append(f"with length {type_.size}")
     elif isinstance(type_, BoundedSequence):
         conditions.append(f"len(value) <= {type_.maximum_size}")
-        texts.append(f"with length <= {type_.maximum_size}")
     class_name = class_name if isinstance(element, NamespacedType) else python
     conditions.append(f"all([isinstance(v, {class_name}) for v in value])")
     if isinstance(element, AbstractGenericString) and element.has_maximum_size():
         conditions.append(f"all([len(v) <= {element.maximum_size} for v in value])")
-        texts.append(f"and each string value not longer than {element.maximum_size}")
     if python == "bytes":
         conditions.append("all([len(v) == 1 for v in value])")
-    texts.append(f"and each value of type '{python}'")
-    return " and ".join(conditions), f"{label} {' '.join(texts)}"
+    return " and ".join(conditions), _text_of_several(name, type_)
+
+
+def _text_of_several(name: str, type_: AbstractNestedType) -> str:
+    element = type_.value_type
+    text = f"The '{name}' field must be a set or sequence"
+    if isinstance(type_, Array):
+        text += f" with length {type_.size}"
+    elif isinstance(type_, BoundedSequence):
+        text += f" with length <= {type_.maximum_size}"
+    if isinstance(element, AbstractGenericString) and element.has_maximum_size():
+        text += f" and each string value not longer than {element.maximum_size}"
+    text += f" and each value of type '{python_type(element)}'"
+    typename = element.typename if isinstance(element, BasicType) else ""
+    if typename in INTEGER_RANGES and typename != "octet":
+        low, high = INTEGER_RANGES[typename]
+        text += f" and each {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
+    elif typename in _BOUNDS:
+        text += f" and each {typename} in [{-_BOUNDS[typename]:f}, {_BOUNDS[typename]:f}]"
+    return text
 
 
 def packed_sequence(value: Any, name: str, type_: AbstractNestedType, code: str, check: bool) -> array[Any]:
@@ -172,22 +185,8 @@ def _fits(value: Any, type_: AbstractNestedType) -> bool:
         return getattr(getattr(value, "dtype", None), "kind", "i") != "f"
     if not hasattr(value, "dtype") and not all([isinstance(item, float) for item in value]):
         return False
-    return typename == "double" or all(not abs(item) > _FLOAT_MAX or math.isinf(item) for item in value)
+    return typename == "double" or all(not abs(item) > _BOUNDS["float"] or math.isinf(item) for item in value)
 
 
 def _refuse(name: str, type_: AbstractNestedType) -> NoReturn:
-    python = python_type(type_.value_type)
-    texts = ["a set or sequence"]
-    if isinstance(type_, Array):
-        texts.append(f"with length {type_.size}")
-    elif isinstance(type_, BoundedSequence):
-        texts.append(f"with length <= {type_.maximum_size}")
-    texts.append(f"and each value of type '{python}'")
-    assert isinstance(type_.value_type, BasicType)
-    typename = type_.value_type.typename
-    if typename in INTEGER_RANGES:
-        low, high = INTEGER_RANGES[typename]
-        texts.append(f"and each {'integer' if low else 'unsigned integer'} in [{low}, {high}]")
-    else:
-        texts.append(f"and each {typename} in [{-_BOUNDS[typename]:f}, {_BOUNDS[typename]:f}]")
-    raise AssertionError(f"The '{name}' field must be {' '.join(texts)}")
+    raise AssertionError(_text_of_several(name, type_))

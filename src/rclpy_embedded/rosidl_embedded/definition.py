@@ -96,9 +96,9 @@ class BoundedWString(AbstractWString):
 
 @dataclass(frozen=True)
 class NamespacedType(AbstractNestableType):
-    """Another structure: ``NamespacedType(('std_msgs', 'msg'), 'Header')``."""
+    """Another structure: ``NamespacedType(['std_msgs', 'msg'], 'Header')``."""
 
-    namespaces: tuple[str, ...]
+    namespaces: list[str]
     name: str
 
     @property
@@ -181,4 +181,4 @@ def element_type(type_: AbstractType) -> AbstractType:
 def namespaced(type_name: str) -> NamespacedType:
     """Make the type of ``'std_msgs/msg/Header'``."""
     *namespaces, name = type_name.split("/")
-    return NamespacedType(tuple(namespaces), name)
+    return NamespacedType(namespaces, name)

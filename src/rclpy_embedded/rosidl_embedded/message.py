@@ -124,6 +124,7 @@ def _make_message(definition: Structure) -> type:
     metaclass = type(
         f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, "__module__": module}
     )
+    # In capitals, because arguments of the constructor and members of the class have the names of fields.
     namespace: dict[str, Any] = {
         **NAMESPACE,
         "__name__": module,
@@ -131,12 +132,16 @@ def _make_message(definition: Structure) -> type:
         "UNSET": _UNSET,
         "CHECK": CHECK_FIELDS,
         "VALUES": values,
-        "array": array,
-        "packed_sequence": packed_sequence,
-        "packed_array": packed_array,
-        "reject": _reject,
-        "types": tuple(field.type for field in definition.fields),
-        "__repr__": _repr,
+        "PROPERTY": property,
+        "CLASSMETHOD": classmethod,
+        "HASATTR": hasattr,
+        "RANGE": range,
+        "ARRAY": array,
+        "PACKED_SEQUENCE": packed_sequence,
+        "PACKED_ARRAY": packed_array,
+        "REJECT": _reject,
+        "TYPES": tuple(field.type for field in definition.fields),
+        "REPR": _repr,
     }
     source = "\n".join(_class_source(definition, values, namespace))
     exec(compile(source, f"<{definition.type_name}>", "exec"), namespace)
@@ -173,25 +178,25 @@ def _class_source(definition: Structure, values: dict[str, Any], namespace: dict
         f'    """Message class \'{name}\'."""',
         f"    __slots__ = {[*(f'_{field.name}' for field in fields), '_check_fields']}",
         f"    _fields_and_field_types = {shown}",
-        "    SLOT_TYPES = types",
-        "    __repr__ = __repr__",
+        "    SLOT_TYPES = TYPES",
+        "    __repr__ = REPR",
         *(f"    {key} = VALUES['{key}']" for key in values),
-        f"    def __init__(self, *, {arguments}check_fields=CHECK, **unknown):",
-        "        self._check_fields = check_fields",
-        "        if unknown: reject(unknown)",
+        f"    def __init__(_self, *, {arguments}check_fields=CHECK, **_unknown):",
+        "        _self._check_fields = check_fields",
+        "        if _unknown: REJECT(_unknown)",
     ]
     for field in fields:
         default, given = _construction(field, namespace)
         lines += [
-            f"        if {field.name} is UNSET: self._{field.name} = {default}",
-            f"        else: self.{field.name} = {given}",
+            f"        if {field.name} is UNSET: _self._{field.name} = {default}",
+            f"        else: _self.{field.name} = {given}",
         ]
     same = [f"(self._{f.name} != other._{f.name})" + (".any()" if _packing(f.type) == "array" else "") for f in fields]
     lines += [
         "    def __eq__(self, other):",
         "        if not isinstance(other, self.__class__): return False",
         f"        return not ({' or '.join(same) or 'False'})",
-        "    @classmethod",
+        "    @CLASSMETHOD",
         "    def get_fields_and_field_types(cls):",
         "        return cls._fields_and_field_types.copy()",
     ]
@@ -229,23 +234,23 @@ def _construction(field: Field, namespace: dict[str, Any]) -> tuple[str, str]:
         assert isinstance(element, BasicType)
         code = CODES[element.typename][0]
         if packing == "sequence":
-            default = f"array('{code}')" if field.default is None else f"array('{code}', {field.default})"
+            default = f"ARRAY('{code}')" if field.default is None else f"ARRAY('{code}', {field.default})"
             # Converted before the check, so that integers do for floats: as in rosidl only when constructing.
-            return default, f"{name} if hasattr({name}, 'dtype') else array('{code}', {name})"
+            return default, f"{name} if HASATTR({name}, 'dtype') else ARRAY('{code}', {name})"
         import numpy as np
 
-        namespace.update(numpy_array=np.array, zeros=np.zeros)
+        namespace.update(NUMPY_ARRAY=np.array, ZEROS=np.zeros)
         assert isinstance(type_, Array)
         default = (
-            f"zeros({type_.size}, '{code}')" if field.default is None else f"numpy_array({field.default}, '{code}')"
+            f"ZEROS({type_.size}, '{code}')" if field.default is None else f"NUMPY_ARRAY({field.default}, '{code}')"
         )
-        return default, f"numpy_array({name}, '{code}')"
+        return default, f"NUMPY_ARRAY({name}, '{code}')"
     if field.default is not None:
         return repr(field.default), name
     if isinstance(type_, AbstractNestedType):
         if not isinstance(type_, Array):
             return "[]", name
-        return f"[{_default(element, class_name)} for _ in range({type_.size})]", name
+        return f"[{_default(element, class_name)} for _ in RANGE({type_.size})]", name
     return _default(element, class_name), name
 
 
@@ -259,7 +264,7 @@ def _default(element: AbstractType, class_name: str) -> str:
 def _property(field: Field, index: int) -> list[str]:
     name, type_ = field.name, field.type
     lines = [
-        "    @property",
+        "    @PROPERTY",
         f"    def {name}(self):",
         f'        """Message field \'{name}\'."""',
         f"        return self._{name}",
@@ -271,8 +276,8 @@ def _property(field: Field, index: int) -> list[str]:
         element = element_type(type_)
         assert isinstance(element, BasicType)
         code = CODES[element.typename][0]
-        arguments = f"value, '{name}', types[{index}], '{code}', self._check_fields"
-        return [*lines, f"        self._{name} = packed_{packing}({arguments})"]
+        arguments = f"value, '{name}', TYPES[{index}], '{code}', self._check_fields"
+        return [*lines, f"        self._{name} = PACKED_{packing.upper()}({arguments})"]
     lines.append("        if self._check_fields:")
     for condition, text in check_source(name, type_, _class_name(type_)):
         lines.append(f"            assert {condition}, {text!r}")

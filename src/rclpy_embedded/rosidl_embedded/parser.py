@@ -42,6 +42,7 @@ BASIC_TYPES = {
     "float64": "double",
 }
 _TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(<=(?P<string>\d+))?(\[(?P<bounded><=)?(?P<size>\d*)\])?")
+_STRING_ITEM = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|[^,]+?)\s*(?:,|$)""")
 _FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 _CONSTANT_NAME = re.compile(r"[A-Z]([A-Z0-9_]?[A-Z0-9]+)*")
 _STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
@@ -95,7 +96,7 @@ def _element_type(base: str, bound: int, package: str) -> AbstractNestableType:
         parts.insert(1, "msg")
     if len(parts) != 3 or parts[1] != "msg" or not _STRUCTURE_NAME.fullmatch(parts[2]):
         raise ValueError(f"{base!r} is neither a basic type nor the name of a message")
-    return NamespacedType((parts[0], parts[1]), parts[2])
+    return NamespacedType(parts[:2], parts[2])
 
 
 def parse_value(text: str, type_: AbstractType) -> Any:
@@ -113,18 +114,17 @@ def parse_value(text: str, type_: AbstractType) -> Any:
         return basic_value(_literal(text), type_.typename)
     if isinstance(type_, NamespacedType) or not isinstance(type_, Array | BoundedSequence | UnboundedSequence):
         raise ValueError("a message field cannot have a default")
-    values = _literal(text)
-    if not isinstance(values, list) or isinstance(type_.value_type, NamespacedType):
+    element = type_.value_type
+    if isinstance(element, NamespacedType) or text[:1] + text[-1:] != "[]":
         raise ValueError(f"{text!r} is not a list of values")
+    if isinstance(element, BasicType):
+        values = [basic_value(value, element.typename) for value in _literal(text)]
+    else:
+        values = [_string(item) for item in _STRING_ITEM.findall(text[1:-1])]
     if isinstance(type_, Array) and len(values) != type_.size:
         raise ValueError(f"{len(values)} values for an array of {type_.size}")
     if isinstance(type_, BoundedSequence) and len(values) > type_.maximum_size:
         raise ValueError(f"{len(values)} values for a sequence of at most {type_.maximum_size}")
-    element = type_.value_type
-    if isinstance(element, BasicType):
-        return [basic_value(value, element.typename) for value in values]
-    if not all(isinstance(value, str) for value in values):
-        raise ValueError(f"{text!r} is not a list of strings")
     return values
 
 

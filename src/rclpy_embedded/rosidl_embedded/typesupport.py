@@ -8,13 +8,13 @@ from functools import cached_property
 from typing import Any, cast
 
 from . import catalogue, description
-from .cdr import HEADER_SIZE, make_decoder, make_encoder
+from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
 from .message import get_message, get_service
 
 interface_definition = description.interface_definition
 type_hash = description.type_hash
 
-_HEADER = b"\x00\x01\x00\x00"
+_HEADER = b"\x00\x01\x00\x00" if NATIVE == "<" else bytes(4)
 _ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
 # Writers pad a payload to a multiple of 4 bytes.
 _MAX_PADDING = 3
@@ -60,7 +60,7 @@ class TypeSupport:
         return make_encoder(self.type_name)
 
     def serialize(self, msg: Any) -> bytes:
-        """Encode a message: 4 byte encapsulation header and little endian CDR, not padded.
+        """Encode a message: 4 byte encapsulation header and CDR, not padded.
 
         Raises
         ------
