@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import LoggerLevel, SetLoggerLevelsResult
 from rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
@@ -23,15 +23,11 @@ class LoggingService:
         ):
             node.create_service(kind, f"{node.get_name()}/{name}", callback, qos_profile=qos_profile_services_default)
 
-    def _get_logger_levels(
-        self, request: GetLoggerLevels.Request, response: GetLoggerLevels.Response
-    ) -> GetLoggerLevels.Response:
+    def _get_logger_levels(self, request: Any, response: Any) -> Any:
         response.levels = [LoggerLevel(name=name, level=int(get_logger_level(name))) for name in request.names]
         return response
 
-    def _set_logger_levels(
-        self, request: SetLoggerLevels.Request, response: SetLoggerLevels.Response
-    ) -> SetLoggerLevels.Response:
+    def _set_logger_levels(self, request: Any, response: Any) -> Any:
         for wanted in request.levels:
             result = SetLoggerLevelsResult(successful=True)
             try:

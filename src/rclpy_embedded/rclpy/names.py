@@ -188,7 +188,9 @@ def remap(
     """
     wanted = ("topic", "service")[is_service]
     for rule in rules:
-        if rule.kind not in (wanted, "topic_or_service") or rule.node_name not in (None, node_name):
+        if rule.match is None or rule.kind not in (wanted, "topic_or_service"):
+            continue
+        if rule.node_name not in (None, node_name):
             continue
         try:
             match = expand_topic_name(rule.match, node_name, node_namespace)

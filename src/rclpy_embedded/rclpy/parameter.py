@@ -14,18 +14,7 @@ if TYPE_CHECKING:
 PARAMETER_SEPARATOR_STRING = "."
 
 AllowableParameterValue = (
-    bool
-    | int
-    | float
-    | str
-    | list[bytes]
-    | list[bool]
-    | list[int]
-    | list[float]
-    | list[str]
-    | tuple
-    | array.array
-    | None
+    bool | int | float | str | list[bytes] | list[bool] | list[int] | list[float] | list[str] | tuple[Any, ...] | None
 )
 
 _ARRAYS = (list, tuple, array.array)
@@ -84,13 +73,18 @@ class Parameter:
             if parameter_value is None:
                 return cls.NOT_SET
             # bool before int: a bool is an int too. An empty list counts as bytes, as in the genuine class.
-            scalars = ((bool, cls.BOOL), (int, cls.INTEGER), (float, cls.DOUBLE), (str, cls.STRING))
+            scalars: tuple[tuple[type, Parameter.Type], ...] = (
+                (bool, cls.BOOL),
+                (int, cls.INTEGER),
+                (float, cls.DOUBLE),
+                (str, cls.STRING),
+            )
             for kind, type_ in scalars:
                 if isinstance(parameter_value, kind):
                     return type_
             if not isinstance(parameter_value, _ARRAYS):
                 raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
-            arrays = (
+            arrays: tuple[tuple[type, Parameter.Type], ...] = (
                 (bytes, cls.BYTE_ARRAY),
                 (bool, cls.BOOL_ARRAY),
                 (int, cls.INTEGER_ARRAY),
@@ -113,7 +107,7 @@ class Parameter:
                 return isinstance(parameter_value, kind)
             allowed = _ARRAYS if kind in (int, float) else (list, tuple)
             return isinstance(parameter_value, allowed) and all(
-                isinstance(item, kind) and (kind is not bytes or len(item) == 1) for item in parameter_value
+                isinstance(item, kind) and (not isinstance(item, bytes) or len(item) == 1) for item in parameter_value
             )
 
     def __init__(self, name: str, type_: Parameter.Type | None = None, value: Any = None) -> None:
@@ -196,8 +190,10 @@ def parameter_value_to_python(parameter_value: ParameterValue) -> Any:
     if not 0 <= parameter_value.type < len(_FIELDS):
         raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
     field = _FIELDS[parameter_value.type]
-    value = getattr(parameter_value, field) if field else None
-    return list(value) if field and field.endswith("_array_value") else value
+    if field is None:
+        return None
+    value = getattr(parameter_value, field)
+    return list(value) if field.endswith("_array_value") else value
 
 
 def parameter_dict_from_yaml_file(

@@ -11,7 +11,6 @@ from rclpy.qos import qos_profile_parameters
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import Parameter as ParameterMsg
-    from rcl_interfaces.msg import SetParametersResult
     from rclpy.node import Node
 
 
@@ -74,7 +73,7 @@ class ParameterService:
         response.result = self._node().list_parameters(list(request.prefixes), int(request.depth))
         return response
 
-    def _set(self, messages: list[ParameterMsg]) -> SetParametersResult:
+    def _set(self, messages: list[ParameterMsg]) -> Any:
         from rcl_interfaces.msg import SetParametersResult
 
         try:

@@ -90,13 +90,13 @@ def _parse(text: str) -> Any:
     import yaml
 
     try:
-        events = yaml.parse(text, Loader=yaml.SafeLoader)
+        events: Any = yaml.parse(text, Loader=yaml.SafeLoader)
         for event in events:
             if isinstance(event, yaml.NodeEvent):
                 value = _node(events, event)
                 for rest in events:
                     if isinstance(rest, yaml.NodeEvent):
-                        raise ValueError(f"More than one document, see line {rest.start_mark.line + 1}")
+                        raise ValueError("There is more than one document")
                 return value
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)

@@ -53,6 +53,17 @@ def type_hash(type_name: str) -> str:
     UnknownInterfaceError
         If the interface or one that it refers to is not known.
     """
+    return "RIHS01_" + sha256(json.dumps(type_description(type_name)).encode()).hexdigest()
+
+
+def type_description(type_name: str) -> dict[str, Any]:
+    """Description of an interface and of all that it refers to, as type_description_interfaces/TypeDescription.
+
+    Raises
+    ------
+    UnknownInterfaceError
+        If the interface or one that it refers to is not known.
+    """
     referenced: dict[str, Any] = {}
     package, kind, name = catalogue.split_name(type_name)
     if kind == "srv" and not catalogue.service_part(name)[1]:
@@ -64,11 +75,10 @@ def type_hash(type_name: str) -> str:
     else:
         _collect(f"{package}/{kind}/{name}", referenced)
         fields = referenced.pop(f"{package}/{kind}/{name}")
-    described = {
+    return {
         "type_description": {"type_name": f"{package}/{kind}/{name}", "fields": fields},
         "referenced_type_descriptions": [{"type_name": key, "fields": referenced[key]} for key in sorted(referenced)],
     }
-    return "RIHS01_" + sha256(json.dumps(described).encode()).hexdigest()
 
 
 def _collect(type_name: str, found: dict[str, Any]) -> None:

@@ -28,7 +28,7 @@ class CallerId(NamedTuple):
     @classmethod
     def current(cls) -> CallerId:
         """Return the first caller outside of the logging modules."""
-        frame: FrameType | None = sys._getframe(1)
+        frame: FrameType = sys._getframe(1)
         while frame.f_back is not None and any(path in frame.f_code.co_filename for path in _internal_callers):
             frame = frame.f_back
         code = frame.f_code

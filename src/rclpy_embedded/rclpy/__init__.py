@@ -1,0 +1,173 @@
+"""rclpy for machines without ROS 2: the same names and behaviour for a plain node, over Cyclone DDS.
+
+Initialize with `init`, create nodes with `create_node` or `Node`, process callbacks with `spin`, `spin_once` or
+`spin_until_future_complete`, and end with `shutdown`.
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
+from rclpy.task import Future
+from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
+from rclpy.utilities import shutdown as _shutdown
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Context",
+    "Future",
+    "Parameter",
+    "SignalHandlerOptions",
+    "create_node",
+    "get_default_context",
+    "get_global_executor",
+    "get_rmw_implementation_identifier",
+    "init",
+    "ok",
+    "shutdown",
+    "spin",
+    "spin_once",
+    "spin_until_future_complete",
+    "try_shutdown",
+]
+
+_executor: Executor | None = None
+
+
+class InitContextManager:
+    """What `init` returns: leaving it shuts the context down."""
+
+    def __init__(self, context: Context) -> None:
+        self.context = context
+
+    def __enter__(self) -> InitContextManager:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        if self.context.ok():
+            shutdown(context=self.context)
+
+
+def init(
+    *,
+    args: list[str] | None = None,
+    context: Context | None = None,
+    domain_id: int | None = None,
+    signal_handler_options: SignalHandlerOptions | None = None,
+) -> InitContextManager:
+    """Initialize a context (default: the global one).
+
+    Parameters
+    ----------
+    args : list of str, optional
+        Command line, ``sys.argv`` by default.
+    domain_id : int, optional
+        DDS domain, ROS_DOMAIN_ID by default.
+    signal_handler_options : SignalHandlerOptions, optional
+        Signals to handle; by default SIGINT and SIGTERM for the global context, none for others.
+
+    Raises
+    ------
+    RuntimeError
+        If it is initialized already.
+    """
+    default = get_default_context()
+    context = default if context is None else context
+    if signal_handler_options is None:
+        signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
+    context.init(args, domain_id=domain_id)
+    install_signal_handlers(signal_handler_options)
+    return InitContextManager(context)
+
+
+def get_global_executor() -> Executor:
+    """Return the executor that the spin functions use by default."""
+    global _executor
+    if _executor is None:
+        from rclpy.executors import SingleThreadedExecutor
+
+        _executor = SingleThreadedExecutor()
+        context = get_default_context()
+
+        def reset() -> None:
+            global _executor
+            executor, _executor = _executor, None
+            # After a signal, spin has to see that the context went down, not its executor.
+            if executor is not None and not context._signaled:
+                executor.shutdown()
+
+        context.on_shutdown(reset)
+    return _executor
+
+
+def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """Shut down a context (default: the global one) and, with the global one, the signal handlers.
+
+    Raises
+    ------
+    RuntimeError
+        If it is not initialized or is shut down already.
+    """
+    is_default = context is None or context is get_default_context()
+    _shutdown(context=context)
+    if uninstall_handlers or (uninstall_handlers is None and is_default):
+        uninstall_signal_handlers()
+
+
+def create_node(node_name: str, **kwargs: Any) -> Node:
+    """Create a node; the arguments are those of `rclpy.node.Node`."""
+    from rclpy.node import Node
+
+    return Node(node_name, **kwargs)
+
+
+def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
+    """Wait for one callback of a node and run it; None or negative waits for ever, 0 only looks."""
+    executor = get_global_executor() if executor is None else executor
+    try:
+        executor.add_node(node)
+        executor.spin_once(timeout_sec=timeout_sec)
+    finally:
+        executor.remove_node(node)
+
+
+def spin(node: Node, executor: Executor | None = None) -> None:
+    """Run the callbacks of a node until shutdown.
+
+    Raises
+    ------
+    rclpy.executors.ExternalShutdownException
+        If the context is shut down while waiting, e.g. by SIGTERM.
+    """
+    executor = get_global_executor() if executor is None else executor
+    try:
+        executor.add_node(node)
+        while executor.context.ok():
+            executor.spin_once()
+    finally:
+        executor.remove_node(node)
+
+
+def spin_until_future_complete(
+    node: Node, future: Future, executor: Executor | None = None, timeout_sec: float | None = None
+) -> None:
+    """Run the callbacks of a node until a future is done, the time is over or the context is shut down."""
+    executor = get_global_executor() if executor is None else executor
+    added = False
+    try:
+        added = executor.add_node(node)
+        executor.spin_until_future_complete(future, timeout_sec)
+    finally:
+        if added:
+            executor.remove_node(node)

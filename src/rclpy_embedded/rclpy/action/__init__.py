@@ -1,0 +1,6 @@
+"""Actions are not part of this runtime."""
+
+raise ImportError(
+    "rclpy_embedded has no actions (rclpy.action). Use topics and services, or run this node on genuine ROS 2: "
+    "https://docs.ros.org/en/jazzy"
+)

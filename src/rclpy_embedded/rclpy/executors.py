@@ -1,0 +1,406 @@
+"""Executors: wait for work and run callbacks."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds.core import DDSException
+
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle, NotInitializedException
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.task import Future, Task
+from rclpy.timer import Timer
+from rclpy.utilities import get_default_context, timeout_sec_to_nsec
+from rclpy.waitable import Waitable
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+# Events are looked at when nothing else explains a wake-up, and at least this often under constant traffic.
+_EVENT_PERIOD_NS = 20_000_000
+# How often a coroutine is resumed that waits for something other than a Future.
+_POLL_NS = 1_000_000
+
+
+async def await_or_execute(callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any) -> Any:
+    """Call a function, or await a coroutine function."""
+    if inspect.iscoroutinefunction(callback):
+        return await callback(*args)
+    return callback(*args)  # type: ignore[operator]
+
+
+class TimeoutException(Exception):  # noqa: N818
+    """Nothing was ready in time."""
+
+
+class ShutdownException(Exception):  # noqa: N818
+    """The executor was shut down."""
+
+
+class ExternalShutdownException(Exception):  # noqa: N818
+    """The context was shut down."""
+
+
+class ConditionReachedException(Exception):  # noqa: N818
+    """The future is done."""
+
+
+class TimeoutObject:
+    """A timeout that can be changed between uses."""
+
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+
+
+class _EntityTask(Task):
+    """Takes from an entity and runs its callback; a coroutine it returns is run as well."""
+
+    def __init__(self, entity: Any, executor: Executor) -> None:
+        super().__init__(self._start, executor=executor)
+        self._entity = entity
+        self._owner = executor
+        self._began = False
+
+    def _start(self) -> Any:
+        entity, group = self._entity, self._entity.callback_group
+        if group is not None and not group.beginning_execution(entity):
+            return None
+        self._began = True
+        try:
+            callback = entity._take()
+        except (InvalidHandle, DDSException):  # destroyed in the meantime
+            return None
+        return None if callback is None else callback()
+
+    def _finish(self, result: Any) -> None:
+        if inspect.iscoroutine(result):
+            self._handler = result
+            self._step()
+            if not self._done:
+                # The group may be closed to its other entities now: do not wait for those.
+                self._owner._entities_changed = True
+            return
+        self._release()
+        super()._finish(result)
+
+    def _release(self) -> None:
+        if self._began:
+            self._began = False
+            if self._entity.callback_group is not None:
+                self._entity.callback_group.ending_execution(self._entity)
+            if self._owner._blocked:
+                self._owner._entities_changed = True
+
+
+class Executor:
+    """Base of the executors.
+
+    Parameters
+    ----------
+    context : Context, optional
+        The global context by default; only its nodes can be added.
+    """
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        self._context = get_default_context() if context is None else context
+        if not self._context.ok():
+            raise NotInitializedException("cannot create executor")
+        self._nodes: dict[Node, None] = {}
+        self._lock = threading.RLock()
+        self._tasks: deque[Task] = deque()
+        self._ready: deque[tuple[Any, Node]] = deque()
+        self._conditions = ConditionSet(self._context.session)
+        self._is_shutdown = False
+        self._working = threading.RLock()
+        self._entities_changed = True
+        self._blocked = False
+        self._round = 0
+        self._timers: list[tuple[Timer, Node]] = []
+        self._guards: list[tuple[GuardCondition, Node]] = []
+        self._readers: list[tuple[Any, Node]] = []
+        self._events: list[tuple[Waitable, Node]] = []
+        self._events_seen_ns = 0
+        self._context._wakers.add(self)
+
+    @property
+    def context(self) -> Context:
+        """The context this executor belongs to."""
+        return self._context
+
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task:
+        """Have a function or coroutine run while spinning; the returned task is a future of its result."""
+        task = Task(callback, args, kwargs, executor=self)
+        self._tasks.append(task)
+        self.wake()
+        return task
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop; return whether a callback under way ended in time."""
+        self._is_shutdown = True
+        self.wake()
+        timeout = -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        if not self._working.acquire(timeout=timeout):
+            return False
+        try:
+            with self._lock:
+                for node in list(self._nodes):
+                    self.remove_node(node)
+                self._context._wakers.discard(self)
+                self._conditions.close()
+        finally:
+            self._working.release()
+        return True
+
+    def __del__(self) -> None:
+        if hasattr(self, "_conditions"):
+            self._conditions.close()
+
+    def add_node(self, node: Node) -> bool:
+        """Run the callbacks of a node from now on; return whether it is new to this executor."""
+        with self._lock:
+            if node in self._nodes:
+                return False
+            self._nodes[node] = None
+            node.executor = self
+        self._notice()
+        return True
+
+    def remove_node(self, node: Node) -> None:
+        """Run no more callbacks of a node."""
+        with self._lock:
+            if node not in self._nodes:
+                return
+            del self._nodes[node]
+        self._notice()
+
+    def get_nodes(self) -> list[Node]:
+        """Return the nodes that were added."""
+        with self._lock:
+            return list(self._nodes)
+
+    def wake(self) -> None:
+        """End the present wait, to look for changes."""
+        self._conditions.wake()
+
+    def _notice(self) -> None:
+        """Take note that nodes or entities came or went."""
+        self._entities_changed = True
+        self.wake()
+
+    # Spinning
+
+    def spin(self) -> None:
+        """Run callbacks until shutdown.
+
+        Raises
+        ------
+        ExternalShutdownException
+            If the context is shut down while waiting, e.g. by SIGTERM.
+        """
+        while self._context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done or the time is over."""
+        future._add_waker(self.wake)
+        if timeout_sec is None or timeout_sec < 0:
+            while self._context.ok() and not future.done() and not self._is_shutdown:
+                self.spin_once_until_future_complete(future, timeout_sec)
+            return
+        end = time.monotonic() + timeout_sec
+        timeout_left = TimeoutObject(timeout_sec)
+        while self._context.ok() and not future.done() and not self._is_shutdown:
+            self.spin_once_until_future_complete(future, timeout_left)
+            now = time.monotonic()
+            if now >= end:
+                return
+            timeout_left.timeout = end - now
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and run it; None or negative waits for ever, 0 only looks."""
+        raise NotImplementedError()
+
+    def spin_once_until_future_complete(
+        self, future: Future, timeout_sec: float | TimeoutObject | None = None
+    ) -> None:
+        """Wait for one callback and run it, unless the future is done first."""
+        raise NotImplementedError()
+
+    # Waiting
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an entity's callback group lets it start."""
+        return entity.callback_group is None or bool(entity.callback_group.can_execute(entity))
+
+    def wait_for_ready_callbacks(
+        self,
+        timeout_sec: float | TimeoutObject | None = None,
+        nodes: list[Node] | None = None,
+        condition: Callable[[], bool] = lambda: False,
+    ) -> tuple[Task, Any, Node | None]:
+        """Wait for a callback; return the task that runs it, its entity and its node.
+
+        Raises
+        ------
+        TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException
+            If there is none because the time is over, the executor or the context is shut down, or the condition
+            is reached.
+        """
+        timeout_ns = timeout_sec_to_nsec(timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec)
+        deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
+        looked = False
+        while True:
+            if self._is_shutdown:
+                raise ShutdownException()
+            if condition():
+                raise ConditionReachedException()
+            work = self._next(nodes)
+            if work is not None:
+                return work
+            remaining = None if deadline is None else deadline - time.monotonic_ns()
+            if looked and remaining is not None and remaining <= 0:
+                raise TimeoutException()
+            looked = True
+            try:
+                self._collect(LONGEST_WAIT_NS if remaining is None else max(0, remaining))
+            except DDSException:
+                # An entity was destroyed by another thread between two calls, or the participant is gone.
+                self._entities_changed = True
+                if self._context.session._closed:
+                    raise ExternalShutdownException() from None
+            if self._is_shutdown:
+                raise ShutdownException()
+            if not self._context.ok():
+                raise ExternalShutdownException()
+
+    def _next(self, nodes: list[Node] | None) -> tuple[Task, Any, Node | None] | None:
+        for _ in range(len(self._tasks)):
+            try:
+                task = self._tasks.popleft()
+            except IndexError:
+                break
+            if task.done():
+                continue
+            self._tasks.append(task)
+            if task._resumable and task._round != self._round and not task.executing():
+                task._round = self._round
+                return task, None, None
+        while self._ready:
+            entity, node = self._ready.popleft()
+            if node not in self._nodes or (nodes is not None and node not in nodes) or not self.can_execute(entity):
+                continue
+            return _EntityTask(entity, self), entity, node
+        return None
+
+    def _rebuild(self) -> None:
+        """Look again which entities there are and which of them may start."""
+        self._entities_changed = False
+        self._blocked = False
+        self._timers, self._guards, self._readers, self._events = [], [], [], []
+        with self._lock:
+            nodes = list(self._nodes)
+        for node in nodes:
+            for target, entities in (
+                (self._timers, node._timers),
+                (self._guards, node._guards),
+                (self._readers, [*node._subscriptions, *node._clients, *node._services]),
+                (self._events, node._waitables),
+            ):
+                for entity in list(entities):
+                    if self.can_execute(entity):
+                        target.append((entity, node))
+                    else:
+                        self._blocked = True
+        conditions = [entity.condition for entity, _ in self._readers]
+        conditions += [entity.condition for entity, _ in self._events if entity.condition is not None]
+        self._conditions.update(conditions, lambda entity: entity._ref not in entity._entities)
+
+    def _collect(self, timeout_ns: int) -> None:
+        """Sleep until something is ready and note what."""
+        if self._entities_changed:
+            self._rebuild()
+        self._round += 1
+        for timer, _ in self._timers:
+            wait_ns = timer._wait_ns()
+            if wait_ns is not None and wait_ns < timeout_ns:
+                timeout_ns = wait_ns
+        if self._tasks and timeout_ns > _POLL_NS and any(task._resumable for task in list(self._tasks)):
+            timeout_ns = _POLL_NS
+        if any(guard._triggered for guard, _ in self._guards):
+            timeout_ns = 0
+        triggered = self._conditions.wait(timeout_ns)
+        ready = self._ready
+        for timer in self._timers:
+            if timer[0]._wait_ns() == 0:
+                ready.append(timer)
+        found = 0
+        if triggered:
+            for reader in self._readers:
+                if reader[0].condition.is_triggered():
+                    ready.append(reader)
+                    found += 1
+                    if found == triggered:
+                        break
+        for guard in self._guards:
+            if guard[0]._triggered:
+                ready.append(guard)
+        now = time.monotonic_ns()
+        if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
+            self._events_seen_ns = now
+            for event in self._events:
+                if event[0].is_ready():
+                    ready.appendleft(event)
+
+    def __enter__(self) -> Executor:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.shutdown()
+
+
+class SingleThreadedExecutor(Executor):
+    """Runs callbacks in the thread that spins."""
+
+    def _spin_once(self, timeout_sec: float | TimeoutObject | None, condition: Callable[[], bool]) -> None:
+        with self._working:
+            try:
+                task, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            except (ShutdownException, TimeoutException, ConditionReachedException):
+                return
+            task()
+            if isinstance(task, _EntityTask) and not task.done():
+                self._tasks.append(task)
+            if task.exception() is not None:
+                raise task.exception()  # type: ignore[misc]
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and run it; an exception it raises comes out here."""
+        self._spin_once(timeout_sec, lambda: False)
+
+    def spin_once_until_future_complete(
+        self, future: Future, timeout_sec: float | TimeoutObject | None = None
+    ) -> None:
+        """Wait for one callback and run it, unless the future is done first."""
+        future._add_waker(self.wake)
+        self._spin_once(timeout_sec, future.done)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "MultiThreadedExecutor":
+        raise ImportError(
+            "rclpy_embedded has no MultiThreadedExecutor: callbacks run in the thread that spins. Use "
+            "SingleThreadedExecutor, or genuine ROS 2 (https://docs.ros.org/en/jazzy) for callbacks in parallel."
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

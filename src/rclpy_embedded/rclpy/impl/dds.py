@@ -1,0 +1,127 @@
+"""Cyclone DDS entities that carry ready-made CDR, with the QoS and USER_DATA of rmw_cyclonedds."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from cyclonedds.core import DDSException, Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
+from cyclonedds.idl import IdlStruct, make_idl_struct
+
+from rclpy.qos import (
+    QoSDurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSLivelinessPolicy,
+    QoSProfile,
+    QoSReliabilityPolicy,
+)
+
+if TYPE_CHECKING:
+    from cyclonedds.sub import DataReader
+
+INFINITE_NS = 0x7FFFFFFFFFFFFFFF
+
+
+class RawSample(IdlStruct):
+    """A sample whose serialized form is given; the DDS type is empty, so the middleware looks at no field."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+
+    def serialize(self, buffer: Any = None, endianness: Any = None, use_version_2: bool | None = None) -> bytes:
+        """Hand the CDR to the writer as it is."""
+        return self.data
+
+    @classmethod
+    def deserialize(cls, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> RawSample:
+        """Keep the CDR as it came; decoding is the business of the message type."""
+        return cls(data)
+
+    deserialize_key = deserialize
+
+
+@cache
+def raw_type(dds_name: str) -> type[RawSample]:
+    """Return the DDS type of the given name that carries CDR."""
+    return make_idl_struct("RawType", dds_name, {}, dataclassify=False, bases=(RawSample,))
+
+
+def any_sample(reader: DataReader) -> ReadCondition:
+    """Return a condition that triggers while the reader holds any sample."""
+    return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
+
+
+def delete(entity: Entity | None) -> None:
+    """Delete the DDS entity now, whoever still refers to the Python object."""
+    if entity is not None:
+        entity.__del__()
+
+
+def _duration_ns(duration: Any) -> int:
+    """Nanoseconds of a Duration; 0 means unspecified, and anything at or above the largest value infinite."""
+    return min(int(duration.nanoseconds), INFINITE_NS)
+
+
+def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:
+    """Translate a profile as rmw_cyclonedds does."""
+    if profile.history == QoSHistoryPolicy.KEEP_ALL:
+        history: Any = Policy.History.KeepAll
+    else:
+        history = Policy.History.KeepLast(max(1, profile.depth))
+    best_effort = profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
+    policies: list[Any] = [
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        history,
+        Policy.Reliability.BestEffort if best_effort else Policy.Reliability.Reliable(INFINITE_NS),
+        Policy.Userdata(user_data.encode()),
+    ]
+    if profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL:
+        policies.append(Policy.Durability.TransientLocal)
+        if writer:
+            policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
+    else:
+        policies.append(Policy.Durability.Volatile)
+    if writer:
+        policies.append(Policy.WriterDataLifecycle(autodispose=False))
+        if lifespan := _duration_ns(profile.lifespan):
+            policies.append(Policy.Lifespan(lifespan))
+    if deadline := _duration_ns(profile.deadline):
+        policies.append(Policy.Deadline(deadline))
+    lease = _duration_ns(profile.liveliness_lease_duration) or INFINITE_NS
+    manual = profile.liveliness == QoSLivelinessPolicy.MANUAL_BY_TOPIC
+    policies.append(Policy.Liveliness.ManualByTopic(lease) if manual else Policy.Liveliness.Automatic(lease))
+    return Qos(*policies)
+
+
+def profile_from_dds(qos: Qos) -> QoSProfile:
+    """Translate discovered QoS back into a profile; policies that are absent become unknown."""
+    from rclpy.duration import Duration
+
+    def seconds(policy: Any, field: str) -> Duration:
+        value = getattr(policy, field, INFINITE_NS) if policy is not None else INFINITE_NS
+        return Duration(nanoseconds=min(int(value), INFINITE_NS))
+
+    history = qos[Policy.History]
+    reliability = qos[Policy.Reliability]
+    liveliness = qos[Policy.Liveliness]
+    keep_all = history == Policy.History.KeepAll
+    return QoSProfile(
+        history=QoSHistoryPolicy.UNKNOWN
+        if history is None
+        else QoSHistoryPolicy.KEEP_ALL
+        if keep_all
+        else QoSHistoryPolicy.KEEP_LAST,
+        depth=0 if keep_all or history is None else history.depth,
+        reliability=QoSReliabilityPolicy.BEST_EFFORT
+        if reliability == Policy.Reliability.BestEffort or reliability is None
+        else QoSReliabilityPolicy.RELIABLE,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
+        if qos[Policy.Durability] == Policy.Durability.TransientLocal
+        else QoSDurabilityPolicy.VOLATILE,
+        lifespan=seconds(qos[Policy.Lifespan], "lifespan"),
+        deadline=seconds(qos[Policy.Deadline], "deadline"),
+        liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC
+        if isinstance(liveliness, Policy.Liveliness.ManualByTopic)
+        else QoSLivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=seconds(liveliness, "lease_duration"),
+    )

@@ -1,0 +1,101 @@
+"""Which peers are looked for: the ROS environment variables as a Cyclone DDS configuration."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+# Type information of peers built on plain Cyclone DDS (vendor 1.16) is ignored: as with rmw, types match by name.
+_BY_NAME = "<Compatibility><IgnoreTypeInformation>1.16</IgnoreTypeInformation></Compatibility>"
+# rmw uses 32, which is also the limit of processes on a machine; this leaves room for more and fits the port range.
+_MAX_PARTICIPANTS = 119
+_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+
+
+def loopback_only() -> bool:
+    """Return whether the loopback interface is the only one that is up (containers, sandboxes, no cable)."""
+    interfaces = Path("/sys/class/net")
+    if not interfaces.is_dir():
+        return False
+    for interface in interfaces.iterdir():
+        try:
+            flags = int((interface / "flags").read_text(), 16)
+        except (OSError, ValueError):
+            continue
+        # Up and multicast-capable is what Cyclone DDS needs for its own choice.
+        if interface.name != "lo" and flags & 0x1 and flags & 0x1000 and _has_address(interface.name):
+            return False
+    return True
+
+
+def _has_address(interface: str) -> bool:
+    """Return whether an interface has an IPv4 route, which means an address (Linux)."""
+    try:
+        lines = Path("/proc/net/route").read_text().splitlines()[1:]
+    except OSError:
+        return True
+    return any(line.split("\t", 1)[0] == interface for line in lines)
+
+
+def discovery_range(environ: Mapping[str, str]) -> str:
+    """Return the range asked for: SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT."""
+    if environ.get("ROS_LOCALHOST_ONLY", "") == "1":
+        return "LOCALHOST"
+    wanted = environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"
+    if wanted in _RANGES:
+        return wanted
+    print(
+        f"ROS_AUTOMATIC_DISCOVERY_RANGE is {wanted!r}, expected one of {', '.join(_RANGES)}; using LOCALHOST",
+        file=sys.stderr,
+    )
+    return "LOCALHOST"
+
+
+def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
+    """Return the configuration of a domain: what the ROS variables say, then CYCLONEDDS_URI, which wins."""
+    wanted = discovery_range(environ)
+    peers = [peer for peer in environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
+    user = environ.get("CYCLONEDDS_URI", "")
+    general = discovery = ""
+    limit = min(_MAX_PARTICIPANTS, (65535 - 7411 - 250 * domain) // 2)
+    if wanted == "LOCALHOST":
+        general = "<AllowMulticast>false</AllowMulticast>"
+        peers.insert(0, "localhost")
+    elif wanted == "OFF":
+        general = "<AllowMulticast>false</AllowMulticast>"
+        discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
+        peers = []
+    elif wanted == "SYSTEM_DEFAULT":
+        peers = []
+    elif loopback_only():
+        general = '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
+    if wanted in ("LOCALHOST", "SUBNET"):
+        discovery = (
+            "<ParticipantIndex>auto</ParticipantIndex>"
+            f"<MaxAutoParticipantIndex>{limit}</MaxAutoParticipantIndex>"
+            f"<Peers>{''.join(f'<Peer address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
+        )
+    # An explicit interface in CYCLONEDDS_URI would add to ours instead of replacing it.
+    if "<Interfaces>" in user.replace(" ", "") or "NetworkInterfaceAddress" in user:
+        general = general if "Interfaces" not in general else ""
+    elements = f"{_BY_NAME}<General>{general}</General><Discovery>{discovery}</Discovery>"
+    return f"<CycloneDDS><Domain>{elements}</Domain></CycloneDDS>" + ("," + user if user else "")
+
+
+def domain_id(environ: Mapping[str, str] = os.environ) -> int:
+    """Return the domain of ROS_DOMAIN_ID, 0 without it.
+
+    Raises
+    ------
+    RuntimeError
+        If the variable is not a number from 0 to 232.
+    """
+    text = environ.get("ROS_DOMAIN_ID", "").strip()
+    if not text:
+        return 0
+    if not text.isdecimal() or int(text) > 232:
+        raise RuntimeError(f"ROS_DOMAIN_ID is not an integer from 0 to 232: {text!r}")
+    return int(text)

@@ -1,0 +1,202 @@
+"""A participant in a DDS domain, and the nodes it announces on ros_discovery_info."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from weakref import WeakSet
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter, Publisher
+from cyclonedds.sub import DataReader, Subscriber
+from cyclonedds.topic import Topic
+
+from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
+from rclpy.impl.discovery import configuration
+from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
+from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
+
+if TYPE_CHECKING:
+    from rclpy.impl.graph import Graph
+
+_domains: dict[int, tuple[Domain, int]] = {}
+_domains_lock = threading.Lock()
+_sessions: WeakSet[Session] = WeakSet()
+
+_INFO_WRITER = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+_INFO_READER = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def type_hash_data(support: TypeSupport) -> str:
+    """Return the USER_DATA that carries a type's hash."""
+    return f"typehash={support.type_hash};"
+
+
+@dataclass(eq=False)
+class LocalNode:
+    """What a node of this participant announces."""
+
+    namespace: str
+    name: str
+    reader_gids: list[bytes] = field(default_factory=list)
+    writer_gids: list[bytes] = field(default_factory=list)
+
+
+class Session:
+    """The DDS side of a context: domain, participant, announced nodes. Lives until its last user closes it.
+
+    Parameters
+    ----------
+    domain_id : int
+        DDS domain, 0 to 232.
+    enclave : str
+        Security enclave, announced only.
+    """
+
+    def __init__(self, domain_id: int, enclave: str = "/") -> None:
+        self.domain_id = domain_id
+        self.enclave = enclave
+        self._lock = threading.RLock()
+        self._nodes: list[LocalNode] = []
+        self._ids = 0
+        self._closed = False
+        self._graph: Graph | None = None
+        _acquire_domain(domain_id)
+        self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
+        self.publisher = Publisher(self.participant)
+        self.subscriber = Subscriber(self.participant)
+        self.guid = self.participant.guid.bytes
+        self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
+        topic = self.topic("ros_discovery_info", self.info_support)
+        hash_data = type_hash_data(self.info_support)
+        self._info_writer = DataWriter(self.publisher, topic, qos_to_dds(_INFO_WRITER, hash_data, writer=True))
+        self.info_reader = DataReader(self.subscriber, topic, qos_to_dds(_INFO_READER, hash_data, writer=False))
+        _sessions.add(self)
+
+    @property
+    def graph(self) -> Graph:
+        """What is known of all participants of the domain."""
+        if self._graph is None:
+            from rclpy.impl.graph import Graph
+
+            with self._lock:
+                self._graph = self._graph or Graph(self)
+        return self._graph
+
+    def topic(self, dds_topic: str, support: TypeSupport) -> Topic[RawSample]:
+        """Return a DDS topic for samples of a type."""
+        return Topic(self.participant, dds_topic, raw_type(support.dds_name))
+
+    def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataWriter:
+        """Create a writer; `prefix` goes before the type hash in its USER_DATA."""
+        qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=True)
+        return DataWriter(self.publisher, self.topic(dds_topic, support), qos)
+
+    def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataReader:
+        """Create a reader; `prefix` goes before the type hash in its USER_DATA."""
+        qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=False)
+        return DataReader(self.subscriber, self.topic(dds_topic, support), qos)
+
+    def next_id(self) -> str:
+        """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""
+        with self._lock:
+            self._ids += 1
+            raw = self.guid[:12] + self._ids.to_bytes(4, "big")
+        return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
+
+    def add_node(self, node: LocalNode) -> None:
+        """Announce a node."""
+        with self._lock:
+            self._nodes.append(node)
+            self._announce()
+
+    def remove_node(self, node: LocalNode) -> None:
+        """Withdraw a node."""
+        with self._lock:
+            self._nodes.remove(node)
+            self._announce()
+
+    def add_endpoints(
+        self, node: LocalNode, *, reader: DataReader | None = None, writer: DataWriter | None = None
+    ) -> None:
+        """Announce endpoints of a node, in one message."""
+        with self._lock:
+            if reader is not None:
+                node.reader_gids.append(reader.guid.bytes)
+            if writer is not None:
+                node.writer_gids.append(writer.guid.bytes)
+            self._announce()
+
+    def remove_endpoints(
+        self, node: LocalNode, *, reader: DataReader | None = None, writer: DataWriter | None = None
+    ) -> None:
+        """Withdraw endpoints of a node, then delete them."""
+        with self._lock:
+            if self._closed:
+                return
+            if reader is not None:
+                node.reader_gids.remove(reader.guid.bytes)
+            if writer is not None:
+                node.writer_gids.remove(writer.guid.bytes)
+            if node in self._nodes:
+                self._announce()
+            delete(reader)
+            delete(writer)
+
+    def _announce(self) -> None:
+        info = get_message("rmw_dds_common/msg/ParticipantEntitiesInfo")
+        entities = get_message("rmw_dds_common/msg/NodeEntitiesInfo")
+        message = info(
+            gid=_gid(self.guid),
+            node_entities_info_seq=[
+                entities(
+                    node_namespace=node.namespace,
+                    node_name=node.name,
+                    reader_gid_seq=[_gid(gid) for gid in node.reader_gids],
+                    writer_gid_seq=[_gid(gid) for gid in node.writer_gids],
+                )
+                for node in self._nodes
+            ],
+        )
+        self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(message)))
+
+    def close(self) -> None:
+        """Leave the domain; harmless when done twice."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            _sessions.discard(self)
+            delete(self.participant)
+            _release_domain(self.domain_id)
+
+
+def _gid(guid: bytes) -> object:
+    return get_message("rmw_dds_common/msg/Gid")(data=list(guid))
+
+
+def _acquire_domain(domain_id: int) -> None:
+    with _domains_lock:
+        domain, users = _domains.get(domain_id, (None, 0))
+        if domain is None:
+            domain = Domain(domain_id, configuration(domain_id))
+        _domains[domain_id] = (domain, users + 1)
+
+
+def _release_domain(domain_id: int) -> None:
+    with _domains_lock:
+        domain, users = _domains.pop(domain_id)
+        if users > 1:
+            _domains[domain_id] = (domain, users - 1)
+        else:
+            delete(domain)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Say goodbye to the peers also when the program forgot to; else they would wait for the lease to run out."""
+    for session in list(_sessions):
+        session.close()

@@ -1,0 +1,23 @@
+"""Messages to bytes and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_embedded.typesupport import type_support
+
+
+def serialize_message(message: Any) -> bytes:
+    """Return the CDR of a message, with its 4 byte encapsulation header."""
+    return type_support(type(message)).serialize(message)
+
+
+def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
+    """Return the message of a type that `serialized_message` holds.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are not one (rosidl_embedded.DeserializationError).
+    """
+    return type_support(message_type).deserialize(serialized_message)

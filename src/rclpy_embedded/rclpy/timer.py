@@ -1,0 +1,257 @@
+"""Timers and rates."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rclpy.time import Time
+from rclpy.utilities import get_default_context
+
+
+@dataclass(frozen=True)
+class TimerInfo:
+    """When a timer should have called and when it did."""
+
+    expected_call_time: Time
+    actual_call_time: Time
+
+
+class Timer:
+    """Calls back periodically, without drift: calls stay on the grid that creation or reset began.
+
+    Parameters
+    ----------
+    callback : callable
+        Takes nothing, or a TimerInfo.
+    callback_group : CallbackGroup
+        Group of the callback.
+    timer_period_ns : int
+        Period in nanoseconds of the clock.
+    clock : Clock
+        Clock that counts.
+    context : Context, optional
+        The global context by default.
+    autostart : bool
+        Without it, the timer begins with ``reset``.
+    """
+
+    def __init__(
+        self,
+        callback: Callable[..., Any] | None,
+        callback_group: CallbackGroup,
+        timer_period_ns: int,
+        clock: Clock,
+        *,
+        context: Context | None = None,
+        autostart: bool = True,
+    ) -> None:
+        if int(timer_period_ns) < 0:
+            raise RCLError(f"failed to create timer: timer period must be non-negative, got {timer_period_ns} ns")
+        self._context = get_default_context() if context is None else context
+        self._clock = clock
+        self._period_ns = int(timer_period_ns)
+        self._canceled = not autostart
+        self._destroyed = False
+        self._last_call_ns = clock._now_ns()
+        self._next_call_ns = self._last_call_ns + self._period_ns
+        self._credit_ns = 0
+        self.callback = callback
+        self.callback_group = callback_group
+        self._jumps = None
+        if isinstance(clock, ROSClock):
+            threshold = JumpThreshold(
+                min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1), on_clock_change=True
+            )
+            self._jumps = clock.create_jump_callback(
+                threshold, pre_callback=self._before_jump, post_callback=self._after_jump
+            )
+
+    def _before_jump(self) -> None:
+        self._credit_ns = self._next_call_ns - self._clock._now_ns()
+
+    def _after_jump(self, jump: TimeJump) -> None:
+        now = self._clock._now_ns()
+        if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
+            # Another epoch: what was left of the period stays.
+            self._next_call_ns = now + self._credit_ns
+            self._last_call_ns = self._next_call_ns - self._period_ns
+        elif now < self._last_call_ns:
+            self._next_call_ns = now + self._period_ns
+            self._last_call_ns = now
+        if self._next_call_ns <= now:
+            self._context._wake_all()
+
+    @property
+    def callback(self) -> Callable[..., Any] | None:
+        """What is called: with nothing, or with a TimerInfo if it takes an argument."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, value: Callable[..., Any] | None) -> None:
+        self._callback = value
+        self._wants_info = False
+        if value is not None:
+            try:
+                signature = inspect.signature(value)
+            except (TypeError, ValueError):
+                return
+            try:
+                signature.bind()
+            except TypeError:
+                self._wants_info = True
+
+    @property
+    def handle(self) -> Timer:
+        """The timer itself.
+
+        Raises
+        ------
+        InvalidHandle
+            After destruction.
+        """
+        if self._destroyed:
+            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
+        return self
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that counts."""
+        return self._clock
+
+    @property
+    def timer_period_ns(self) -> int:
+        """Period in nanoseconds; a new one counts from the next call on."""
+        return self.handle._period_ns
+
+    @timer_period_ns.setter
+    def timer_period_ns(self, value: float) -> None:
+        self.handle._period_ns = int(value)
+
+    def is_ready(self) -> bool:
+        """Return whether it is due."""
+        return not self.handle._canceled and self._next_call_ns <= self._clock._now_ns()
+
+    def is_canceled(self) -> bool:
+        """Return whether it is canceled."""
+        return self.handle._canceled
+
+    def cancel(self) -> None:
+        """Stop it until ``reset``."""
+        self.handle._canceled = True
+
+    def reset(self) -> None:
+        """Start it, or start the period anew."""
+        self.handle._next_call_ns = self._clock._now_ns() + self._period_ns
+        self._canceled = False
+        self._context._wake_all()
+
+    def time_since_last_call(self) -> int:
+        """Return the nanoseconds since the last call, or since creation."""
+        return self._clock._now_ns() - self.handle._last_call_ns
+
+    def time_until_next_call(self) -> int | None:
+        """Return the nanoseconds until it is due (negative if it is overdue), None if it is canceled."""
+        return None if self.handle._canceled else self._next_call_ns - self._clock._now_ns()
+
+    def _wait_ns(self) -> int | None:
+        """Nanoseconds an executor may wait for this timer; None if no wait would end it (canceled, simulated time)."""
+        if self._canceled or self._destroyed:
+            return None
+        remaining = self._next_call_ns - self._clock._now_ns()
+        if remaining > 0 and isinstance(self._clock, ROSClock) and self._clock.ros_time_is_active:
+            return None
+        return max(0, remaining)
+
+    def call(self) -> TimerInfo:
+        """Count a call: the next one is due at the next point of the grid that is still to come."""
+        now, expected = self._clock._now_ns(), self._next_call_ns
+        self._last_call_ns = now
+        self._next_call_ns += self._period_ns
+        if self._next_call_ns < now:
+            if self._period_ns == 0:
+                self._next_call_ns = now
+            else:
+                missed = 1 + (now - self._next_call_ns - 1) // self._period_ns
+                self._next_call_ns += missed * self._period_ns
+        clock_type = self._clock.clock_type
+        return TimerInfo(Time(nanoseconds=expected, clock_type=clock_type), Time(nanoseconds=now, clock_type=clock_type))
+
+    def _take(self) -> Callable[[], Any] | None:
+        if self._destroyed or not self.is_ready():
+            return None
+        info = self.call()
+        callback = self._callback
+        if callback is None:
+            return None
+        return (lambda: callback(info)) if self._wants_info else callback
+
+    def destroy(self) -> None:
+        """End it; better call ``Node.destroy_timer``."""
+        self._destroyed = True
+        if self._jumps is not None:
+            self._jumps.unregister()
+            self._jumps = None
+
+
+class Rate:
+    """Sleeps at a fixed rate, in a thread that does not spin; made by ``Node.create_rate``."""
+
+    def __init__(self, timer: Timer, *, context: Context) -> None:
+        self._timer = timer
+        self._is_shutdown = False
+        self._is_destroyed = False
+        self._event = threading.Event()
+        self._lock = threading.Lock()
+        self._num_sleepers = 0
+        self._timer.callback = self._event.set
+        context.on_shutdown(self._on_shutdown)
+
+    def _on_shutdown(self) -> None:
+        self._is_shutdown = True
+        self.destroy()
+
+    def destroy(self) -> None:
+        """End it and wake all sleepers."""
+        self._is_destroyed = True
+        self._event.set()
+
+    def sleep(self) -> None:
+        """Block until the timer fires. In a callback this would block the executor that runs the timer.
+
+        Raises
+        ------
+        ROSInterruptException
+            When the context is shut down.
+        RuntimeError
+            If it is destroyed.
+        InvalidHandle
+            If its timer is destroyed.
+        """
+        if self._is_shutdown:
+            raise ROSInterruptException()
+        if self._is_destroyed:
+            raise RuntimeError("Rate cannot sleep because it has been destroyed")
+        if self._timer._destroyed:
+            self.destroy()
+            raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
+        with self._lock:
+            self._num_sleepers += 1
+        try:
+            self._event.wait()
+        finally:
+            with self._lock:
+                self._num_sleepers -= 1
+                if self._num_sleepers == 0:
+                    self._event.clear()
+        if self._is_shutdown:
+            self.destroy()
+            raise ROSInterruptException()

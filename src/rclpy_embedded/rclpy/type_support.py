@@ -1,0 +1,45 @@
+"""Checks that a class is a message or a service."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_embedded.typesupport import service_type_support, type_support
+
+
+def check_is_valid_msg_type(msg_type: Any) -> None:
+    """Raise unless `msg_type` is a message class.
+
+    Raises
+    ------
+    AttributeError
+        If it has no type support at all, e.g. a plain Python class.
+    RuntimeError
+        If it is a service or action.
+    """
+    _check(msg_type, "message", type_support, "this might be a service or action")
+
+
+def check_is_valid_srv_type(srv_type: Any) -> None:
+    """Raise unless `srv_type` is a service class.
+
+    Raises
+    ------
+    AttributeError
+        If it has no type support at all, e.g. a plain Python class.
+    RuntimeError
+        If it is a message or action.
+    """
+    _check(srv_type, "service", service_type_support, "this might be a message or action")
+
+
+def _check(cls: Any, kind: str, support: Any, hint: str) -> None:
+    try:
+        support(cls)
+    except TypeError as error:
+        if hasattr(cls, "_TYPE_NAME"):
+            raise RuntimeError(f"The {kind} type provided is not valid ({cls}), {hint}") from None
+        raise AttributeError(
+            f"{error}. This might be a ROS 1 message type but it should be a ROS 2 message type. "
+            "Make sure to source your ROS 2 workspace after your ROS 1 workspace."
+        ) from None
