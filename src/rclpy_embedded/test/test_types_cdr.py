@@ -25,17 +25,10 @@ from rosidl_embedded.parser import INTEGER_RANGES
 from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
+SERVICE_PACKAGES = ("std_srvs", "rcl_interfaces", "nav_msgs", "rosbag2_interfaces", "fsw_msgs", "test_msgs")
 SERVICES = [
     f"{package}/srv/{name}_{part}"
-    for package in (
-        "std_srvs",
-        "rcl_interfaces",
-        "nav_msgs",
-        "rosbag2_interfaces",
-        "fsw_msgs",
-        "sensor_msgs",
-        "test_msgs",
-    )
+    for package in SERVICE_PACKAGES
     for name in catalogue.interface_names(package, "srv")
     for part in ("Request", "Response", "Event")
 ]
@@ -44,7 +37,7 @@ OTHERS = [
     for package in ("fsw_msgs", "test_msgs")
     for name in catalogue.interface_names(package, "msg")
 ]
-TYPES = sorted(STORE.fielddefs) + SERVICES + OTHERS + ODD
+TYPES = sorted(STORE.fielddefs) + SERVICES + OTHERS
 HEADER = b"\x00\x01\x00\x00"
 
 
