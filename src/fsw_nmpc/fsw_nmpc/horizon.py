@@ -129,8 +129,13 @@ def make_horizon(
     step_interval = np.array(interval, dtype=np.int32)
     out_step = np.array([np.nonzero(step_interval == i)[0][-1] for i in range(n_out)], dtype=np.int32)
     reaches = np.searchsorted(grid, grid[1:] - parameters.dead_time_s - 1e-9, side="right") - 1
-    temperature_width = np.array([2 * (blocks[r] + 1) if g > parameters.dead_time_s + 1e-9 else 0
-                                  for r, g in zip(reaches, grid[1:], strict=True)], dtype=np.int32)
+    temperature_width = np.array(
+        [
+            2 * (blocks[r] + 1) if g > parameters.dead_time_s + 1e-9 else 0
+            for r, g in zip(reaches, grid[1:], strict=True)
+        ],
+        dtype=np.int32,
+    )
 
     n_history = round(parameters.dead_time_s / STEP_S)
     starts = np.concatenate([-parameters.dead_time_s + STEP_S * np.arange(n_history), ends - np.array(length)])

@@ -59,7 +59,9 @@ def build(library: Path = LIBRARY, extra_flags: tuple[str, ...] = ()) -> Path:
         target = Path(scratch.name)
     try:
         files = [str(FOLDER / name) for name in SOURCES]
-        run = subprocess.run([*command, *FLAGS, *extra_flags, *files, "-o", str(target), "-lm"], capture_output=True, text=True)
+        run = subprocess.run(
+            [*command, *FLAGS, *extra_flags, *files, "-o", str(target), "-lm"], capture_output=True, text=True
+        )
         if run.returncode:
             raise RuntimeError(f"the kernel did not compile with {' '.join(command)}:\n{run.stderr}")
         target.chmod(0o755)

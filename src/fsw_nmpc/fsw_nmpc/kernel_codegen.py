@@ -44,7 +44,11 @@ def generate() -> str:
         generator.generate(folder + "/")
         text = (Path(folder) / "torque.c").read_text(encoding="utf-8")
     lines = [line.rstrip() for line in text.splitlines()]
-    return "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n" + "\n".join(lines) + "\n"
+    return (
+        "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n"
+        + "\n".join(lines)
+        + "\n"
+    )
 
 
 if __name__ == "__main__":

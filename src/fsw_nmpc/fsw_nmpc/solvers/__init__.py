@@ -1,0 +1,1 @@
+"""Solvers of the NMPC's problem, one interface."""
