@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isclose, isfinite
 
 from fsw_control.contract import Command, Limits
 
@@ -95,3 +95,8 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         if speed_step > limits.speed_step_rpm + ROUNDING:
             return refuse(f"speed would jump by {speed_step:.3f} rpm, more than {limits.speed_step_rpm:g} rpm per tick")
     return Verdict(True, command)
+
+
+def same(one: Command, other: Command) -> bool:
+    """Whether two commands differ by no more than the rounding of the unit conversion."""
+    return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(one.speed_rpm, other.speed_rpm, rel_tol=1e-9)

@@ -8,7 +8,6 @@ from typing import Any
 
 from fsw_control.contract import SENSORS, Limits
 from fsw_control.validity import SensorLimits
-
 from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlock
 from fsw_supervisor.settings import ArbiterSettings
 

@@ -24,7 +24,8 @@ class Trigger(StrEnum):
     """What can make the mode change."""
 
     READY = "ready"
-    RESUMED = "resumed"
+    ABANDONED = "abandoned"
+    INTERRUPTED = "interrupted"
     OPERATOR_AUTO = "operator_auto"
     OPERATOR_MANUAL = "operator_manual"
     OPERATOR_HOLD = "operator_hold"
@@ -65,21 +66,23 @@ class Transition:
     meaning: str
 
 
-_RUNNING = (Mode.AUTO, Mode.MANUAL, Mode.HOLD)
-_ALL = (Mode.START, Mode.AUTO, Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP)
+def _but(mode: Mode) -> tuple[Mode, ...]:
+    return tuple(item for item in Mode if item is not mode)
+
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
-    Transition(Mode.START, Trigger.RESUMED, Mode.HOLD, "restarted mid-weld, its controller is silent"),
-    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, "operator, a controller is ready") for m in _ALL),
-    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, "operator, values in limits") for m in _ALL),
-    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, "operator") for m in _ALL),
-    *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _ALL),
+    Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the controller that was active is silent"),
+    Transition(Mode.AUTO, Trigger.INTERRUPTED, Mode.START, "measurements are back after a gap"),
+    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, "operator, a controller is ready") for m in _but(Mode.AUTO)),
+    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, "operator, values in limits") for m in _but(Mode.MANUAL)),
+    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, "operator") for m in _but(Mode.HOLD)),
+    *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
     Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no controller left that may be applied"),
     Transition(Mode.AUTO, Trigger.STORM, Mode.HOLD, "too many automatic swaps"),
     Transition(Mode.HOLD, Trigger.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
     Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "target auto, held too long"),
-    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock trips") for m in (Mode.START, *_RUNNING)),
+    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock trips") for m in _but(Mode.SAFE_STOP)),
 )
 
 _TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}

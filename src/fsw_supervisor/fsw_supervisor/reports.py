@@ -33,7 +33,7 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
         warm=record.consecutive_good >= arbiter.settings.warm_ticks,
         latched_out=bool(record.latched_out),
         tolerated_sensors=list(record.tolerated_sensors),
-        reason=arbiter.obstacle(record.name),
+        reason=arbiter.proposals.obstacle(record.name),
         consecutive_good=min(record.consecutive_good, 2**32 - 1),
         missed=min(record.missed, 2**32 - 1),
         late=min(record.late, 2**32 - 1),
@@ -46,21 +46,21 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
 
 def mode(arbiter: Arbiter) -> str:
     """Actual mode as the messages name it."""
-    return str(_WIRE_MODE.get(arbiter.mode, arbiter.mode))
+    return str(_WIRE_MODE.get(arbiter.machine.mode, arbiter.machine.mode))
 
 
 def state(arbiter: Arbiter, now: Time) -> SupervisorState:
     """The latched state."""
     message = SupervisorState(
-        target_controller=arbiter.target,
-        actual_controller=arbiter.active,
-        target_mode=str(arbiter.target_mode),
+        target_controller=arbiter.machine.target,
+        actual_controller=arbiter.machine.active,
+        target_mode=str(arbiter.machine.target_mode),
         actual_mode=mode(arbiter),
-        reason=arbiter.reason,
-        requested_by=arbiter.requested_by,
-        since=convert.stamp_from_ns(arbiter.since_ns),
-        transitions=arbiter.transitions,
-        controllers=[health(arbiter, record) for record in arbiter.roster.all()],
+        reason=arbiter.machine.reason,
+        requested_by=arbiter.machine.requested_by,
+        since=convert.stamp_from_ns(arbiter.machine.since_ns),
+        transitions=arbiter.machine.transitions,
+        controllers=[health(arbiter, record) for record in arbiter.proposals.roster],
         interlocks=list(arbiter.interlocks.active),
     )
     message.header.stamp = now
@@ -91,7 +91,8 @@ def diagnostics(
     message.header.stamp = now
     message.status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)]
     message.status += [
-        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.roster.all()
+        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)
+        for record in arbiter.proposals.roster
     ]
     return message
 
@@ -102,23 +103,23 @@ def _status(name: str, level: bytes, text: str, values: Mapping[str, object]) ->
 
 
 def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
-    level = DiagnosticStatus.OK
-    text = f"{arbiter.mode}: {arbiter.active}" if arbiter.active else str(arbiter.mode)
-    if arbiter.mode is not arbiter.target_mode or (arbiter.active and arbiter.active != arbiter.target):
-        level, text = DiagnosticStatus.WARN, f"{text} instead of {arbiter.target_mode} with {arbiter.target}"
-    if arbiter.mode is Mode.SAFE_STOP:
+    machine = arbiter.machine
+    level, text = DiagnosticStatus.OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
+    if machine.mode is not machine.target_mode or (machine.active and machine.active != machine.target):
+        level, text = DiagnosticStatus.WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
+    if machine.mode is Mode.SAFE_STOP:
         level = DiagnosticStatus.ERROR
     latency_ms = arbiter.last.latency_s * 1e3 if arbiter.last is not None else 0.0
     return _status(
         "arbiter",
         level,
-        f"{text}: {arbiter.reason}",
+        f"{text}: {machine.reason}",
         {
-            "ticks": arbiter.ticks,
+            "ticks": arbiter.machine.tick,
             "commands": arbiter.commands,
             "ticks without a command": arbiter.lost_ticks,
             "own stalls": arbiter.stalls,
-            "transitions": arbiter.transitions,
+            "transitions": arbiter.machine.transitions,
             "last latency [ms]": f"{latency_ms:.3f}",
         },
     )
@@ -134,10 +135,13 @@ def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
 
 
 def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
-    level, parts = DiagnosticStatus.OK, []
-    if arbiter.invalid_sensors:
+    level, parts = DiagnosticStatus.OK, list[str]()
+    if not arbiter.measuring:
         level = DiagnosticStatus.WARN
-        parts.append(f"invalid sensors: {', '.join(arbiter.invalid_sensors)}")
+        parts.append("no measurements")
+    if arbiter.proposals.invalid_sensors:
+        level = DiagnosticStatus.WARN
+        parts.append(f"invalid sensors: {', '.join(arbiter.proposals.invalid_sensors)}")
     if arbiter.interlocks.active:
         level = DiagnosticStatus.ERROR if arbiter.interlocks.tripped else DiagnosticStatus.WARN
         parts.append(", ".join(arbiter.interlocks.active))
@@ -148,15 +152,15 @@ def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
 def _controller_status(
     arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
 ) -> DiagnosticStatus:
-    obstacle = arbiter.obstacle(record.name)
+    obstacle = arbiter.proposals.obstacle(record.name)
     p99_s = record.latency.quantile_s(0.99)
     level = DiagnosticStatus.WARN if obstacle else DiagnosticStatus.OK
-    text = obstacle or ("active" if record.name == arbiter.active else "ready")
+    text = obstacle or ("active" if record.name == arbiter.machine.active else "ready")
     if not arbiter.lockstep and p99_s >= limits[0]:
         level = DiagnosticStatus.ERROR if p99_s >= limits[1] else max(level, DiagnosticStatus.WARN)
         text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
-    if record.conflicts:
-        level, text = DiagnosticStatus.ERROR, f"two controllers are called {record.name}"
+    if record.doubled:
+        level, text = DiagnosticStatus.ERROR, f"proposes more than once per tick: two controllers called {record.name}?"
     elif publishers > 1:
         level = max(level, DiagnosticStatus.WARN)
         text = f"{text}; {publishers} publishers of its proposals"

@@ -18,8 +18,8 @@ class SwitchRequest:
         Refuse unless it is ready now.
     expires_s : float
         Steady time at which a best-effort request gives up.
-    expires_index : int
-        Likewise as number of a tick (used in lockstep, where the steady clock means nothing).
+    last_tick : int
+        Likewise as the number of a tick (in lockstep, where the steady clock means nothing).
     who : str
         Who asked.
     accepted : bool
@@ -33,7 +33,7 @@ class SwitchRequest:
     name: str
     strict: bool
     expires_s: float
-    expires_index: int
+    last_tick: int
     who: str
     accepted: bool = False
     done: bool = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from fsw_supervisor.checks import ProposalInput
@@ -29,12 +30,10 @@ class ControllerRecord:
         content or stamp; further proposals to a stamp already answered.
     silent_ticks : int
         Ticks in a row without a proposal.
-    conflicts : int
-        Ticks in a row with two different proposals.
+    doubled, conflicts : int
+        Ticks in a row with more than one proposal; with two different ones.
     tolerated_sensors : tuple of str
         Sensors that it declares to do without for a while.
-    says_selected : bool
-        Whether it saw itself applied last; tells a restarted supervisor who was active.
     status_seen : bool
         Whether a status was received.
     last_stamp_ns : int
@@ -53,9 +52,9 @@ class ControllerRecord:
     rejected: int = 0
     duplicates: int = 0
     silent_ticks: int = 0
+    doubled: int = 0
     conflicts: int = 0
     tolerated_sensors: tuple[str, ...] = ()
-    says_selected: bool = False
     status_seen: bool = False
     last_stamp_ns: int = -1
     early: ProposalInput | None = None
@@ -99,6 +98,10 @@ class Roster:
         self._records: dict[str, ControllerRecord] = {}
         self._capacity = capacity
 
+    def __iter__(self) -> Iterator[ControllerRecord]:
+        """Records in the order of their names."""
+        return iter([self._records[name] for name in sorted(self._records)])
+
     def get(self, name: str) -> ControllerRecord | None:
         """Record of ``name``, or None when it was never seen."""
         return self._records.get(name)
@@ -109,7 +112,3 @@ class Roster:
         if record is None and len(self._records) < self._capacity:
             record = self._records[name] = ControllerRecord(name)
         return record
-
-    def all(self) -> list[ControllerRecord]:
-        """All records, by name."""
-        return [self._records[name] for name in sorted(self._records)]

@@ -10,10 +10,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from fsw_control.contract import Command
-from fsw_control.node_main_ros import run
-from fsw_control.parameters_ros import declare
-from fsw_control.validity import SensorGuard
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -24,6 +20,10 @@ from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.contract import Command
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
+from fsw_control.validity import SensorGuard
 from fsw_msgs.msg import ControllerStatus, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import configuration, reports
@@ -143,7 +143,7 @@ class SupervisorNode(Node):
 
     def _on_switch_topic(self, message: String) -> None:
         timeout_s = self._parameters["switch_request_timeout_s"]
-        self._arbiter.request_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
+        self._arbiter.desk.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
         self._publish([])
 
     def _on_wakeup(self) -> None:
@@ -157,7 +157,7 @@ class SupervisorNode(Node):
         wakeup_s = self._arbiter.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)
-        if self._arbiter.revision != self._published_revision:
+        if self._arbiter.machine.revision != self._published_revision:
             self._tell()
 
     def _arm(self, wakeup_s: float | None) -> None:
@@ -170,8 +170,8 @@ class SupervisorNode(Node):
 
     def _tell(self) -> None:
         """Publish the state and log what has happened."""
-        self._published_revision = self._arbiter.revision
-        for event in self._arbiter.events.take():
+        self._published_revision = self._arbiter.machine.revision
+        for event in self._arbiter.machine.events.take():
             logger, text = self.get_logger(), f"[{event.who}] {event.text}"
             if event.level is Level.ERROR:
                 logger.error(text)
@@ -192,7 +192,7 @@ class SupervisorNode(Node):
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
-        wish = self._arbiter.request_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        wish = self._arbiter.desk.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
         self._publish([])
         if not wish.done:
             answered: Future = Future(executor=self.executor)
@@ -204,14 +204,14 @@ class SupervisorNode(Node):
     def _on_list(
         self, request: ListControllers.Request, response: ListControllers.Response
     ) -> ListControllers.Response:
-        response.active = self._arbiter.active
+        response.active = self._arbiter.machine.active
         response.mode = reports.mode(self._arbiter)
-        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.roster.all()]
+        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.proposals.roster]
         return response
 
     def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
-        response.ok, response.message = self._arbiter.request_mode(request.mode, manual, "operator")
+        response.ok, response.message = self._arbiter.desk.ask_mode(request.mode, manual, "operator")
         self._publish([])
         return response
 
@@ -241,9 +241,9 @@ class SupervisorNode(Node):
                 continue
             if self.count_publishers(topic):
                 self._subscribe(name)
-                self._arbiter.join(name)
+                self._arbiter.proposals.join(name)
             else:
-                self._arbiter.leave(name)
+                self._arbiter.proposals.leave(name)
 
     def _subscribe(self, name: str) -> None:
         if name in self._subscribed:
@@ -255,7 +255,7 @@ class SupervisorNode(Node):
     def _diagnose(self) -> None:
         namesakes = {
             record.name: self.count_publishers(f"{self._prefix}{record.name}/proposal")
-            for record in self._arbiter.roster.all()
+            for record in self._arbiter.proposals.roster
         }
         writers = self.count_publishers(f"{self._prefix}command")
         limits = (self._parameters["latency_warn_s"], self._parameters["latency_error_s"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from fsw_control.contract import Command
-
 from fsw_supervisor.checks import Verdict
 
 NANOSECONDS = 1_000_000_000
@@ -19,18 +18,18 @@ class Tick:
     ----------
     stamp_ns : int
         Stamp of its measurement.
-    index : int
-        Number since the start, from 1.
     started_s, deadline_s : float
         On the steady clock: first sample of the stamp; when a command is decided anyway.
     before : Command or None
         Command applied in the tick before.
     samples : dict of str to float
         By sensor (mm, N m, degC).
+    drives : Command or None
+        What the drives say that acts on the process.
     verdicts : dict of str to Verdict
         By controller, of the proposals that came in time.
-    conflicts : set of str
-        Controllers from which two different proposals came.
+    doubled, conflicts : set of str
+        Controllers from which more than one proposal came, and from which different ones came.
     evaluated : bool
         Whether sensors and interlocks have been judged.
     failed : bool
@@ -42,12 +41,13 @@ class Tick:
     """
 
     stamp_ns: int
-    index: int
     started_s: float
     deadline_s: float
     before: Command | None
     samples: dict[str, float] = field(default_factory=dict)
+    drives: Command | None = None
     verdicts: dict[str, Verdict] = field(default_factory=dict)
+    doubled: set[str] = field(default_factory=set)
     conflicts: set[str] = field(default_factory=set)
     evaluated: bool = False
     failed: bool = False
