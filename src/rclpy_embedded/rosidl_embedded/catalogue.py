@@ -26,6 +26,7 @@ from .definition import (
     BoundedString,
     Constant,
     Field,
+    InvalidInterfaceError,
     Structure,
     UnboundedSequence,
     UnboundedString,
@@ -132,7 +133,10 @@ def _not_found(type_name: str) -> str:
 
 
 def _read(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInterfaceError(f"{path} cannot be read: {error}") from error
 
 
 def _find_file(package: str, kind: str, name: str, *, ament: bool = False) -> Path | None:

@@ -37,8 +37,8 @@ def lazy_interfaces(module_name: str) -> tuple[Callable[[str], Any], Callable[[]
         whole = kind == "srv" and not catalogue.service_part(name)[1]
         try:
             cls = (get_service if whole else get_message)(f"{package}/{kind}/{name}")
-        except UnknownInterfaceError:
-            raise AttributeError(f"module {module_name!r} has no {name!r}: no such interface is known") from None
+        except UnknownInterfaceError as error:
+            raise AttributeError(f"module {module_name!r} has no {name!r}: {error}") from None
         setattr(sys.modules[module_name], name, cls)
         return cls
 

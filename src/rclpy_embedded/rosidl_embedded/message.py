@@ -26,6 +26,7 @@ from .definition import (
     BasicType,
     BoundedSequence,
     Field,
+    InvalidInterfaceError,
     NamespacedType,
     Structure,
     element_type,
@@ -34,6 +35,7 @@ from .definition import (
 _lock = RLock()
 _messages: dict[str, type] = {}
 _services: dict[str, type] = {}
+_pending: list[str] = []
 _UNSET: Any = object()
 
 
@@ -58,7 +60,13 @@ def get_message(type_name: str) -> Any:
     full_name = "/".join(catalogue.split_name(type_name))
     with _lock:
         if full_name not in _messages:
-            _messages[full_name] = _make_message(catalogue.structure(full_name))
+            if full_name in _pending:
+                raise InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
+            _pending.append(full_name)
+            try:
+                _messages[full_name] = _make_message(catalogue.structure(full_name))
+            finally:
+                _pending.pop()
         return _messages[full_name]
 
 

@@ -59,6 +59,9 @@ def _class_lines(structure: Structure) -> Iterator[str]:
     yield f"class {name}:"
     for constant in structure.constants:
         yield f"    {constant.name}: ClassVar[{type(constant.value).__name__}]"
+    for field in structure.fields:
+        if field.default is not None:
+            yield f"    {field.name.upper()}__DEFAULT: ClassVar[{type(field.default).__name__}]"
     yield "    SLOT_TYPES: ClassVar[tuple[Any, ...]]"
     arguments = []
     properties: list[str] = []

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
+
 from rosidl_embedded import DeserializationError, SerializationError, catalogue
 from rosidl_embedded.definition import (
     AbstractGenericString,

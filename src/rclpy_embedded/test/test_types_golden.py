@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from rosidl_embedded import catalogue
 from rosidl_embedded.definition import AbstractNestedType, BasicType, NamespacedType
 from rosidl_embedded.typesupport import get_message, get_service, service_type_support, type_hash, type_support

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
 import rosidl_embedded
 from rosidl_embedded import InvalidInterfaceError, UnknownInterfaceError, catalogue, stubs
 from rosidl_embedded.parser import parse_service, parse_structure
@@ -75,7 +77,7 @@ def test_import_of_a_package_without_python(package: str) -> None:
     assert services.Ask_Request is services.Ask.Request
     with pytest.raises(ImportError):
         importlib.import_module(f"{package}.action")
-    with pytest.raises(AttributeError, match="no such interface is known"):
+    with pytest.raises(AttributeError, match="has no 'Missing': no definition of"):
         _ = messages.Missing
 
 
@@ -172,6 +174,25 @@ def test_unknown_message(name: str) -> None:
         type_hash(name)
 
 
+@pytest.mark.parametrize(
+    ("content", "error", "reason"),
+    [
+        (b"float64 x\xff\n", InvalidInterfaceError, "One.msg cannot be read"),
+        (b"One[] ones\n", InvalidInterfaceError, "contains itself: broken_msgs/msg/One > broken_msgs/msg/One"),
+        (b"Gone gone\n", UnknownInterfaceError, "no definition of 'broken_msgs/msg/Gone'"),
+    ],
+)
+def test_broken_package(
+    content: bytes, error: type[Exception], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "broken_msgs" / "msg" / "One.msg").write_bytes(content)
+    monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path))
+    catalogue.structure.cache_clear()
+    with pytest.raises(error, match=reason):
+        get_message("broken_msgs/msg/One")
+
+
 def test_service_and_message_are_not_confused() -> None:
     with pytest.raises(UnknownInterfaceError):
         get_service("std_msgs/msg/String")
@@ -199,6 +220,43 @@ def test_definition_text_holds_all_that_is_referred_to() -> None:
 def test_definition_text_reads_back(name: str) -> None:
     text = interface_definition(name).split("=" * 80)[0]
     assert parse_structure(text, name, "text") == catalogue.structure(name)
+
+
+def test_rosbags_reads_the_definition_texts() -> None:
+    jazzy = get_typestore(Stores.ROS2_JAZZY)
+    names = [*jazzy.fielddefs, *(f"fsw_msgs/msg/{name}" for name in catalogue.interface_names("fsw_msgs", "msg"))]
+    hashes = {}
+    for name in names:
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(interface_definition(name), name))
+        hashes[name] = store.hash_rihs01(name)
+    assert hashes == {name: type_hash(name) for name in names}
+
+
+def test_field_names_that_python_or_the_generated_code_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = (
+        "self",
+        "property",
+        "array",
+        "types",
+        "unknown",
+        "value",
+        "range",
+        "hasattr",
+        "zeros",
+        "isinstance",
+        "other",
+    )
+    (tmp_path / "clashes" / "msg").mkdir(parents=True)
+    (tmp_path / "clashes" / "msg" / "All.msg").write_text(
+        "".join(f"float32[] {name}\nint8[2] {name}2\n" for name in names)
+    )
+    monkeypatch.setenv(catalogue.INTERFACE_PATH, str(tmp_path))
+    cls = get_message("clashes/msg/All")
+    message = cls(**{name: [1.0] for name in names})
+    message.self2 = [1, 2]
+    assert message != cls()
+    assert type_support(cls).deserialize(type_support(cls).serialize(message)) == message
 
 
 def test_own_interfaces_come_from_their_files() -> None:
@@ -244,4 +302,4 @@ def test_stubs_are_up_to_date(folder: Path) -> None:
     files = list(stubs.stub_files(folder))
     assert files
     stale = [str(path) for path, text in files if not path.is_file() or path.read_text(encoding="utf-8") != text]
-    assert not stale, "run 'python -m rosidl_embedded.stubs' for them"
+    assert not stale, f"run 'python -m rosidl_embedded.stubs {folder}'"

@@ -63,7 +63,7 @@ def test_keyword_arguments() -> None:
     assert message.header.frame_id == "tool"
     assert message.temperature == 816.0
     with pytest.raises(TypeError):
-        Temperature(Header())  # type: ignore[call-arg, misc]
+        Temperature(Header())  # type: ignore[call-arg]
     with pytest.raises(AssertionError, match="Invalid arguments passed to constructor: celsius"):
         Temperature(celsius=1.0)  # type: ignore[call-arg]
 
@@ -95,7 +95,7 @@ def test_constants_are_read_only() -> None:
     assert BatteryState().POWER_SUPPLY_STATUS_FULL == 4
     assert DiagnosticStatus.STALE == b"\x03"
     with pytest.raises(AttributeError):
-        BatteryState.POWER_SUPPLY_STATUS_FULL = 5  # type: ignore[misc]
+        BatteryState.POWER_SUPPLY_STATUS_FULL = 5
     with pytest.raises(AttributeError):
         BatteryState().POWER_SUPPLY_STATUS_FULL = 5  # type: ignore[misc]
 
@@ -220,7 +220,7 @@ def test_equality() -> None:
     assert one == other
     other.covariance[35] = 1.0
     assert one != other
-    assert one != Pose()
+    assert one != Pose()  # type: ignore[comparison-overlap]
     assert Float64(data=float("nan")) != Float64(data=float("nan"))
     assert Empty() == Empty()
     with pytest.raises(TypeError):

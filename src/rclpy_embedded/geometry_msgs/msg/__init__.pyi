@@ -177,6 +177,10 @@ class PoseWithCovarianceStamped:
     def get_fields_and_field_types(cls) -> dict[str, str]: ...
 
 class Quaternion:
+    X__DEFAULT: ClassVar[float]
+    Y__DEFAULT: ClassVar[float]
+    Z__DEFAULT: ClassVar[float]
+    W__DEFAULT: ClassVar[float]
     SLOT_TYPES: ClassVar[tuple[Any, ...]]
     x: float
     y: float

@@ -346,6 +346,7 @@ class NavSatStatus:
     SERVICE_GLONASS: ClassVar[int]
     SERVICE_COMPASS: ClassVar[int]
     SERVICE_GALILEO: ClassVar[int]
+    STATUS__DEFAULT: ClassVar[int]
     SLOT_TYPES: ClassVar[tuple[Any, ...]]
     status: int
     service: int

@@ -5,6 +5,7 @@ import service_msgs.msg
 import type_description_interfaces.msg
 
 class GetTypeDescription_Request:
+    INCLUDE_TYPE_SOURCES__DEFAULT: ClassVar[bool]
     SLOT_TYPES: ClassVar[tuple[Any, ...]]
     type_name: str
     type_hash: str
