@@ -1,15 +1,16 @@
 """State and disturbance estimation on the same model, with the delay line.
 
-A Kalman filter on the linear blocks, extended by an axial-force disturbance and a temperature disturbance, and a scalar
-filter for the scale of the process torque. Depth integrates the force, so a constant depth disturbance is part of the
-creep state, which has its own process noise. Together they make the closed loop free of offset.
+An extended Kalman filter on the linear blocks and four disturbances: of the axial force, of the temperature, of the depth
+(an offset of the depth shown that the tool does not feel) and the scale of the process torque. The depth sensor sees
+contact depth plus offset, the torque sensor feels the contact depth alone; together they make the closed loop free of
+offset and keep the power history right when the depth sensor jumps.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,11 @@ from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS, torque_function
 from fsw_nmpc.ocp import Estimate
 
 Vector = NDArray[np.float64]
-FORCE, TEMPERATURE_OFFSET = 5, 6
-N = 7
+FORCE, TEMPERATURE_OFFSET, DEPTH_OFFSET, SCALE = 5, 6, 7, 8
+N = 9
+CONTACT_DEPTH = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+DEPTH_SHOWN = CONTACT_DEPTH + np.eye(N)[DEPTH_OFFSET]
+TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +37,14 @@ class EstimatorTuning:
 
     depth_noise_mm: float = 2e-3
     temperature_noise_c: float = 0.1
-    torque_noise_nm: float = 4.0
-    creep_walk_mm: float = 1.0e-3
+    torque_noise_nm: float = 3.0
+    creep_walk_mm: float = 2e-5
+    depth_offset_walk_mm: float = 1e-3
     thermal_depth_walk_mm: float = 1e-5
     temperature_walk_c: float = 5e-3
     force_walk_kn: float = 2e-2
     temperature_offset_walk_c: float = 5e-2
-    torque_scale_walk: float = 1e-3
+    torque_scale_walk: float = 2e-4
     blind_limit_s: float = 3.0
 
 
@@ -67,10 +72,12 @@ class Estimator:
         a[0, FORCE], a[1, FORCE], a[2, FORCE] = creep, g1, g2
         self._a = a
         t = self.tuning
-        self._walk = np.diag(
-            np.square([t.creep_walk_mm, 0.0, 0.0, t.thermal_depth_walk_mm, t.temperature_walk_c, t.force_walk_kn,
-                       t.temperature_offset_walk_c])
-        )  # fmt: skip
+        walk = np.zeros(N)
+        walk[[0, 3, 4]] = t.creep_walk_mm, t.thermal_depth_walk_mm, t.temperature_walk_c
+        walk[FORCE], walk[TEMPERATURE_OFFSET] = t.force_walk_kn, t.temperature_offset_walk_c
+        walk[DEPTH_OFFSET], walk[SCALE] = t.depth_offset_walk_mm, t.torque_scale_walk
+        self._walk = np.diag(walk**2)
+        self._shallowest_mm = 1.05 * parameters.shallowest_depth_mm
         self.is_started = False
 
     def start(self, measurement: Measurement, applied: Command) -> bool:
@@ -82,9 +89,8 @@ class Estimator:
             return False
         thermal = p.softening_gain_mm_per_c * (measurement.temperature_c - p.operating_temperature_c)
         creep = measurement.depth_mm - p.operating_depth_mm - thermal
-        self._x = np.array([creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0])
-        self._p = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-2, 0.2, 0.5, 1.0]))
-        self._scale, self._scale_var = 1.0, 0.05**2
+        self._x = np.array([creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0, 0.0, 1.0])
+        self._p = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-3, 0.2, 0.2, 0.2, 1e-3, 0.1]))
         self._last_speed = applied.speed_rpm
         self._blind = {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}
         power = (measurement.temperature_c - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
@@ -101,7 +107,7 @@ class Estimator:
     def _predict(self, applied: Command) -> None:
         p = self.parameters
         creep_gain, e1, g1, e2, g2, p_tt, p_tc, p_cc, c_t, c_c = self._mode
-        creep, slow, fast, thermal, temperature, force_offset, offset = self._x.tolist()
+        creep, slow, fast, thermal, temperature, force_offset, _, _, scale = self._x.tolist()
         force = applied.force_kn + force_offset
         pushed = force - p.operating_force_kn
         before = p.operating_depth_mm + creep + slow + fast + thermal
@@ -113,65 +119,64 @@ class Estimator:
         )
         creep, slow, fast = creep + creep_gain * pushed, e1 * slow + g1 * pushed, e2 * fast + g2 * pushed
         after = p.operating_depth_mm + creep + slow + fast + thermal
-        kw = RAD_PER_S_PER_RPM * 1e-3 * applied.speed_rpm * self._scale
-        self._history.append((kw * self._model_torque(force, before), kw * self._model_torque(force, after)))
-        self._x = np.array([creep, slow, fast, thermal, temperature, force_offset, offset])
+        kw = RAD_PER_S_PER_RPM * 1e-3 * applied.speed_rpm * scale
+        self._history.append((kw * self._model_torque(force, before)[0], kw * self._model_torque(force, after)[0]))
+        self._x[:5] = creep, slow, fast, thermal, temperature
         self._p = self._a @ self._p @ self._a.T + self._walk
 
-    def _model_torque(self, force_kn: float, depth_mm: float) -> float:
-        depth = max(depth_mm, self.parameters.shallowest_depth_mm * 1.05)
-        return self._torque(force_kn, depth, *self._torque_par)[0]
+    def _model_torque(self, force_kn: float, depth_mm: float) -> tuple[float, ...]:
+        """Torque of the unscaled model and its derivatives by force and depth."""
+        return self._torque(force_kn, max(depth_mm, self._shallowest_mm), *self._torque_par)
 
     def _correct(self, m: Measurement, applied: Command) -> None:
         p, t = self.parameters, self.tuning
-        if m.depth_valid and isfinite(m.depth_mm):
-            self._update((0, 1, 2, 3), m.depth_mm - p.operating_depth_mm, t.depth_noise_mm)
-            self._blind["depth"] = 0.0
-        else:
-            self._blind["depth"] += STEP_S
-        if m.temperature_valid and isfinite(m.temperature_c):
-            self._update((4, TEMPERATURE_OFFSET), m.temperature_c, t.temperature_noise_c)
-            self._blind["thermocouple"] = 0.0
-        else:
-            self._blind["thermocouple"] += STEP_S
-        self._scale_var += t.torque_scale_walk**2
-        if m.torque_valid and isfinite(m.torque_nm):
-            self._blind["torque"] = 0.0
+        seen = {"depth": m.depth_valid, "torque": m.torque_valid, "thermocouple": m.temperature_valid}
+        for name, valid in seen.items():
+            self._blind[name] = 0.0 if valid else self._blind[name] + STEP_S
+        if m.torque_valid:
             friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
             acceleration = abs(applied.speed_rpm - self._last_speed) / STEP_S
             # the inertia spike has no use here: the more the spindle accelerates, the less the sample counts
             noise = t.torque_noise_nm + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
-            model = self._model_torque(applied.force_kn + self._x[FORCE], self.depth_mm)
-            gain = self._scale_var * model / (self._scale_var * model**2 + noise**2)
-            self._scale += gain * (m.torque_nm - friction - self._scale * model)
-            self._scale = min(max(self._scale, 0.5), 2.0)
-            self._scale_var *= 1.0 - gain * model
-        else:
-            self._blind["torque"] += STEP_S
+            force = applied.force_kn + float(self._x[FORCE])
+            torque, by_force, by_depth = self._model_torque(force, self.contact_depth_mm)
+            scale = float(self._x[SCALE])
+            row = scale * by_depth * CONTACT_DEPTH
+            row[FORCE], row[SCALE] = scale * by_force, torque
+            self._update(row, m.torque_nm - friction - scale * torque, noise)
+        if m.depth_valid:
+            shown = p.operating_depth_mm + float(DEPTH_SHOWN @ self._x)
+            self._update(DEPTH_SHOWN, m.depth_mm - shown, t.depth_noise_mm)
+        if m.temperature_valid:
+            self._update(TEMPERATURE_SHOWN, m.temperature_c - float(TEMPERATURE_SHOWN @ self._x), t.temperature_noise_c)
+        self._x[SCALE] = min(max(float(self._x[SCALE]), 0.5), 2.0)
 
-    def _update(self, states: tuple[int, ...], value: float, noise: float) -> None:
-        """Scalar Kalman update for a measurement that is the sum of some states."""
-        index = list(states)
-        cross = self._p[:, index].sum(axis=1)
-        variance = cross[index].sum() + noise**2
-        innovation = value - self._x[index].sum()
+    def _update(self, row: Vector, innovation: float, noise: float) -> None:
+        """Scalar Kalman update with the measurement's linearisation ``row``."""
+        cross = self._p @ row
+        variance = float(row @ cross) + noise**2
         self._x = self._x + cross * (innovation / variance)
         self._p = self._p - np.outer(cross, cross) / variance
 
     @property
+    def contact_depth_mm(self) -> float:
+        """Estimated depth that the tool feels."""
+        return self.parameters.operating_depth_mm + float(CONTACT_DEPTH @ self._x)
+
+    @property
     def depth_mm(self) -> float:
-        """Estimated depth."""
-        return self.parameters.operating_depth_mm + float(self._x[:4].sum())
+        """Estimated depth, as the sensor would show it without noise."""
+        return self.parameters.operating_depth_mm + float(DEPTH_SHOWN @ self._x)
 
     @property
     def temperature_c(self) -> float:
         """Estimated temperature, including its disturbance."""
-        return float(self._x[4] + self._x[TEMPERATURE_OFFSET])
+        return float(TEMPERATURE_SHOWN @ self._x)
 
     @property
     def depth_deviation_mm(self) -> float:
         """Standard deviation of the depth estimate."""
-        return sqrt(max(float(self._p[:4, :4].sum()), 0.0))
+        return sqrt(max(float(DEPTH_SHOWN @ self._p @ DEPTH_SHOWN), 0.0))
 
     @property
     def blind_sensors(self) -> tuple[str, ...]:
@@ -183,7 +188,8 @@ class Estimator:
         return {
             "axial_force [kN]": float(self._x[FORCE]),
             "temperature [degC]": float(self._x[TEMPERATURE_OFFSET]),
-            "torque scale [1]": self._scale,
+            "depth [mm]": float(self._x[DEPTH_OFFSET]),
+            "torque scale [1]": float(self._x[SCALE]),
         }
 
     def estimate(self) -> Estimate:
@@ -192,6 +198,7 @@ class Estimator:
             x=self._x[:5].copy(),
             history_kw=np.array(self._history).ravel(),
             force_offset_kn=float(self._x[FORCE]),
-            torque_scale=self._scale,
+            torque_scale=float(self._x[SCALE]),
+            depth_offset_mm=float(self._x[DEPTH_OFFSET]),
             temperature_offset_c=float(self._x[TEMPERATURE_OFFSET]),
         )
