@@ -57,7 +57,9 @@ def type_hash(type_name: str) -> str:
 
 
 def type_description(type_name: str) -> dict[str, Any]:
-    """Description of an interface and of all that it refers to, as type_description_interfaces/TypeDescription.
+    """Description of an interface with the members of ``type_description_interfaces/msg/TypeDescription``.
+
+    Default values are left out, as they are from the hash.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def type_description(type_name: str) -> dict[str, Any]:
     """
     referenced: dict[str, Any] = {}
     package, kind, name = catalogue.split_name(type_name)
+    type_name = f"{package}/{kind}/{name}"
     if kind == "srv" and not catalogue.service_part(name)[1]:
         catalogue.service(type_name)
         parts = [("request_message", "_Request"), ("response_message", "_Response"), ("event_message", "_Event")]
@@ -73,10 +76,10 @@ def type_description(type_name: str) -> dict[str, Any]:
         for _, part in parts:
             _collect(f"{type_name}{part}", referenced)
     else:
-        _collect(f"{package}/{kind}/{name}", referenced)
-        fields = referenced.pop(f"{package}/{kind}/{name}")
+        _collect(type_name, referenced)
+        fields = referenced.pop(type_name)
     return {
-        "type_description": {"type_name": f"{package}/{kind}/{name}", "fields": fields},
+        "type_description": {"type_name": type_name, "fields": fields},
         "referenced_type_descriptions": [{"type_name": key, "fields": referenced[key]} for key in sorted(referenced)],
     }
 

@@ -11,6 +11,7 @@ import pytest
 
 from rosidl_embedded import catalogue
 from rosidl_embedded.definition import AbstractNestedType, BasicType, NamespacedType
+from rosidl_embedded.description import type_description
 from rosidl_embedded.typesupport import get_message, get_service, service_type_support, type_hash, type_support
 
 DATA = Path(__file__).parent / "data"
@@ -111,3 +112,13 @@ def test_hashes_of_captured_endpoints() -> None:
             computed[name] = type_hash(name)
     assert len(captured) >= 15
     assert computed == captured
+
+
+def test_description_has_the_members_of_its_message() -> None:
+    described = type_description("std_msgs/Header")
+    assert list(described) == list(
+        get_message("type_description_interfaces/msg/TypeDescription")._fields_and_field_types
+    )
+    stamp, frame = described["type_description"]["fields"]
+    assert stamp["type"]["nested_type_name"] == described["referenced_type_descriptions"][0]["type_name"]
+    assert (frame["name"], frame["type"]["type_id"]) == ("frame_id", 17)
