@@ -13,8 +13,8 @@
 /* Rows with a hard limit: every move, then both inputs at the end of every block. */
 #define FSW_MAX_HARD (2 * FSW_MAX_VARS)
 
-typedef struct { double t, pi, s, lambda, dt, ds, dlambda, residual, shift; } fsw_soft; /* one side of a soft row */
-typedef struct { double s, lambda, ds, dlambda, residual, shift; } fsw_hard;           /* one side of a hard row */
+typedef struct { double t, pi, s, lambda, dt, ds, dlambda, residual, shift, pivot, per_pi, per_lambda; } fsw_soft; /* one side of a soft row */
+typedef struct { double s, lambda, ds, dlambda, residual, shift, pivot, per_lambda; } fsw_hard; /* one side of a hard row */
 
 typedef struct {
   /* prediction */

@@ -148,7 +148,7 @@ static void start(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_h
   }
 }
 
-/* Residuals of the rows, their complementarity and the stationarity residual (in dual[]). */
+/* Residuals of the rows, their pivots, their complementarity and the stationarity residual (in dual[]). */
 static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_hard, double *primal, double *dual) {
   const int nv = 2 * m->n_blocks;
   double gap = 0.0, coefficient[FSW_MAX_SOFT], hard_coefficient[FSW_MAX_HARD];
@@ -162,6 +162,9 @@ static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, i
       f->residual = e - f->t + f->s;
       if (fabs(f->residual) > *primal) *primal = fabs(f->residual);
       gap += f->s * f->lambda + f->t * f->pi;
+      f->per_pi = 1.0 / f->pi;
+      f->per_lambda = 1.0 / f->lambda;
+      f->pivot = 1.0 / (f->t * f->per_pi + f->s * f->per_lambda);
       coefficient[r] += side ? -f->lambda : f->lambda;
     }
   }
@@ -173,6 +176,8 @@ static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, i
       f->residual = e + f->s;
       if (fabs(f->residual) > *primal) *primal = fabs(f->residual);
       gap += f->s * f->lambda;
+      f->per_lambda = 1.0 / f->lambda;
+      f->pivot = f->lambda / f->s;
       hard_coefficient[r] += side ? -f->lambda : f->lambda;
     }
   }
@@ -190,8 +195,6 @@ static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, i
   return gap;
 }
 
-static double soft_pivot(const fsw_soft *f) { return 1.0 / (f->t / f->pi + f->s / f->lambda); }
-
 /* Normal matrix H + sum D a a', factored in place (Cholesky, lower triangle). */
 static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
   const int nv = 2 * m->n_blocks, n_rows = 2 * m->n_out;
@@ -202,7 +205,7 @@ static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
     if (w->weight[r] <= 0.0) continue;
     int width;
     const double *a = output_row(m, w, r, &width);
-    const double d = soft_pivot(&w->soft[r][0]) + soft_pivot(&w->soft[r][1]);
+    const double d = w->soft[r][0].pivot + w->soft[r][1].pivot;
     for (int j = 0; j < width; j++) {
       const double da = d * a[j];
       double *restrict row = k[j];
@@ -213,13 +216,13 @@ static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
   for (int b = m->n_blocks - 1; b >= 0; b--)
     for (int q = 0; q < 2; q++) {
       const fsw_hard *f = w->hard[nv + 2 * b + q];
-      w->suffix[b][q] = w->suffix[b + 1][q] + f[0].lambda / f[0].s + f[1].lambda / f[1].s;
+      w->suffix[b][q] = w->suffix[b + 1][q] + f[0].pivot + f[1].pivot;
     }
   for (int j = 0; j < nv; j++) {
     const fsw_hard *box = w->hard[j];
-    k[j][j] += box[0].lambda / box[0].s + box[1].lambda / box[1].s;
+    k[j][j] += box[0].pivot + box[1].pivot;
     if (w->weight[n_rows + j] > 0.0)
-      k[j][j] += soft_pivot(&w->soft[n_rows + j][0]) + soft_pivot(&w->soft[n_rows + j][1]);
+      k[j][j] += w->soft[n_rows + j][0].pivot + w->soft[n_rows + j][1].pivot;
     const double f = w->size[j] * w->scale[j] * w->suffix[j >> 1][j & 1];
     for (int l = j & 1; l <= j; l += 2) k[j][l] += f * w->size[l] * w->scale[l];
   }
@@ -244,10 +247,10 @@ static void direction(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int
       fsw_soft *f = &w->soft[r][side];
       const double c1 = mu - f->s * f->lambda - (second ? f->ds * f->dlambda : 0.0);
       const double c2 = mu - f->t * f->pi + (second ? f->dt * f->dlambda : 0.0);
-      f->shift = f->residual - c2 / f->pi + c1 / f->lambda;
+      f->shift = f->residual - c2 * f->per_pi + c1 * f->per_lambda;
       f->ds = c1;
       f->dt = c2;
-      const double g = soft_pivot(f) * f->shift;
+      const double g = f->pivot * f->shift;
       coefficient[r] -= side ? -g : g;
     }
   }
@@ -256,9 +259,9 @@ static void direction(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int
     for (int side = 0; side < 2; side++) {
       fsw_hard *f = &w->hard[r][side];
       const double c1 = mu - f->s * f->lambda - (second ? f->ds * f->dlambda : 0.0);
-      f->shift = f->residual + c1 / f->lambda;
+      f->shift = f->residual + c1 * f->per_lambda;
       f->ds = c1;
-      const double g = f->lambda / f->s * f->shift;
+      const double g = f->pivot * f->shift;
       hard_coefficient[r] -= side ? -g : g;
     }
   }
@@ -277,17 +280,17 @@ static void direction(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int
     for (int side = 0; side < 2; side++) {
       fsw_soft *f = &w->soft[r][side];
       const double de = side ? -w->change[r] : w->change[r];
-      f->dlambda = soft_pivot(f) * (de + f->shift);
-      f->ds = (f->ds - f->s * f->dlambda) / f->lambda;
-      f->dt = (f->dt + f->t * f->dlambda) / f->pi;
+      f->dlambda = f->pivot * (de + f->shift);
+      f->ds = (f->ds - f->s * f->dlambda) * f->per_lambda;
+      f->dt = (f->dt + f->t * f->dlambda) * f->per_pi;
     }
   }
   for (int r = 0; r < n_hard; r++)
     for (int side = 0; side < 2; side++) {
       fsw_hard *f = &w->hard[r][side];
       const double de = side ? -w->hard_change[r] : w->hard_change[r];
-      f->dlambda = f->lambda / f->s * (de + f->shift);
-      f->ds = (f->ds - f->s * f->dlambda) / f->lambda;
+      f->dlambda = f->pivot * (de + f->shift);
+      f->ds = (f->ds - f->s * f->dlambda) * f->per_lambda;
     }
 }
 
