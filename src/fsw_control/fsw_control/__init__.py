@@ -17,20 +17,19 @@ from fsw_control.contract import (
 )
 
 if TYPE_CHECKING:
-    from fsw_control.controller_node import ControllerNode, run_controller
+    from fsw_control.controller_node import ControllerNode as ControllerNode
+    from fsw_control.controller_node import run_controller as run_controller
 
 __all__ = [
     "SENSORS",
     "Command",
     "Controller",
-    "ControllerNode",
     "Diagnosis",
     "Limits",
     "Measurement",
     "Plan",
     "Proposal",
     "Reference",
-    "run_controller",
 ]
 
 

@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -91,10 +92,12 @@ class ParameterSpec:
             if self.options and value not in self.options:
                 raise ParameterError(f"{self.name}: {value!r} is none of {', '.join(self.options)}")
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float) or (kind == "int" and value != int(value)):
-            raise ParameterError(f"{self.name}: {value!r} is not a number of type {kind}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ParameterError(f"{self.name}: {value!r} is not a number")
         if not math.isfinite(value):
             raise ParameterError(f"{self.name}: {value!r} is not finite")
+        if kind == "int" and value != int(value):
+            raise ParameterError(f"{self.name}: {value!r} is not a whole number")
         if self.range is not None and not self.range[0] <= value <= self.range[1]:
             unit = f" {self.unit}" if self.unit else ""
             raise ParameterError(f"{self.name}: {value!r} is outside {self.range[0]:g} to {self.range[1]:g}{unit}")
@@ -190,6 +193,11 @@ def load(package: str, file: str) -> dict[str, ParameterSpec]:
     ParameterError
         When there is no such package or file, or its content is wrong.
     """
+    return dict(_load(package, file))
+
+
+@cache
+def _load(package: str, file: str) -> dict[str, ParameterSpec]:
     try:
         text = resources.files(package).joinpath(file).read_text(encoding="utf-8")
     except (ModuleNotFoundError, OSError) as error:

@@ -80,7 +80,7 @@ class Frozen:
         Samples from which noise and share of equal neighbours are taken.
     """
 
-    def __init__(self, samples: int, window: int = 100) -> None:
+    def __init__(self, samples: int, window: int = 300) -> None:
         self.samples = samples
         self.run = 0
         self._last = math.nan
@@ -119,7 +119,10 @@ class Frozen:
         moved = reversals + onward
         if moved < 10 or equal + moved < 20 or reversals < _NOISY * moved:
             return False
-        share = (equal + 1) / (equal + moved + 2)
+        count = equal + moved + 2
+        likely = (equal + 1) / count
+        # three standard deviations up, because the share was estimated from few samples
+        share = min(likely + 3.0 * math.sqrt(likely * (1.0 - likely) / count), 0.95)
         return self.run >= math.log(_CHANCE) / math.log(share)
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load
-
 from fsw_decentral.gains import Gains, tunings
 from fsw_decentral.loops import KW_PER_NM_RPM, FeedbackLoop, PowerLoop, configure
 
@@ -130,8 +129,13 @@ class DecentralController:
             self._wanted_force_kn(measurement, applied.force_kn),
             self._wanted_speed_rpm(measurement, applied.speed_rpm),
         )
-        self._proposed = self.limits.clip(wanted, applied)
         reason = self._reason(measurement)
+        if not _finite(wanted.force_kn + wanted.speed_rpm):
+            # Finite but absurd samples have overflowed the loops: begin anew from what is applied.
+            self._start_loops()
+            configure(self._depth, self._temperature, self._power, self._gains, self._dt_s)
+            wanted, reason = applied, "samples beyond all range, loops start anew"
+        self._proposed = self.limits.clip(wanted, applied)
         if reason:
             self._bad_cycles += 1
         touched = _NO_LIMITS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from importlib import resources
 from math import isfinite
 from typing import Any
@@ -73,5 +74,10 @@ class Gains:
 
 def tunings() -> dict[str, Gains]:
     """Return the documented sets of gains by name; ``scripts/tune_decentral.py`` computes them."""
+    return dict(_tunings())
+
+
+@cache
+def _tunings() -> dict[str, Gains]:
     text = resources.files("fsw_decentral").joinpath("tunings.yaml").read_text(encoding="utf-8")
     return {name: Gains(**gains) for name, gains in yaml.safe_load(text).items()}

@@ -1,0 +1,103 @@
+"""Whatever a controller does, there is an answer; whatever references come, one holds."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control import Command, Controller, Measurement, Proposal, Reference
+from fsw_control.host import answer
+from fsw_control.references import ReferenceQueue
+
+APPLIED = Command(78.0, 400.0)
+REFERENCE = Reference(2.66, 850.0)
+GOOD = Measurement(0.0, 2.66, 1052.0, 850.0)
+
+
+class Scripted:
+    """A controller that does what the test says."""
+
+    name = "scripted"
+    tolerated_sensors = ("torque",)
+
+    def __init__(self, result):
+        self.result = result
+
+    def step(self, measurement, reference, applied, dt_s):
+        if isinstance(self.result, Exception):
+            raise self.result
+        return self.result
+
+    def reset(self, applied):
+        pass
+
+
+def test_scripted_is_a_controller():
+    assert isinstance(Scripted(None), Controller)
+
+
+def test_good_proposal_passes_unchanged():
+    proposal = Proposal(Command(79.0, 401.0))
+    assert answer(Scripted(proposal), GOOD, REFERENCE, APPLIED, 0.1) is proposal
+
+
+def test_exception_becomes_an_unhealthy_proposal_in_one_line():
+    proposal = answer(Scripted(RuntimeError("no\nsolution")), GOOD, REFERENCE, APPLIED, 0.1)
+    assert proposal.command == APPLIED and not proposal.healthy
+    assert proposal.reason == "controller raised RuntimeError: no solution"
+
+
+@pytest.mark.parametrize("result", [None, "nonsense", Proposal(Command("a", 1.0)), Proposal(None)])
+def test_nonsense_becomes_an_unhealthy_proposal(result):
+    proposal = answer(Scripted(result), GOOD, REFERENCE, APPLIED, 0.1)
+    assert proposal.command == APPLIED and not proposal.healthy and proposal.reason
+
+
+@given(st.floats(), st.floats())
+def test_the_command_is_always_finite(force, speed):
+    proposal = answer(Scripted(Proposal(Command(force, speed))), GOOD, REFERENCE, APPLIED, 0.1)
+    assert math.isfinite(proposal.command.force_kn) and math.isfinite(proposal.command.speed_rpm)
+    assert proposal.healthy == (math.isfinite(force) and math.isfinite(speed))
+
+
+def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
+    proposal = Proposal(APPLIED)
+    no_torque = Measurement(0.0, 2.66, math.nan, 850.0, torque_valid=False)
+    assert answer(Scripted(proposal), no_torque, REFERENCE, APPLIED, 0.1).healthy
+    no_depth = Measurement(0.0, math.nan, math.nan, 850.0, depth_valid=False, torque_valid=False)
+    refused = answer(Scripted(proposal), no_depth, REFERENCE, APPLIED, 0.1)
+    assert not refused.healthy and refused.reason == "invalid sensor: depth"
+
+
+def test_without_reference_there_is_no_healthy_proposal():
+    proposal = answer(Scripted(Proposal(Command(1.0, 1.0))), GOOD, None, APPLIED, 0.1)
+    assert proposal.command == APPLIED and proposal.reason == "no reference received yet"
+
+
+SECOND = 1_000_000_000
+OTHER = Reference(2.86, 850.0)
+
+
+def test_reference_begins_at_its_stamp():
+    queue = ReferenceQueue()
+    assert queue.at(0) is None
+    queue.add(0, REFERENCE)
+    queue.add(2 * SECOND, OTHER)
+    assert [queue.at(k * SECOND) for k in range(4)] == [REFERENCE, REFERENCE, OTHER, OTHER]
+
+
+def test_past_and_foreign_stamps_begin_at_once():
+    queue = ReferenceQueue()
+    queue.add(SECOND, REFERENCE)
+    assert queue.at(5 * SECOND) == REFERENCE
+    queue.add(1_700_000_000 * SECOND, OTHER)
+    assert queue.at(6 * SECOND) == OTHER
+
+
+def test_a_newer_message_overrides_one_held_back():
+    queue = ReferenceQueue()
+    queue.add(9 * SECOND, OTHER)
+    assert queue.at(SECOND) is None
+    queue.add(0, REFERENCE)
+    assert [queue.at(k * SECOND) for k in (2, 9, 10)] == [REFERENCE] * 3

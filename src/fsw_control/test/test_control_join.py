@@ -1,0 +1,164 @@
+"""Ticks from three sensor topics: whatever the order and the losses."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control.contract import SENSORS
+from fsw_control.join import TickJoin
+
+STEP_NS = 100_000_000
+
+
+def join_without_commands():
+    """A join that has learned that nobody commands."""
+    join = TickJoin()
+    join._awaits_command = False
+    return join
+
+
+def add_all(join, k, now_s=0.0, sensors=SENSORS):
+    return [tick for sensor in sensors for tick in join.add(sensor, k * STEP_NS, float(k), now_s)]
+
+
+def test_complete_tick_comes_at_once_with_its_values():
+    join = TickJoin()
+    assert join.add("depth", 0, 1.0, 0.0) == []
+    assert join.waiting
+    assert join.add("torque", 0, 2.0, 0.0) == []
+    (tick,) = join.add("thermocouple", 0, 3.0, 0.0)
+    assert tick.values == {"depth": 1.0, "torque": 2.0, "thermocouple": 3.0}
+    assert not join.waiting and not join.missed
+
+
+def test_next_tick_waits_for_the_command_of_the_last():
+    join = TickJoin()
+    assert len(add_all(join, 0)) == 1
+    assert add_all(join, 1) == []
+    (tick,) = join.add_command(0)
+    assert tick.stamp_ns == STEP_NS
+    join.add_command(STEP_NS)
+    assert len(add_all(join, 2)) == 1
+
+
+def test_an_older_command_does_not_complete_a_tick():
+    join = TickJoin()
+    add_all(join, 1)
+    assert join.add_command(STEP_NS) == []
+    add_all(join, 2)
+    add_all(join, 3)
+    assert join.waiting
+    assert join.add_command(STEP_NS) == []
+    assert join.waiting
+
+
+def test_without_an_arbiter_commands_are_waited_for_only_three_times():
+    join = TickJoin()
+    add_all(join, 0)
+    for k in range(1, 4):
+        assert add_all(join, k) == []
+        (tick,) = join.flush()
+        assert tick.stamp_ns == k * STEP_NS
+        assert "command" in join.missed
+    assert len(add_all(join, 4)) == 1
+
+
+def test_missing_sensor_is_given_up_at_the_next_stamp_or_by_flush():
+    join = join_without_commands()
+    add_all(join, 0)
+    assert add_all(join, 1, sensors=("depth", "torque")) == []
+    (first, *rest) = join.add("depth", 2 * STEP_NS, 2.0, 0.0)
+    assert not rest
+    assert first.stamp_ns == STEP_NS and set(first.values) == {"depth", "torque"}
+    assert join.counts.missing["thermocouple"] == 1
+    (second,) = join.flush()
+    assert set(second.values) == {"depth"}
+    assert join.flush() == []
+
+
+def test_late_and_duplicate_samples_are_counted_and_dropped():
+    join = join_without_commands()
+    add_all(join, 5)
+    assert join.add("depth", 5 * STEP_NS, 9.0, 0.0) == []
+    assert join.counts.duplicate["depth"] == 1
+    assert join.add("depth", 4 * STEP_NS, 9.0, 0.0) == []
+    assert join.counts.late["depth"] == 1
+    join.add("torque", 6 * STEP_NS, 1.0, 0.0)
+    join.add("torque", 6 * STEP_NS, 2.0, 0.0)
+    assert join.counts.duplicate["torque"] == 1
+    (tick,) = join.flush()
+    assert tick.values == {"torque": 1.0}
+    join.add("depth", 6 * STEP_NS, 3.0, 0.0)
+    assert join.counts.late["depth"] == 2
+
+
+@pytest.mark.parametrize("offset", [-50, 1000])
+def test_one_sensor_with_a_strange_clock_does_not_disturb_the_others(offset):
+    join = join_without_commands()
+    ticks = []
+    for k in range(100, 110):
+        ticks += add_all(join, k, now_s=k * 0.1, sensors=("depth", "torque"))
+        ticks += join.add("thermocouple", (k + offset) * STEP_NS, 0.0, k * 0.1)
+    ticks += join.flush()
+    assert [tick.stamp_ns // STEP_NS for tick in ticks] == list(range(100, 110))
+    assert not any(tick.restarted for tick in ticks)
+
+
+@pytest.mark.parametrize("start", [0, 10_000])
+def test_a_jump_of_time_that_two_sensors_confirm_restarts(start):
+    join = join_without_commands()
+    add_all(join, 100)
+    ticks = [tick for k in range(start, start + 3) for tick in add_all(join, k)]
+    assert [tick.stamp_ns // STEP_NS for tick in ticks] == list(range(start, start + 3))
+    assert [tick.restarted for tick in ticks] == [True, False, False]
+    assert set(ticks[0].values) == set(SENSORS)
+    assert join.counts.jumps == 1
+
+
+def test_a_jump_is_believed_alone_when_all_else_is_silent():
+    join = join_without_commands()
+    add_all(join, 100, now_s=0.0)
+    assert join.add("depth", 900 * STEP_NS, 1.0, 0.5) == []
+    assert join.add("depth", 901 * STEP_NS, 1.0, 1.5) == []
+    (tick,) = join.flush()
+    assert tick.stamp_ns == 901 * STEP_NS and tick.restarted
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.floats(0, 5)),
+            st.tuples(st.just("command"), st.integers(0, 60), st.just(0.0)),
+            st.just(("flush", 0, 0.0)),
+        ),
+        max_size=200,
+    )
+)
+def test_ticks_are_never_empty_and_in_order_between_restarts(events):
+    join = TickJoin()
+    last, now_s, accepted = None, 0.0, 0
+    for kind, k, elapsed_s in events:
+        now_s += elapsed_s
+        if kind == "flush":
+            ticks = join.flush()
+        elif kind == "command":
+            ticks = join.add_command(k * STEP_NS)
+        else:
+            ticks = join.add(kind, k * STEP_NS, 1.0, now_s)
+        for tick in ticks:
+            assert tick.values and set(tick.values) <= set(SENSORS)
+            assert last is None or tick.restarted or tick.stamp_ns > last
+            last = tick.stamp_ns
+            accepted += len(tick.values)
+    assert accepted <= len(events)
+
+
+@given(st.data())
+def test_any_order_within_a_tick_gives_every_tick_complete(data):
+    join = join_without_commands()
+    ticks = []
+    for k in range(10):
+        for sensor in data.draw(st.permutations(SENSORS)):
+            ticks += join.add(sensor, k * STEP_NS, float(k), 0.0)
+    assert [tick.stamp_ns for tick in ticks] == [k * STEP_NS for k in range(10)]
+    assert all(set(tick.values) == set(SENSORS) for tick in ticks)

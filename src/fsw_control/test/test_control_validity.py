@@ -1,0 +1,150 @@
+"""Sensor validity: what is believed, for how long, and why not."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity
+
+LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
+
+
+def feed(sensor, values, start=0):
+    return [sensor.update((start + k) * 0.1, value) for k, value in enumerate(values)]
+
+
+def test_good_samples_pass_unchanged():
+    readings = feed(SensorValidity(LIMITS), [2.66, 2.661, 2.659])
+    assert [reading.value for reading in readings] == [2.66, 2.661, 2.659]
+    assert all(reading.valid and not reading.reason for reading in readings)
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"), [(None, "missing"), (math.nan, "not finite"), (math.inf, "not finite"), (7.0, "out of range")]
+)
+def test_bad_samples_are_bridged_then_invalid_with_the_reason(bad, said):
+    sensor = SensorValidity(LIMITS)
+    feed(sensor, [2.66])
+    readings = feed(sensor, [bad] * 5, start=1)
+    assert [reading.valid for reading in readings] == [True, True, True, False, False]
+    assert [reading.value for reading in readings[:3]] == [2.66] * 3
+    assert math.isnan(readings[4].value)
+    assert readings[0].reason == f"{said}, held"
+    assert readings[4].reason == said
+
+
+def test_never_good_is_invalid_at_once():
+    assert not SensorValidity(LIMITS).update(0.0, math.nan).valid
+
+
+def test_spike_is_bridged():
+    readings = feed(SensorValidity(LIMITS), [2.66, 2.66, 5.0, 2.67])
+    assert [reading.value for reading in readings] == [2.66, 2.66, 2.66, 2.67]
+    assert readings[2].reason == "too fast, held"
+
+
+def test_a_step_that_stays_is_believed_after_three_samples():
+    readings = feed(SensorValidity(LIMITS), [1.0, 1.0, 5.5, 5.5, 5.5, 5.5])
+    assert [reading.value for reading in readings] == [1.0, 1.0, 1.0, 1.0, 5.5, 5.5]
+
+
+def test_after_a_failure_three_good_samples_are_needed():
+    sensor = SensorValidity(LIMITS)
+    feed(sensor, [2.66] + [None] * 10)
+    readings = feed(sensor, [2.7] * 4, start=11)
+    assert [reading.valid for reading in readings] == [False, False, True, True]
+    assert readings[0].reason == "recovering"
+
+
+def noisy(count, quantum, seed=3, noise=0.002):
+    generator = random.Random(seed)
+    return [round((2.66 + generator.gauss(0.0, noise)) / quantum) * quantum for _ in range(count)]
+
+
+@pytest.mark.parametrize(("quantum", "latest"), [(1e-9, 10), (1e-3, 25), (2e-3, 40), (5e-3, 90)])
+def test_freeze_of_a_noisy_sensor_is_found(quantum, latest):
+    values = noisy(200, quantum)
+    readings = feed(SensorValidity(LIMITS), values + [values[-1]] * 100)
+    assert all(reading.valid for reading in readings[:200])
+    first_bad = next(k for k, reading in enumerate(readings) if not reading.valid) - 200
+    assert first_bad <= latest
+    assert readings[-1].reason == "frozen"
+
+
+@pytest.mark.parametrize("quantum", [1e-3, 2e-3, 5e-3])
+def test_quantised_noise_is_no_freeze_in_an_hour(quantum):
+    frozen = Frozen(10)
+    assert not any(frozen.update(value) for value in noisy(36_000, quantum))
+
+
+def test_still_or_smooth_signals_without_noise_are_no_freeze():
+    frozen = Frozen(10)
+    still = [2.66] * 500
+    smooth = [round(2.66 + 0.2 * (1.0 - math.exp(-k / 100.0)), 3) for k in range(3000)]
+    assert not any(frozen.update(value) for value in still + smooth + still)
+
+
+def test_zero_switches_the_frozen_test_off():
+    frozen = Frozen(0)
+    values = noisy(200, 1e-9)
+    assert not any(frozen.update(value) for value in values + [values[-1]] * 1000)
+
+
+def test_a_frozen_sensor_recovers():
+    sensor = SensorValidity(LIMITS)
+    values = noisy(200, 1e-9)
+    feed(sensor, values + [values[-1]] * 30)
+    readings = feed(sensor, noisy(5, 1e-9, seed=4), start=230)
+    assert readings[-1].valid and not readings[0].valid
+
+
+@given(
+    st.lists(
+        st.one_of(st.none(), st.floats(), st.floats(-1.0, 7.0)),
+        max_size=60,
+    )
+)
+def test_a_valid_reading_is_always_finite_and_in_range(values):
+    for reading in feed(SensorValidity(LIMITS), values):
+        assert reading.valid == (not math.isnan(reading.value))
+        if reading.valid:
+            assert LIMITS.minimum <= reading.value <= LIMITS.maximum
+        else:
+            assert reading.reason
+
+
+@given(st.lists(st.floats(2.6, 2.7), min_size=1, max_size=60))
+def test_slow_signals_in_range_pass_or_are_frozen(values):
+    for value, reading in zip(values, feed(SensorValidity(LIMITS), values), strict=True):
+        assert reading.reason == "frozen" or (reading.valid and reading.value == value)
+
+
+def test_limits_that_make_no_sense_are_refused():
+    with pytest.raises(ValueError, match="below maximum"):
+        SensorLimits(1.0, 1.0, 1.0)
+    with pytest.raises(ValueError, match="positive"):
+        SensorLimits(0.0, 1.0, 0.0)
+
+
+def test_guard_gives_a_measurement_and_the_reasons():
+    guard = SensorGuard()
+    good = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
+    assert guard.measure(0.0, good).invalid_sensors() == ()
+    for k in range(1, 6):
+        measurement = guard.measure(k * 0.1, {"depth": 2.66, "torque": math.nan})
+    assert measurement.invalid_sensors() == ("torque", "thermocouple")
+    assert guard.reasons == {"depth": "", "torque": "not finite", "thermocouple": "missing"}
+    guard.reset()
+    assert guard.measure(0.0, good).invalid_sensors() == ()
+
+
+def test_guard_takes_new_limits_without_forgetting():
+    guard = SensorGuard()
+    good = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
+    guard.measure(0.0, good)
+    guard.configure({name: SensorLimits(0.0, 1.0, 1.0, hold_s=0.2) for name in good})
+    assert guard.measure(0.1, good).depth_mm == 2.66
+    assert guard.reasons["depth"] == "out of range, held"

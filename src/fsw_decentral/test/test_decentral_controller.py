@@ -1,0 +1,253 @@
+"""The decentralized controller, alone and in closed loop with the process model."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fsw_control import Command, Controller, Limits, Measurement, Reference
+from fsw_decentral import DecentralController, Gains, tunings
+from fsw_model import ProcessModel
+
+NOMINAL = Command(78.4, 407.576)
+REFERENCE = Reference(2.66, 850.0)
+QUIET = (2.66, 1052.86, 850.0)
+NAN = float("nan")
+MODEL = ProcessModel()
+
+
+def measured(k, depth=2.66, torque=1052.86, temperature=850.0):
+    return Measurement(
+        k * 0.1,
+        depth,
+        torque,
+        temperature,
+        depth_valid=not math.isnan(depth),
+        torque_valid=not math.isnan(torque),
+        temperature_valid=not math.isnan(temperature),
+    )
+
+
+def closed_loop(controller, reference, seconds, lose=lambda t: (), override=lambda t: None):
+    """Run on the process model; returns rows of time, depth, temperature, command, proposal."""
+    start = MODEL.equilibrium()
+    state, applied = start.state.copy(), Command(start.force_kn, start.speed_rpm)
+    before = applied
+    rows = []
+    for k in range(round(seconds * 10)):
+        t = k * 0.1
+        out = MODEL.outputs(state, applied.force_kn, applied.speed_rpm)
+        spike = 2.0 * math.pi / 30.0 * (applied.speed_rpm - before.speed_rpm) / 0.1
+        lost = lose(t)
+        measurement = measured(
+            k,
+            NAN if "depth" in lost else out.depth_mm,
+            NAN if "torque" in lost else out.motor_torque_nm + spike,
+            NAN if "thermocouple" in lost else out.temperature_c,
+        )
+        proposal = controller.step(measurement, reference(t), applied, 0.1)
+        before, applied = applied, override(t) or proposal.command
+        MODEL.step(state, applied.force_kn, applied.speed_rpm)
+        rows.append((t, out.depth_mm, out.temperature_c, before, proposal))
+    return rows
+
+
+def test_is_a_controller():
+    controller = DecentralController()
+    assert isinstance(controller, Controller)
+    assert controller.name == "decentral"
+
+
+@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+def test_stays_at_the_operating_point(tuning):
+    rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: REFERENCE, 60)
+    assert abs(rows[-1][1] - 2.66) < 1e-6
+    assert abs(rows[-1][2] - 850.0) < 1e-3
+
+
+@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+@pytest.mark.parametrize(("depth", "temperature"), [(2.86, 850.0), (2.46, 850.0), (2.66, 860.0), (2.66, 840.0)])
+def test_steps_settle_without_offset_and_within_limits(tuning, depth, temperature):
+    goal = Reference(depth, temperature)
+    rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: goal if t >= 1.0 else REFERENCE, 240)
+    assert abs(rows[-1][1] - depth) < 2e-3
+    assert abs(rows[-1][2] - temperature) < 0.1
+    limits = Limits()
+    for _, _, _, applied, proposal in rows:
+        assert proposal.healthy
+        assert limits.clip(proposal.command, applied) == proposal.command
+
+
+def test_tight_is_faster_than_conservative():
+    goal = Reference(2.76, 855.0)
+    errors = {}
+    for tuning in ("conservative", "tight"):
+        rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: goal, 60)
+        errors[tuning] = (sum(abs(row[1] - 2.76) for row in rows), sum(abs(row[2] - 855.0) for row in rows))
+    assert errors["tight"][0] < 0.6 * errors["conservative"][0]
+    assert errors["tight"][1] < errors["conservative"][1]
+
+
+@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
+    """Another one holds shifted inputs; the first own moves are small, and it leads back to the reference."""
+    other = Command(78.6, 409.0)
+    controller = DecentralController({"tuning": tuning})
+    rows = closed_loop(controller, lambda t: REFERENCE, 300, override=lambda t: other if t < 60.0 else None)
+    shadow = [row[4].command for row in rows[10:600]]
+    assert max(abs(command.force_kn - other.force_kn) for command in shadow) < 0.1
+    assert max(abs(command.speed_rpm - other.speed_rpm) for command in shadow) < 0.5
+    moves = [
+        (abs(b[4].command.force_kn - a[4].command.force_kn), abs(b[4].command.speed_rpm - a[4].command.speed_rpm))
+        for a, b in pairwise(rows[598:701])
+    ]
+    assert max(force for force, _ in moves) < 0.1
+    assert max(speed for _, speed in moves) < 0.5
+    assert abs(rows[-1][1] - 2.66) < 5e-3
+    assert abs(rows[-1][2] - 850.0) < 0.2
+
+
+@pytest.mark.parametrize("tuning", ["conservative", "tight"])
+def test_saturation_does_not_wind_up(tuning):
+    """A step far beyond what the force can do at once: the overshoot stays a small share of it."""
+    goal = Reference(3.2, 850.0)
+    rows = closed_loop(DecentralController({"tuning": tuning}), lambda t: goal, 200)
+    assert any("force_max" in row[4].diagnosis.active_limits for row in rows) or tuning == "conservative"
+    assert max(row[1] for row in rows) < 3.2 + 0.1 * 0.54
+
+
+def test_without_torque_the_weld_goes_on_for_a_while_then_it_is_said():
+    controller = DecentralController({"blind_limit": 10.0})
+    rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("torque",) if t >= 5.0 else ())
+    assert all(row[4].healthy for row in rows if row[0] < 14.9)
+    assert not rows[-1][4].healthy
+    assert "torque" in rows[-1][4].reason
+    assert abs(rows[-1][2] - 850.0) < 1.0
+    assert all(math.isfinite(row[4].command.speed_rpm) for row in rows)
+
+
+def test_without_temperature_the_power_is_held():
+    controller = DecentralController({"blind_limit": 10.0})
+    rows = closed_loop(controller, lambda t: REFERENCE, 40, lose=lambda t: ("thermocouple",) if t >= 5.0 else ())
+    assert all(row[4].healthy for row in rows if row[0] < 14.9)
+    assert "temperature" in rows[-1][4].reason
+    assert abs(rows[-1][2] - 850.0) < 1.0
+
+
+def test_without_depth_the_force_is_held_and_it_is_said_at_once():
+    goal = Reference(2.76, 850.0)
+    rows = closed_loop(DecentralController(), lambda t: goal, 20, lose=lambda t: ("depth",) if 5.0 <= t < 10.0 else ())
+    blind = [row for row in rows if 5.0 <= row[0] < 10.0]
+    assert not any(row[4].healthy for row in blind)
+    assert len({row[4].command.force_kn for row in blind}) == 1
+    again = next(row for row in rows if row[0] >= 10.0)
+    assert again[4].healthy
+    assert abs(again[4].command.force_kn - again[3].force_kn) < 0.2
+
+
+def test_gains_change_at_runtime_without_a_bump():
+    controller = DecentralController({"tuning": "conservative"})
+    goal = Reference(2.70, 851.0)
+    applied = NOMINAL
+    for k in range(100):
+        applied = controller.step(measured(k), goal, applied, 0.1).command
+    controller.configure({"tuning": "tight"})
+    after = controller.step(measured(100), goal, applied, 0.1).command
+    assert abs(after.force_kn - applied.force_kn) < 0.2
+    assert abs(after.speed_rpm - applied.speed_rpm) < 1.0
+
+
+def test_overrides_take_the_place_of_the_tuning():
+    controller = DecentralController({"tuning": "tight", "depth_gain": 12.0})
+    assert controller.gains.depth_gain == 12.0
+    assert controller.gains.temperature_gain == tunings()["tight"].temperature_gain
+    controller.configure({"depth_gain": -1.0})
+    assert controller.gains == tunings()["tight"]
+
+
+def test_unusable_parameters_are_told_and_change_nothing():
+    controller = DecentralController()
+    gains = controller.gains
+    values = dict(controller._values)
+    assert controller.check(values) is None
+    assert "must be positive" in controller.check(values | {"depth_integral_time": 0.0})
+    assert "force_min" in controller.check(values | {"force_min": 99.0})
+    assert "speed_min" in controller.check(values | {"speed_min": 600.0})
+    with pytest.raises(ValueError, match="must be positive"):
+        controller.configure({"depth_integral_time": 0.0})
+    assert controller.gains == gains
+
+
+def test_gains_refuse_nonsense():
+    good = tunings()["tight"]
+    with pytest.raises(ValueError, match="depth_gain"):
+        Gains(**{name: getattr(good, name) for name in Gains.__dataclass_fields__} | {"depth_gain": NAN})
+
+
+def test_reset_starts_from_the_applied_command():
+    controller = DecentralController()
+    for k in range(50):
+        controller.step(measured(k, depth=2.4), REFERENCE, NOMINAL, 0.1)
+    other = Command(80.0, 390.0)
+    controller.reset(other)
+    command = controller.step(measured(0), REFERENCE, other, 0.1).command
+    assert abs(command.force_kn - 80.0) < 1e-6
+    assert abs(command.speed_rpm - 390.0) < 1e-6
+
+
+def test_same_inputs_give_the_same_outputs():
+    runs = []
+    for _ in range(2):
+        controller = DecentralController()
+        controller.reset(NOMINAL)
+        rows = closed_loop(controller, lambda t: Reference(2.7, 852.0), 20)
+        runs.append([(row[4].command.force_kn, row[4].command.speed_rpm) for row in rows])
+    assert runs[0] == runs[1]
+
+
+any_float = st.one_of(st.floats(), st.sampled_from([0.0, NAN, math.inf, -math.inf, 1e300]))
+sample = st.builds(
+    Measurement,
+    st.just(0.0),
+    st.one_of(st.floats(2.0, 4.0), any_float),
+    st.one_of(st.floats(500.0, 1500.0), any_float),
+    st.one_of(st.floats(700.0, 1000.0), any_float),
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            sample,
+            st.builds(Reference, any_float, any_float),
+            st.one_of(st.none(), st.builds(Command, any_float, any_float)),
+            st.one_of(st.just(0.1), any_float),
+        ),
+        max_size=30,
+    )
+)
+def test_nothing_raises_and_the_proposal_keeps_every_limit(events):
+    controller = DecentralController()
+    limits = Limits()
+    applied = NOMINAL
+    for measurement, reference, forced, dt_s in events:
+        given_command = forced or applied
+        proposal = controller.step(measurement, reference, given_command, dt_s)
+        command = proposal.command
+        assert math.isfinite(command.force_kn) and math.isfinite(command.speed_rpm)
+        if math.isfinite(given_command.force_kn) and math.isfinite(given_command.speed_rpm):
+            assert abs(command.force_kn - given_command.force_kn) <= limits.force_step_kn * (1 + 1e-9) + 1e-12 * abs(
+                given_command.force_kn
+            )
+            assert abs(command.speed_rpm - given_command.speed_rpm) <= limits.speed_step_rpm * (1 + 1e-9) + 1e-12 * abs(
+                given_command.speed_rpm
+            )
+        if not proposal.healthy:
+            assert proposal.reason
+        applied = command if abs(command.force_kn) < 1e3 and abs(command.speed_rpm) < 1e4 else NOMINAL
