@@ -1,0 +1,141 @@
+"""Fixtures: a DDS domain of its own for every test, spinning until a condition holds, programs in other processes."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+_LOCKS = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
+_SOURCE = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain that no other test on this machine uses now; ROS_DOMAIN_ID is set to it."""
+    _LOCKS.mkdir(exist_ok=True)
+    start = os.getpid() % 100
+    for offset in range(100):
+        domain = 1 + (start + offset) % 100
+        lock = os.open(_LOCKS / str(domain), os.O_CREAT | os.O_RDWR)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            continue
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
+        os.close(lock)
+        return
+    pytest.fail("all test domains are in use")
+
+
+@pytest.fixture
+def context(domain_id: int) -> Iterator[Context]:
+    """An initialized context, with all its nodes gone after the test."""
+    context = Context()
+    context.init(args=[], domain_id=domain_id)
+    yield context
+    context.destroy()
+
+
+@pytest.fixture
+def node(context: Context) -> Iterator[Any]:
+    """A node named test_node."""
+    node = rclpy.create_node("test_node", context=context)
+    yield node
+    node.destroy_node()
+
+
+class Spinner:
+    """An executor with a node, spun until a condition holds."""
+
+    def __init__(self, context: Context) -> None:
+        self.executor = SingleThreadedExecutor(context=context)
+
+    def until(self, condition: Callable[[], Any], timeout_sec: float = 10.0) -> bool:
+        """Spin until `condition` is true; return whether it is."""
+        end = time.monotonic() + timeout_sec
+        while not condition() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+        return bool(condition())
+
+    def rest(self, cycles: int = 20) -> None:
+        """Run what is ready, so that what should not happen had its chance."""
+        for _ in range(cycles):
+            self.executor.spin_once(timeout_sec=0.005)
+
+
+@pytest.fixture
+def spinner(context: Context, node: Any) -> Iterator[Spinner]:
+    """Spins the fixture `node` and whatever is added to its executor."""
+    spinner = Spinner(context)
+    spinner.executor.add_node(node)
+    yield spinner
+    spinner.executor.shutdown()
+
+
+class Program:
+    """A Python program in another process; its output is read line by line."""
+
+    def __init__(self, source: str, *args: str) -> None:
+        environ = dict(os.environ, PYTHONPATH=f"{_SOURCE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        self.process = subprocess.Popen(
+            [sys.executable, "-u", "-c", source, *args],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environ,
+        )
+
+    def line(self) -> str:
+        """Return the next line of output, '' at its end."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def finish(self, timeout_sec: float = 20.0) -> tuple[int, str, str]:
+        """Wait for the end; return exit code, remaining output and errors."""
+        out, err = self.process.communicate(timeout=timeout_sec)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def run_program(domain_id: int) -> Iterator[Callable[..., Program]]:
+    """Start programs in the test's domain; they are killed after the test."""
+    programs: list[Program] = []
+
+    def run(source: str, *args: str) -> Program:
+        programs.append(Program(source, *args))
+        return programs[-1]
+
+    yield run
+    for program in programs:
+        if program.process.poll() is None:
+            program.process.kill()
+        program.process.communicate()
+
+
+def wait_until(condition: Callable[[], Any], timeout_sec: float = 10.0) -> bool:
+    """Wait, without spinning, until `condition` is true; return whether it is."""
+    end = time.monotonic() + timeout_sec
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return bool(condition())
+
+
+@pytest.fixture(name="wait_until")
+def _wait_until() -> Callable[..., bool]:
+    return wait_until
