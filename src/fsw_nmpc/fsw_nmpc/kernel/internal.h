@@ -28,7 +28,7 @@ typedef struct {
   /* quadratic program in scaled moves */
   double scale[FSW_MAX_VARS], size[FSW_MAX_VARS]; /* largest move; intervals in the block */
   double hessian[FSW_MAX_VARS][FSW_MAX_VARS], gradient[FSW_MAX_VARS];
-  double factor[FSW_MAX_VARS][FSW_MAX_VARS];
+  double factor[FSW_MAX_VARS][FSW_MAX_VARS], per_diagonal[FSW_MAX_VARS];
   double z[FSW_MAX_VARS], step[FSW_MAX_VARS], rhs[FSW_MAX_VARS], dual[FSW_MAX_VARS];
   double value[FSW_MAX_SOFT], change[FSW_MAX_SOFT]; /* a'z and a'dz of the soft rows */
   double low[FSW_MAX_SOFT], high[FSW_MAX_SOFT], weight[FSW_MAX_SOFT];

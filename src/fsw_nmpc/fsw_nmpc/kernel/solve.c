@@ -10,6 +10,7 @@
 #include "internal.h"
 
 #define STEP_TO_BOUNDARY 0.995
+#define RANK 4
 
 /* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
 static double dot(const double *restrict a, const double *restrict b, int n) {
@@ -92,6 +93,7 @@ static void build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double 
       at_zero -= a[j] * v[j];
       a[j] *= w->scale[j];
     }
+    for (int j = width; j < nv; j++) a[j] = 0.0;
     if (is_temp) w->temp[i] = at_zero;
     else w->depth[i] = at_zero;
     w->low[r] = (is_temp ? c->temp_low[i] : c->depth_low[i]) - at_zero;
@@ -195,21 +197,56 @@ static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, i
   return gap;
 }
 
+/* Cholesky factor of the lower triangle in place, RANK columns at a time; also 1 / diagonal. */
+static int cholesky(double (*k)[FSW_MAX_VARS], double *per_diagonal, int n) {
+  double column[RANK][FSW_MAX_VARS];
+  for (int p = 0; p < n; p += RANK) {
+    const int size = n - p < RANK ? n - p : RANK;
+    for (int q = 0; q < size; q++) { /* the panel's columns, one after the other */
+      const int c = p + q;
+      for (int e = 0; e < q; e++) {
+        const double f = column[e][c];
+        for (int j = c; j < n; j++) k[j][c] -= column[e][j] * f;
+      }
+      const double pivot = k[c][c];
+      if (!(pivot > 0.0) || !is_finite(pivot)) return FSW_FAILED;
+      const double root = sqrt(pivot);
+      per_diagonal[c] = 1.0 / root;
+      for (int j = c; j < n; j++) column[q][j] = k[j][c] = k[j][c] * per_diagonal[c];
+    }
+    if (size < RANK) break;
+    const double *restrict a0 = column[0], *restrict a1 = column[1], *restrict a2 = column[2], *restrict a3 = column[3];
+    for (int j = p + RANK; j < n; j++) {
+      double *restrict row = k[j];
+      const double f0 = a0[j], f1 = a1[j], f2 = a2[j], f3 = a3[j];
+      for (int l = p + RANK; l <= j; l++) row[l] -= f0 * a0[l] + f1 * a1[l] + f2 * a2[l] + f3 * a3[l];
+    }
+  }
+  return FSW_OK;
+}
+
 /* Normal matrix H + sum D a a', factored in place (Cholesky, lower triangle). */
 static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
   const int nv = 2 * m->n_blocks, n_rows = 2 * m->n_out;
   double(*k)[FSW_MAX_VARS] = w->factor;
   for (int j = 0; j < nv; j++)
     for (int l = 0; l <= j; l++) k[j][l] = w->hessian[j][l];
-  for (int r = 0; r < n_rows; r++) {
-    if (w->weight[r] <= 0.0) continue;
-    int width;
-    const double *a = output_row(m, w, r, &width);
-    const double d = w->soft[r][0].pivot + w->soft[r][1].pivot;
-    for (int j = 0; j < width; j++) {
-      const double da = d * a[j];
+  for (int r = 0; r < n_rows; r += RANK) { /* several rows at a time: fewer passes over the matrix */
+    const double *a[RANK];
+    double d[RANK];
+    int widest = 0;
+    for (int i = 0; i < RANK; i++) {
+      const int row = r + i < n_rows ? r + i : r;
+      int width;
+      a[i] = output_row(m, w, row, &width);
+      d[i] = r + i < n_rows && w->weight[row] > 0.0 ? w->soft[row][0].pivot + w->soft[row][1].pivot : 0.0;
+      if (d[i] > 0.0 && width > widest) widest = width;
+    }
+    for (int j = 0; j < widest; j++) {
+      const double d0 = d[0] * a[0][j], d1 = d[1] * a[1][j], d2 = d[2] * a[2][j], d3 = d[3] * a[3][j];
+      const double *restrict a0 = a[0], *restrict a1 = a[1], *restrict a2 = a[2], *restrict a3 = a[3];
       double *restrict row = k[j];
-      for (int l = 0; l <= j; l++) row[l] += da * a[l];
+      for (int l = 0; l <= j; l++) row[l] += d0 * a0[l] + d1 * a1[l] + d2 * a2[l] + d3 * a3[l];
     }
   }
   w->suffix[m->n_blocks][0] = w->suffix[m->n_blocks][1] = 0.0;
@@ -226,14 +263,7 @@ static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
     const double f = w->size[j] * w->scale[j] * w->suffix[j >> 1][j & 1];
     for (int l = j & 1; l <= j; l += 2) k[j][l] += f * w->size[l] * w->scale[l];
   }
-  for (int j = 0; j < nv; j++) {
-    double *row = k[j];
-    for (int l = 0; l < j; l++) row[l] = (row[l] - dot(row, k[l], l)) / k[l][l];
-    const double pivot = row[j] - dot(row, row, j);
-    if (!(pivot > 0.0) || !is_finite(pivot)) return FSW_FAILED;
-    row[j] = sqrt(pivot);
-  }
-  return FSW_OK;
+  return cholesky(k, w->per_diagonal, nv);
 }
 
 /* Newton direction for a centring target mu; `second` adds the second-order terms of the direction held now. */
@@ -268,9 +298,9 @@ static void direction(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int
   double *x = w->step;
   for (int j = 0; j < nv; j++) x[j] = -w->dual[j];
   add_transposed(m, w, coefficient, hard_coefficient, x);
-  for (int j = 0; j < nv; j++) x[j] = (x[j] - dot(w->factor[j], x, j)) / w->factor[j][j];
+  for (int j = 0; j < nv; j++) x[j] = (x[j] - dot(w->factor[j], x, j)) * w->per_diagonal[j];
   for (int j = nv - 1; j >= 0; j--) {
-    x[j] /= w->factor[j][j];
+    x[j] *= w->per_diagonal[j];
     const double xj = x[j];
     for (int l = 0; l < j; l++) x[l] -= w->factor[j][l] * xj;
   }
