@@ -38,7 +38,7 @@ LATCHED = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durabilit
 Make = Callable[[dict[str, Any]], Controller]
 
 
-class ControllerNode(Node):
+class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Feeds a controller with ticks and publishes its proposals, status, diagnostics and prediction.
 
     Callbacks only buffer; a tick is consumed when it is complete, or when its deadline has passed. Time is that

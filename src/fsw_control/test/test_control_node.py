@@ -1,0 +1,292 @@
+"""The controller node among real topics: what goes in, what comes out, what goes wrong."""
+
+import math
+import time
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Temperature
+
+from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
+from fsw_control import messages_ros as convert
+from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
+from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+
+STEP_NS = 100_000_000
+DOMAIN = 61
+
+PARAMETERS = """
+gain:
+  type: double
+  default_value: 1.0
+  description: "Force per depth error"
+  unit: "kN/mm"
+  range: [0.0, 10.0]
+"""
+
+
+class Echo:
+    """Proposes the applied command plus its gain, and remembers all it was given."""
+
+    name = "echo"
+    tolerated_sensors = ("torque",)
+
+    def __init__(self, values):
+        self.gain = values["gain"]
+        self.seen = []
+        self.resets = 0
+        self.raises = False
+
+    def step(self, measurement, reference, applied, dt_s):
+        self.seen.append((measurement, reference, applied, dt_s))
+        if self.raises:
+            raise RuntimeError("broken on purpose")
+        plan = Plan((0.1,), (2.66,), (850.0,), (78.0,), (400.0,))
+        diagnosis = Diagnosis(disturbances={"depth_mm": 1.0}, active_limits=("force_max",), plan=plan)
+        return Proposal(Command(applied.force_kn + self.gain, applied.speed_rpm), diagnosis=diagnosis)
+
+    def reset(self, applied):
+        self.resets += 1
+
+    def check(self, values):
+        return "gain 7 is never good" if values["gain"] == 7.0 else None
+
+    def configure(self, values):
+        self.gain = values["gain"]
+
+
+class Peer:
+    """The node under test, and everything around it."""
+
+    def __init__(self, path, args):
+        rclpy.init(args=["test", *args], domain_id=DOMAIN)
+        self.controllers = []
+        self.node = ControllerNode("echo", self._make, path)
+        self.peer = rclpy.create_node("peer")
+        self.got = {"proposal": [], "status": [], "prediction": [], "diagnostics": []}
+        for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
+            self.peer.create_subscription(kind, f"/fsw/echo/{name}", self.got[name].append, STREAM)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.got["diagnostics"].append, STREAM)
+        self.depths = self.peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM)
+        self.torques = self.peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM)
+        self.temperatures = self.peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM)
+        self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
+        self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+        outputs = (self.depths, self.torques, self.temperatures, self.references, self.commands)
+        self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
+        self.wait(lambda: self.peer.count_publishers("/fsw/echo/proposal") == 1)
+
+    def _make(self, values):
+        self.controllers.append(Echo(values))
+        return self.controllers[-1]
+
+    @property
+    def controller(self):
+        return self.controllers[-1]
+
+    def wait(self, condition, seconds=10.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, "condition not reached"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def sense(self, k, sensors=("depth", "torque", "thermocouple"), depth=2.66):
+        stamp = k * STEP_NS
+        if "depth" in sensors:
+            self.depths.publish(convert.depth_message(depth, stamp))
+        if "torque" in sensors:
+            self.torques.publish(convert.torque_message(1052.0, stamp))
+        if "thermocouple" in sensors:
+            self.temperatures.publish(convert.temperature_message(850.0, stamp))
+
+    def command(self, k, force=78.0, source="echo"):
+        self.commands.publish(convert.command_message(Command(force, 400.0), k * STEP_NS, source))
+
+    def refer(self, depth=2.66, stamp=0):
+        before = self.node._references._current, len(self.node._references._waiting)
+        self.references.publish(convert.reference_message(Reference(depth, 850.0), stamp))
+        self.wait(lambda: (self.node._references._current, len(self.node._references._waiting)) != before)
+
+    def tick(self, k, **how):
+        count = len(self.got["proposal"])
+        self.sense(k, **how)
+        self.wait(lambda: len(self.got["proposal"]) > count)
+        return self.got["proposal"][-1]
+
+    def end(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.peer.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def start(tmp_path):
+    path = tmp_path / "echo.yaml"
+    path.write_text(PARAMETERS)
+    peers = []
+
+    def make(*args):
+        peers.append(Peer(path, args))
+        return peers[-1]
+
+    yield make
+    for peer in peers:
+        peer.end()
+
+
+def test_answers_a_tick_with_its_stamp_in_si_units(start):
+    peer = start()
+    peer.refer()
+    proposal = peer.tick(7)
+    assert convert.stamp_ns(proposal.header.stamp) == 7 * STEP_NS
+    assert (proposal.source, proposal.healthy, proposal.reason) == ("echo", True, "")
+    assert proposal.axial_force == pytest.approx(79_400.0)
+    assert proposal.spindle_speed == pytest.approx(407.576 * math.pi / 30.0)
+    measurement, reference, applied, dt_s = peer.controller.seen[0]
+    assert measurement.time_s == pytest.approx(0.7)
+    assert measurement.depth_mm == pytest.approx(2.66)
+    assert reference.temperature_c == 850.0
+    assert applied == Command(78.4, 407.576)
+    assert dt_s == 0.1
+    peer.wait(lambda: peer.got["status"] and peer.got["prediction"])
+    status, prediction = peer.got["status"][-1], peer.got["prediction"][-1]
+    assert status.controller == "echo" and not status.selected
+    assert list(status.tolerated_sensors) == ["torque"]
+    assert list(status.disturbance_names) == ["depth [m]"]
+    assert list(status.disturbances) == pytest.approx([1e-3])
+    assert list(prediction.depth) == pytest.approx([2.66e-3])
+    assert list(prediction.axial_force) == pytest.approx([78e3])
+
+
+def test_follows_the_applied_command_of_the_tick_before(start):
+    peer = start()
+    peer.refer()
+    peer.tick(0)
+    peer.sense(1)
+    peer.command(0, force=80.0)
+    peer.wait(lambda: len(peer.got["proposal"]) == 2)
+    assert peer.controller.seen[1][2].force_kn == pytest.approx(80.0)
+    peer.wait(lambda: peer.got["status"][-1].selected)
+
+
+def test_without_reference_it_is_not_healthy(start):
+    proposal = start().tick(0)
+    assert not proposal.healthy
+    assert proposal.reason == "no reference received yet"
+
+
+def test_reference_sent_ahead_begins_at_its_tick(start):
+    peer = start()
+    peer.refer()
+    peer.refer(depth=2.86, stamp=2 * STEP_NS)
+    for k in range(4):
+        peer.tick(k)
+    assert [entry[1].depth_mm for entry in peer.controller.seen] == pytest.approx([2.66, 2.66, 2.86, 2.86])
+
+
+def test_missing_sensor_is_bridged_then_unhealthy_with_the_reason(start):
+    peer = start()
+    peer.refer()
+    peer.tick(0)
+    answers = [peer.tick(k, sensors=("torque", "thermocouple")) for k in range(1, 7)]
+    assert answers[0].healthy and not answers[-1].healthy
+    assert answers[-1].reason == "invalid sensor: depth"
+    assert peer.tick(7).reason == "invalid sensor: depth"
+    peer.tick(8)
+    assert peer.tick(9).healthy
+
+
+def test_nan_from_a_tolerated_sensor_stays_healthy(start):
+    peer = start()
+    peer.refer()
+    for k in range(8):
+        proposal = peer.tick(k, sensors=("depth", "thermocouple"))
+    assert proposal.healthy
+    assert peer.controller.seen[-1][0].invalid_sensors() == ("torque",)
+
+
+def test_exception_in_the_controller_is_told_and_survived(start):
+    peer = start()
+    peer.refer()
+    peer.tick(0)
+    peer.controller.raises = True
+    proposal = peer.tick(1)
+    assert not proposal.healthy
+    assert "broken on purpose" in proposal.reason
+    peer.wait(lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"]))
+    peer.controller.raises = False
+    assert peer.tick(2).healthy
+
+
+def test_a_jump_of_time_resets_the_controller(start):
+    peer = start()
+    peer.refer()
+    peer.tick(1000)
+    resets = peer.controller.resets
+    assert peer.tick(0).healthy
+    assert peer.controller.resets == resets + 1
+    assert peer.controller.seen[-1][3] == 0.1
+
+
+def test_bad_commands_and_references_are_ignored(start):
+    peer = start()
+    peer.refer()
+    peer.tick(0)
+    peer.references.publish(WeldReference(depth=math.nan, temperature=850.0))
+    peer.commands.publish(WeldCommand(axial_force=math.inf, spindle_speed=1.0))
+    peer.command(0, force=77.0)
+    peer.tick(1)
+    assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
+    assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
+
+
+def test_parameters_reach_the_controller_at_runtime_if_they_are_good(start):
+    peer = start("--ros-args", "-p", "gain:=2.0")
+    assert peer.controller.gain == 2.0
+    client = peer.peer.create_client(SetParameters, "/fsw_echo/set_parameters")
+    peer.wait(client.service_is_ready)
+
+    def set_gain(value):
+        request = SetParameters.Request(parameters=[Parameter("gain", value=value).to_parameter_msg()])
+        future = client.call_async(request)
+        peer.wait(future.done)
+        return future.result().results[0]
+
+    assert set_gain(3.0).successful
+    assert peer.controller.gain == 3.0
+    for bad, said in ((11.0, "gain"), (math.nan, "gain"), (7.0, "never good")):
+        result = set_gain(bad)
+        assert not result.successful
+        assert said in result.reason
+    assert peer.controller.gain == 3.0
+
+
+def test_lockstep_waits_for_the_command_without_a_clock(start):
+    """In simulated time nothing but data drives the node: no /clock is published here."""
+    peer = start("--ros-args", "-p", "use_sim_time:=true", "-p", "lockstep_deadline:=5.0")
+    peer.refer()
+    peer.tick(0)
+    for k in range(1, 30):
+        peer.sense(k)
+        peer.command(k - 1, force=70.0 + k)
+        peer.wait(lambda k=k: len(peer.got["proposal"]) == k + 1)
+    assert [entry[2].force_kn for entry in peer.controller.seen[1:]] == pytest.approx([70.0 + k for k in range(1, 30)])
+
+
+def test_bad_parameter_at_start_is_refused(tmp_path):
+    path = tmp_path / "echo.yaml"
+    path.write_text(PARAMETERS)
+    rclpy.init(args=["test", "--ros-args", "-p", "gain:=99.0"], domain_id=DOMAIN)
+    try:
+        with pytest.raises(Exception, match="gain"):
+            ControllerNode("echo", Echo, path)
+    finally:
+        rclpy.try_shutdown()
