@@ -9,6 +9,7 @@ from fsw_model.process import (
     Outputs,
     ProcessModel,
     ProcessState,
+    delay_steps,
 )
 
 __all__ = [
@@ -21,5 +22,6 @@ __all__ = [
     "ParameterError",
     "ProcessModel",
     "ProcessState",
+    "delay_steps",
     "nominal",
 ]

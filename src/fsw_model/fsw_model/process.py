@@ -112,6 +112,22 @@ class Linearisation:
         return response
 
 
+def delay_steps(parameters: ModelParameters, step_s: float = STEP_S) -> int:
+    """Dead time in steps.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a whole number (>= 1) of steps.
+    """
+    delay = parameters.dead_time_s / step_s
+    if round(delay) < 1 or abs(delay - round(delay)) > 1e-9:
+        raise ParameterError(
+            f"model parameter 'dead_time_s' = {parameters.dead_time_s:g}: must be a whole number of {step_s:g} s steps"
+        )
+    return round(delay)
+
+
 class ProcessModel:
     """Friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
@@ -131,13 +147,7 @@ class ProcessModel:
     def __init__(self, parameters: ModelParameters | None = None, step_s: float = STEP_S) -> None:
         self.parameters = parameters or nominal()
         self.step_s = step_s
-        delay = self.parameters.dead_time_s / step_s
-        self.delay_steps = round(delay)
-        if self.delay_steps < 1 or abs(delay - self.delay_steps) > 1e-9:
-            raise ParameterError(
-                f"model parameter 'dead_time_s' = {self.parameters.dead_time_s}: "
-                f"must be a whole number of {step_s} s steps"
-            )
+        self.delay_steps = delay_steps(self.parameters, step_s)
         self.step_function: ca.Function = equations.step_function(self.parameters, step_s)
         self.output_function: ca.Function = equations.output_function(self.parameters)
         self._step = python_function(self.step_function)

@@ -2,11 +2,11 @@
 
 import casadi as ca
 import pytest
-from fsw_model.codegen import python_function
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_model import ProcessModel
+from fsw_model.codegen import python_function
 
 MODEL = ProcessModel()
 STATES = st.tuples(

@@ -3,11 +3,11 @@
 from dataclasses import asdict, fields
 
 import pytest
-from fsw_model.parameters import ORIGIN
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_model import ModelParameters, ParameterError, ProcessModel, nominal
+from fsw_model.parameters import ORIGIN
 
 NAMES = [field.name for field in fields(ModelParameters)]
 

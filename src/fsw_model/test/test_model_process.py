@@ -4,11 +4,11 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from fsw_model.equations import N_STATES, STATE_NAMES
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_model import OperatingPointError, ProcessModel, nominal
+from fsw_model.equations import N_STATES, STATE_NAMES
 
 MODEL = ProcessModel()
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from fsw_control.parameters import ParameterError, ParameterSpec
 
 from fsw_control import parameters
+from fsw_control.parameters import ParameterError, ParameterSpec
 from fsw_model import ModelParameters
 from fsw_model import ParameterError as ModelParameterError
 from fsw_plant.commands import LimitsConfig

@@ -104,6 +104,10 @@ class Disturbances:
         disturbance = self._active.get(channel)
         return 0.0 if disturbance is None else disturbance.value(time_s)
 
+    def names(self) -> list[str]:
+        """Disturbances in force, e.g. ``depth:step``."""
+        return [f"{channel}:{disturbance.shape}" for channel, disturbance in self._active.items()]
+
     def clear(self) -> None:
         """Remove all."""
         self._active.clear()

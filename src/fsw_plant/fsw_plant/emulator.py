@@ -21,10 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import isfinite, nan
 
-from fsw_model.equations import RAD_PER_S_PER_RPM
-
 from fsw_control import SENSORS, Command, Measurement
 from fsw_model import STEP_S, Equilibrium, OperatingPointError, Outputs, ProcessModel, ProcessState
+from fsw_model.equations import RAD_PER_S_PER_RPM
 from fsw_plant.actuators import Actuator
 from fsw_plant.commands import CommandGate
 from fsw_plant.config import PlantConfig
@@ -128,6 +127,7 @@ class PlantEmulator:
         self.disturbances = Disturbances()
         self.faults = Faults()
         self._model = ProcessModel(self.config.model)
+        self._reading: Reading | None = None
         self._start(self._equilibrium(self.config.start_depth_mm, self.config.start_temperature_c))
 
     def _equilibrium(self, depth_mm: float, temperature_c: float) -> Equilibrium:
@@ -150,9 +150,9 @@ class PlantEmulator:
         self._speed = Actuator(start.speed_rpm, limits.speed_rate_rpm_per_s, config.lag_s, STEP_S)
         self._wanted = Command(start.force_kn, start.speed_rpm)
         self._force_kn, self._speed_rpm = start.force_kn, start.speed_rpm
+        self._force_disturbance_kn = self._speed_disturbance_rpm = 0.0
         self._inertia_torque_nm = 0.0
         self._last_sent: list[float | None] = [None] * len(SENSORS)
-        self._reading: Reading | None = None
         self.stopped = ""
         self.gate = CommandGate(limits, config.max_age_s, config.sources)
         self.watchdog = Watchdog(config.watchdog)
@@ -251,15 +251,15 @@ class PlantEmulator:
         mean_force = self._force.advance(force)
         mean_speed = self._speed.advance(self._wanted.speed_rpm)
         end_force, end_speed = self._force.position, self._speed.position
+        by_force = by_speed = 0.0
         if self.disturbances:
             by_force = self.disturbances.value("axial_force", time_s)
             by_speed = self.disturbances.value("spindle_speed", time_s)
-            mean_force += by_force
-            end_force += by_force
-            mean_speed += by_speed
-            end_speed += by_speed
         if not self.stopped:
-            self._advance_process(mean_force, mean_speed, end_force, end_speed)
+            self._advance_process(
+                mean_force + by_force, mean_speed + by_speed, end_force + by_force, end_speed + by_speed
+            )
+            self._force_disturbance_kn, self._speed_disturbance_rpm = by_force, by_speed
         self.tick += 1
 
     def _advance_process(self, mean_force: float, mean_speed: float, end_force: float, end_speed: float) -> None:
@@ -292,8 +292,8 @@ class PlantEmulator:
             speed_rpm=self._speed_rpm,
             depth_disturbance_mm=depth_disturbance,
             temperature_disturbance_c=temperature_disturbance,
-            force_disturbance_kn=disturbances.value("axial_force", time_s),
-            speed_disturbance_rpm=disturbances.value("spindle_speed", time_s),
+            force_disturbance_kn=self._force_disturbance_kn,
+            speed_disturbance_rpm=self._speed_disturbance_rpm,
             watchdog=self.watchdog.state,
             refused_commands=self.gate.total(),
             active_faults=tuple(self.faults.names()),
@@ -365,7 +365,9 @@ class PlantEmulator:
             self.config = replace(self.config, seed=seed)
         self.disturbances.clear()
         self.faults.clear()
+        answered_ns = self.gate.last_stamp_ns
         self._start(start)
+        self.gate.last_stamp_ns = answered_ns
 
     def reconfigure(self, config: PlantConfig) -> None:
         """Change settings while running; start and seed hold from the next :meth:`reset`.

@@ -38,12 +38,12 @@ class Watchdog:
         self.config = config
         self.state = WatchdogState.OK
         self.age_s = 0.0
-        self._armed = config.armed_at_start
+        self.armed = config.armed_at_start
 
     def feed(self) -> None:
         """A valid command has come."""
         self.age_s = 0.0
-        self._armed = True
+        self.armed = True
         self.state = WatchdogState.OK
 
     def advance(self, force_kn: float, step_s: float) -> float:
@@ -64,7 +64,7 @@ class Watchdog:
         config = self.config
         age = self.age_s + 1e-9
         if age >= config.timeout_s:
-            safe = self._armed and age >= config.timeout_s + config.hold_s
+            safe = self.armed and age >= config.timeout_s + config.hold_s
             self.state = WatchdogState.SAFE if safe else WatchdogState.HOLD
             if safe and force_kn > config.safe_force_kn:
                 force_kn = max(config.safe_force_kn, force_kn - config.safe_rate_kn_per_s * step_s)

@@ -1,0 +1,99 @@
+"""Makes sure that the plant is alone on its domain before it starts."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from fsw_msgs.msg import ShoulderDepth
+
+#: A plant that lives reports once a second; a publisher that is silent for longer was left behind by a killed process.
+LIVENESS_S = 2.5
+PREFIX = "fsw_plant/"
+
+
+class AnotherPlantError(RuntimeError):
+    """Another plant publishes the same topics."""
+
+
+class Claim:
+    """Finds out whether another plant, or a replayed bag, publishes the same topics.
+
+    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own.
+
+    Parameters
+    ----------
+    node : Node
+        The plant's node; its publisher of fsw/depth exists already, so that plants that start together see each other.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._topic = node.resolve_topic_name("fsw/depth")
+        self.hardware_id = f"{PREFIX}{uuid.uuid4().hex}@{self._topic}"
+        self._heard = ""
+
+    def make(self, discovery_s: float, announce: Callable[[], None]) -> None:
+        """Look and listen; returns when the domain is free.
+
+        Parameters
+        ----------
+        discovery_s : float
+            How long to look for another publisher.
+        announce : callable
+            Publishes this plant's diagnostics, so that another one that starts now hears of it.
+
+        Raises
+        ------
+        AnotherPlantError
+            If another one lives.
+        """
+        node = self._node
+        subscriptions = [
+            node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
+            node.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, 10),
+        ]
+        try:
+            begin = time.monotonic()
+            wait_s = discovery_s
+            while not self._heard and time.monotonic() < begin + wait_s:
+                rclpy.spin_once(node, timeout_sec=0.05)
+                announce()
+                if len(self.publishers()) > 1:
+                    wait_s = max(discovery_s, LIVENESS_S)
+                elif wait_s > discovery_s:
+                    wait_s = discovery_s
+        finally:
+            for subscription in subscriptions:
+                node.destroy_subscription(subscription)
+        if self._heard:
+            raise AnotherPlantError(
+                f"{self._heard} on {self._topic} of domain {node.context.get_domain_id()}: "
+                "end it first, or set another ROS_DOMAIN_ID or namespace"
+            )
+        if len(self.publishers()) > 1:
+            node.get_logger().warning(f"{self._topic} has a silent publisher, left behind by a killed process: ignored")
+
+    def publishers(self) -> list[str]:
+        """Nodes that publish fsw/depth, this one included."""
+        return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic)]
+
+    def _on_depth(self, message: ShoulderDepth) -> None:
+        self._heard = self._heard or "depth is measured already"
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            other = status.hardware_id
+            if other == self.hardware_id or not other.startswith(PREFIX) or not other.endswith(f"@{self._topic}"):
+                continue
+            # Of two that start together the one with the lower number may stay.
+            if status.message != STARTING or other < self.hardware_id:
+                self._heard = "a plant runs already"
+
+
+STARTING = "looking for another plant"
