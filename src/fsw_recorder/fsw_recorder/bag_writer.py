@@ -395,7 +395,13 @@ class BagWriter:
 
     def _make_folder(self) -> int:
         try:
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            if not self.folder.parent.is_dir():
+                self.folder.parent.mkdir(parents=True)
+        except OSError as error:
+            raise BagError(
+                f"{self.folder.parent}: cannot be made: {error.strerror}. Choose a folder you may write to"
+            ) from None
+        try:
             self.folder.mkdir()
             return os.open(self.folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
         except FileExistsError:

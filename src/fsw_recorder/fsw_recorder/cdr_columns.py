@@ -120,7 +120,7 @@ class CdrColumns:
             while rows.size:
                 try:
                     layout, order = self._layout(payloads[int(rows[0])])
-                except (ValueError, IndexError, RecursionError):
+                except ValueError:
                     good[rows[0]] = False
                     rows, matrix = rows[1:], matrix[1:]
                     continue
@@ -225,7 +225,8 @@ def _fill(
         for row, values in zip(rows, _numbers(group, order, *layout.numbers[path]).astype(float), strict=True):
             column[row] = values
     elif kind == "texts":
-        parts = [_texts(group, *layout.texts[f"{path}[{i}]"]) for i in range(layout.lists.get(path, 0))]
+        names = [f"{path}[{index}]" for index in range(layout.lists.get(path, 0))]
+        parts = [_texts(group, *layout.texts[name]) for name in names if name in layout.texts]
         for position, row in enumerate(rows):
             column[row] = tuple(part[position] for part in parts)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fsw_recorder.errors import BagError
@@ -72,7 +72,21 @@ class SchemaDecoder:
             store = get_typestore(Stores.EMPTY)
             try:
                 store.register(get_types_from_msg(schema_text, type_name))
+                _check_types(store.fielddefs, type_name, ())
             except Exception as error:  # rosbags' parser raises many kinds
                 raise BagError(f"the definition of {type_name} in the bag cannot be parsed: {error}") from None
             self._stores[key] = store
         return self._stores[key]
+
+
+def _check_types(fields: Mapping[str, Any], type_name: str, inside: tuple[str, ...]) -> None:
+    """Refuse definitions that name unknown types or contain themselves."""
+    if type_name not in fields:
+        raise ValueError(f"{type_name} is not defined")
+    if type_name in inside:
+        raise ValueError(f"{type_name} contains itself")
+    for _, (kind, detail) in fields[type_name][1]:
+        if kind.name in ("ARRAY", "SEQUENCE"):
+            kind, detail = detail[0]
+        if kind.name == "NAME":
+            _check_types(fields, detail, (*inside, type_name))

@@ -242,7 +242,7 @@ class ReplayNode(Node):
     def _step(self, most: int = 1) -> int:
         """Publish the next messages while paused; ``most`` 0 means all."""
         count = 0
-        while most == 0 or count < most:
+        while self._playing and (most == 0 or count < most):
             record = self.player.step(time.monotonic_ns())
             if record is None:
                 break

@@ -39,6 +39,8 @@ class SqliteBag:
             self._reader: Any = Reader(path)
             self._reader.open()
             self._connections = list(self._reader.connections)
+            if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
+                raise ValueError("its table of topics holds something else")
             self._total = max(int(self._reader.message_count), 1)
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
             raise BagError(f"{name}: not a sqlite3 bag, or damaged: {error}") from None
@@ -59,12 +61,17 @@ class SqliteBag:
             except StopIteration:
                 return
             except Exception as error:  # apsw raises many kinds on damaged pages
-                problem = f"{self.name}: damaged after {self._done} messages: {error}"
-                if problem not in self._problems:
-                    self._problems.append(problem)
+                self._complain(f"{self.name}: damaged after {self._done} messages: {error}")
                 return
             self._done += 1
+            if not isinstance(time_ns, int) or not 0 <= time_ns < 2**63 or not isinstance(data, bytes | memoryview):
+                self._complain(f"{self.name}: damaged: rows that are no messages are left out")
+                continue
             yield BagRecord(connection.topic, connection.msgtype, time_ns, time_ns, bytes(data), 0)
+
+    def _complain(self, problem: str) -> None:
+        if problem not in self._problems:
+            self._problems.append(problem)
 
     def topics(self) -> list[TopicInfo]:
         """Topics of the file; ``count`` is left at 0."""

@@ -1,0 +1,131 @@
+"""Bags recorded by genuine ROS 2, and bags in any state, are read."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from fsw_recorder import BagError
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.message_decoder import SchemaDecoder
+from mcap.reader import make_reader
+
+
+def no_classes(type_name: str, data: bytes) -> object:
+    raise LookupError(f"{type_name} of {len(data)} bytes is not installed")
+
+
+def test_genuine_bags_hold_what_ros2_bag_info_says(genuine_bag: Path) -> None:
+    text = (genuine_bag / "ros2_bag_info.txt").read_text()
+    counts = {name: int(n) for name, n in re.findall(r"Topic: (\S+) \| Type: \S+ \| Count: (\d+)", text)}
+    types = dict(re.findall(r"Topic: (\S+) \| Type: (\S+)", text))
+    duration = re.search(r"Duration: +([\d.]+)s", text)
+    assert duration is not None
+    with BagReader(genuine_bag) as reader:
+        info = reader.info()
+    assert info.problems == []
+    assert {topic.name: topic.count for topic in info.topics} == counts
+    assert {topic.name: topic.type_name for topic in info.topics} == types
+    assert info.duration_s == pytest.approx(float(duration[1]), abs=1e-9)
+    assert info.ros_distro == "jazzy"
+    assert all(topic.type_hash.startswith("RIHS01_") for topic in info.topics)
+    assert {t.name: t.qos[0].durability for t in info.topics}["/demo/latched"] == "transient_local"
+
+
+def test_records_come_in_order_and_decode_from_the_bag_alone(genuine_bag: Path) -> None:
+    with BagReader(genuine_bag, decode=no_classes) as reader:
+        records = list(reader.records())
+        latched = next(reader.decode(record) for record in records if record.topic == "/demo/latched")
+        depth = next(reader.decode(record) for record in records if record.topic == "/demo/depth")
+        temperature = next(reader.decode(record) for record in records if record.topic == "/fsw/thermocouple")
+    assert [record.log_time_ns for record in records] == sorted(record.log_time_ns for record in records)
+    assert latched.data == "håll 816 °C"
+    assert depth.data == pytest.approx(0.00266, rel=1e-2)
+    assert temperature.header.frame_id == "tool"
+    assert temperature.temperature == pytest.approx(816.0, abs=10.0)
+
+
+def test_same_records_as_the_reference_reader(genuine: Path) -> None:
+    path = genuine / "mcap_zstd" / "mcap_zstd_0.mcap"
+    with path.open("rb") as stream:
+        expected = [
+            (channel.topic, schema.name, message.log_time, message.publish_time, message.data)
+            for schema, channel, message in make_reader(stream).iter_messages()
+            if schema is not None
+        ]
+    with BagReader(path) as reader:
+        assert [tuple(record)[:5] for record in reader.records()] == expected
+
+
+def test_selection_of_topics_and_times(genuine: Path) -> None:
+    with BagReader(genuine / "mcap_split") as reader:
+        everything = list(reader.records())
+        middle = everything[len(everything) // 2].log_time_ns
+        late = list(reader.records(["/demo/depth"], start_ns=middle))
+        early = list(reader.records(["/demo/depth"], stop_ns=middle))
+    assert early + late == [record for record in everything if record.topic == "/demo/depth"]
+    assert early and late
+
+
+def test_progress_ends_at_one(genuine_bag: Path) -> None:
+    seen: list[float] = []
+    with BagReader(genuine_bag) as reader:
+        list(reader.records(progress=seen.append))
+    assert seen[-1] == 1.0 and all(0.0 <= value <= 1.0 for value in seen)
+
+
+@pytest.mark.parametrize("yaml", [None, b"", b"\x00\xff\x80", b"a: [", b"rosbag2_bagfile_information: 3"])
+def test_metadata_may_be_missing_or_broken(genuine: Path, tmp_path: Path, yaml: bytes | None) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(genuine / "mcap_split", bag)
+    (bag / "metadata.yaml").unlink()
+    if yaml is not None:
+        (bag / "metadata.yaml").write_bytes(yaml)
+    with BagReader(bag) as reader:
+        assert len(list(reader.records())) == 177
+        assert any("metadata.yaml" in problem for problem in reader.problems)
+
+
+def test_missing_file_of_a_split_bag_is_told(genuine: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(genuine / "mcap_split", bag)
+    (bag / "mcap_split_1.mcap").unlink()
+    with BagReader(bag) as reader:
+        assert len(list(reader.records())) == 81 + 16
+        assert any("mcap_split_1.mcap is missing" in problem for problem in reader.problems)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.mcap", b""),
+        ("a.mcap", b"hello world, this is no bag"),
+        ("a.mcap.zstd", b"not zstd"),
+        ("a.db3", b"SQLite format 3\x00 but nothing more"),
+        ("a.db3", b""),
+        ("a.bag", b"#ROSBAG V2.0\n"),
+    ],
+)
+def test_rubbish_is_refused_with_the_files_name(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BagError, match=re.escape(name)):
+        BagReader(tmp_path / name)
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="no such bag"):
+        BagReader(tmp_path / "missing")
+    with pytest.raises(BagError, match="no bag in this folder"):
+        BagReader(tmp_path)
+
+
+def test_damaged_message_is_one_clear_error(genuine: Path) -> None:
+    with BagReader(genuine / "mcap_default", decode=no_classes) as reader:
+        record = next(one for one in reader.records() if one.topic == "/fsw/thermocouple")
+        with pytest.raises(BagError, match="Temperature"):
+            reader.decode(record._replace(data=record.data[:9]))
+
+
+def test_definition_that_cannot_be_parsed() -> None:
+    with pytest.raises(BagError, match="cannot be parsed"):
+        SchemaDecoder().decode("a_msgs/msg/A", "this is } no definition", b"\0\1\0\0")

@@ -1,0 +1,345 @@
+"""Written bags are rosbag2 bags, and failures leave them readable."""
+
+import errno
+import os
+import shutil
+import struct
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from fsw_recorder import BagError
+from fsw_recorder.bag_metadata import OfferedQos
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+HASH = "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
+TOPIC = RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH)
+START_NS = 1_700_000_000_000_000_000
+
+
+def cdr(value: float) -> bytes:
+    return b"\0\1\0\0" + struct.pack("<d", value)
+
+
+def fill(writer: BagWriter, count: int, first: int = 0, step_ns: int = 1_000_000) -> None:
+    writer.add_topic(TOPIC)
+    for index in range(first, first + count):
+        time_ns = START_NS + index * step_ns
+        assert writer.write("/x", cdr(index), time_ns, time_ns - 7, index)
+
+
+def values_of(bag: Path) -> list[float]:
+    with BagReader(bag) as reader:
+        return [struct.unpack("<d", record.data[4:])[0] for record in reader.records()]
+
+
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
+    bag = tmp_path / "bag"
+    latched = RecordedTopic(
+        "/latched", "std_msgs/msg/String", "string data\n", qos=(OfferedQos(durability="transient_local", depth=1),)
+    )
+    with BagWriter(bag, WriterOptions(compression=compression, chunk_bytes=500), {"who": 'me: "x" \\ #1'}) as writer:
+        writer.add_topic(latched)
+        writer.write("/latched", b"\0\1\0\0\3\0\0\0hi\0", START_NS, START_NS)
+        fill(writer, 100)
+        writer.attach("scenario.yaml", "application/yaml", b"a: 1\n")
+    with Reader(bag) as reader:
+        assert reader.message_count == 101
+        assert {c.topic: (c.msgtype, c.msgcount) for c in reader.connections} == {
+            "/x": ("std_msgs/msg/Float64", 100),
+            "/latched": ("std_msgs/msg/String", 1),
+        }
+        assert len(list(reader.messages())) == 101
+        assert reader.start_time == START_NS and reader.duration == 99_000_000 + 1
+    with AnyReader([bag]) as any_reader:
+        decoded = [any_reader.deserialize(data, c.msgtype) for c, _, data in any_reader.messages() if c.topic == "/x"]
+    assert [message.data for message in decoded] == list(range(100))  # type: ignore[attr-defined]
+    with (bag / "bag_0.mcap").open("rb") as stream:
+        mcap = make_reader(stream, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        messages = list(mcap.iter_decoded_messages(topics=["/x"]))
+        assert [decoded.data for _, _, _, decoded in messages] == list(range(100))
+        assert [(m.log_time, m.publish_time, m.sequence) for _, _, m, _ in messages][1] == (
+            START_NS + 1_000_000,
+            START_NS + 1_000_000 - 7,
+            1,
+        )
+        assert [(one.name, one.data) for one in mcap.iter_attachments()] == [("scenario.yaml", b"a: 1\n")]
+        assert mcap.get_header().profile == "ros2"
+        summary = mcap.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == 101
+    with (bag / "bag_0.mcap").open("rb") as stream:
+        assert list(StreamReader(stream, validate_crcs=True).records)
+
+
+def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
+    """A genuine bag, copied message by message, gets the same metadata, channels and schemas."""
+    source = genuine / "mcap_default"
+    bag = tmp_path / "mcap_default"
+    with BagReader(source) as reader, BagWriter(bag) as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(
+                RecordedTopic(topic.name, topic.type_name, topic.schema_text, topic.type_hash, tuple(topic.qos))
+            )
+        for record in reader.records():
+            writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence)
+
+    def facts(folder: Path) -> Any:
+        document = yaml.safe_load((folder / "metadata.yaml").read_text())
+        document["rosbag2_bagfile_information"]["topics_with_message_count"].sort(
+            key=lambda topic: topic["topic_metadata"]["name"]
+        )
+        with (folder / "mcap_default_0.mcap").open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+            assert summary is not None
+            channels = {
+                channel.topic: (channel.message_encoding, channel.metadata, summary.schemas[channel.schema_id])
+                for channel in summary.channels.values()
+            }
+        return document, {
+            topic: (encoding, metadata, schema.name, schema.encoding, schema.data)
+            for topic, (encoding, metadata, schema) in channels.items()
+        }
+
+    assert facts(bag) == facts(source)
+    with (bag / "mcap_default_0.mcap").open("rb") as stream:
+        metadata = [one.metadata["serialized_metadata"] for one in make_reader(stream).iter_metadata()][-1]
+    inner = yaml.safe_load(metadata)
+    assert inner == yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "size", WriterOptions(max_file_bytes=5000, chunk_bytes=500)) as writer:
+        fill(writer, 1000)
+    with BagWriter(tmp_path / "time", WriterOptions(max_file_s=0.1)) as writer:
+        fill(writer, 1000)
+    with BagWriter(tmp_path / "asked") as writer:
+        fill(writer, 10)
+        writer.split()
+        fill(writer, 10, first=10)
+        writer.split()
+        writer.split()
+    for name, least in (("size", 3), ("time", 9), ("asked", 2)):
+        bag = tmp_path / name
+        files = sorted(bag.glob("*.mcap"))
+        assert len(files) >= least
+        count = 20 if name == "asked" else 1000
+        assert values_of(bag) == list(range(count))
+        with Reader(bag) as reader:
+            assert reader.message_count == count == len(list(reader.messages()))
+        document = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        assert sum(one["message_count"] for one in document["files"]) == count
+        assert [one["path"] for one in document["files"]] == document["relative_file_paths"]
+    assert len(list((tmp_path / "asked").glob("*.mcap"))) == 2
+
+
+def test_pause_and_resume(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        fill(writer, 5)
+        writer.pause()
+        assert not writer.write("/x", cdr(-1.0), START_NS, START_NS)
+        writer.resume()
+        fill(writer, 5, first=5)
+    assert values_of(tmp_path / "bag") == list(range(10))
+    assert writer.statistics().dropped == 0
+
+
+def test_snapshot_writes_only_the_latest(tmp_path: Path) -> None:
+    options = WriterOptions(snapshot=True, max_pending_bytes=12 * 50)
+    with BagWriter(tmp_path / "bag", options) as writer:
+        writer.add_topic(TOPIC)
+        for index in range(500):
+            while not writer.write("/x", cdr(index), START_NS + index, START_NS + index):
+                assert writer.flush()
+        assert writer.flush() and writer.statistics().written == 0
+        writer.take_snapshot()
+        assert writer.flush()
+        assert writer.statistics().written == 50
+    assert values_of(tmp_path / "bag") == list(range(450, 500))
+
+
+def test_snapshot_needs_its_mode(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer, pytest.raises(BagError, match="snapshot mode"):
+        writer.take_snapshot()
+
+
+def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
+    BagWriter(tmp_path / "bag").close()
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 0
+    with BagReader(tmp_path / "bag") as own:
+        assert own.info().message_count == 0 and own.problems == []
+
+
+def test_existing_folder_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "precious.mcap").write_bytes(b"data")
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(tmp_path / "bag")
+    assert (tmp_path / "bag" / "precious.mcap").read_bytes() == b"data"
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="cannot be made"):
+        BagWriter(tmp_path / "file" / "bag")
+    with pytest.raises(BagError, match="cannot be made"):
+        BagWriter(Path("/proc/bag"))
+
+
+def test_unknown_compression(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="brotli"):
+        BagWriter(tmp_path / "bag", WriterOptions(compression="brotli"))
+
+
+class FullDisk:
+    """Stands for ``os.write`` on a disk with little room; what does not fit is written in part, as on a real one."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+        self._write = os.write
+
+    def __call__(self, descriptor: int, data: Any) -> int:
+        if self.room <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written = self._write(descriptor, bytes(data)[: self.room])
+        self.room -= written
+        return written
+
+
+def fail_while_writing(
+    bag: Path, options: WriterOptions, count: int = 3000, batch: int = 50
+) -> tuple[BagWriter, list[BagError]]:
+    errors: list[BagError] = []
+    failed = threading.Event()
+
+    def note(error: BagError) -> None:
+        errors.append(error)
+        failed.set()
+
+    writer = BagWriter(bag, options, on_error=note)
+    writer.add_topic(TOPIC)
+    for index in range(count):
+        writer.write("/x", cdr(index), START_NS + index, START_NS + index)
+        if index % batch == 0:
+            writer.flush()
+    assert failed.wait(10.0)
+    assert not writer.write("/x", cdr(0.0), START_NS, START_NS)
+    writer.close()
+    return writer, errors
+
+
+@pytest.mark.parametrize("room", [700, 5_003, 20_011, 40_000])
+@pytest.mark.parametrize("compression", ["", "zstd"])
+def test_full_disk_leaves_a_readable_bag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, compression: str
+) -> None:
+    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", FullDisk(room))
+    bag = tmp_path / "bag"
+    writer, errors = fail_while_writing(bag, WriterOptions(compression=compression, chunk_bytes=300))
+    monkeypatch.undo()
+    assert len(errors) == 1 and "No space left" in str(errors[0]) and str(bag) in str(errors[0])
+    values = values_of(bag)
+    assert values == list(range(len(values)))
+    counters = writer.statistics()
+    assert counters.written == len(values)
+    assert counters.received == counters.written + counters.dropped
+
+
+def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The failed chunk is larger than the summary, so that there is room for the latter."""
+    disk = FullDisk(70_000)
+    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", disk)
+    original = os.ftruncate
+
+    def truncate(descriptor: int, size: int) -> None:
+        disk.room += os.fstat(descriptor).st_size - size
+        original(descriptor, size)
+
+    monkeypatch.setattr("fsw_recorder.mcap_output.os.ftruncate", truncate)
+    fail_while_writing(tmp_path / "bag", WriterOptions(chunk_bytes=40_000, chunk_period_s=100.0), 5000, batch=500)
+    monkeypatch.undo()
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == len(list(reader.messages())) > 500
+
+
+def test_vanished_folder_is_told(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    errors: list[BagError] = []
+    writer = BagWriter(bag, on_error=errors.append)
+    fill(writer, 10)
+    assert writer.flush()
+    shutil.rmtree(bag)
+    writer.write("/x", cdr(10.0), START_NS, START_NS)
+    assert not writer.flush()
+    writer.close()
+    assert len(errors) == 1 and "moved or deleted" in str(errors[0])
+    assert not bag.exists()
+
+
+def test_moved_folder_holds_a_finished_bag(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    writer = BagWriter(bag)
+    fill(writer, 10)
+    assert writer.flush()
+    bag.rename(tmp_path / "moved")
+    writer.write("/x", cdr(10.0), START_NS + 10**9, START_NS)
+    assert not writer.flush()
+    writer.close()
+    with Reader(tmp_path / "moved") as reader:
+        assert reader.message_count == 11
+
+
+def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    release = threading.Event()
+    original = os.write
+
+    def stuck(descriptor: int, data: Any) -> int:
+        release.wait(20.0)
+        return original(descriptor, data)
+
+    writer = BagWriter(tmp_path / "bag", WriterOptions(max_pending_bytes=1200, chunk_bytes=100))
+    writer.add_topic(TOPIC)
+    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", stuck)
+    taken = [writer.write("/x", cdr(index), START_NS + index, START_NS) for index in range(1000)]
+    assert taken[0] and not taken[-1]
+    release.set()
+    writer.close()
+    assert values_of(tmp_path / "bag") == [index for index, ok in enumerate(taken) if ok]
+    assert writer.statistics().dropped == taken.count(False)
+
+
+def test_closing_twice_is_harmless_and_later_messages_are_refused(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag")
+    fill(writer, 3)
+    writer.close()
+    writer.close()
+    assert not writer.write("/x", cdr(4.0), START_NS, START_NS)
+    assert values_of(tmp_path / "bag") == [0, 1, 2]
+
+
+def test_topic_that_nobody_described(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/strange", cdr(1.0), START_NS, START_NS)
+    assert values_of(tmp_path / "bag") == [1.0]
+
+
+def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
+    """Readers match channels with the metadata by QoS; a change on the way would hide messages from them."""
+    with BagWriter(tmp_path / "bag") as writer:
+        fill(writer, 5)
+        assert writer.flush()
+        writer.add_topic(RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH, (OfferedQos(depth=3),)))
+        for index in range(5, 8):
+            writer.write("/x", cdr(index), START_NS + index * 10**6, START_NS)
+    with Reader(tmp_path / "bag") as reader:
+        assert len(list(reader.messages())) == 8 and len(reader.connections) == 1
