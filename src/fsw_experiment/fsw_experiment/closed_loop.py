@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from fsw_control.contract import Command, Controller, Limits, Reference
 from fsw_control.host import answer
 from fsw_control.validity import SensorGuard
-from fsw_recorder.weld_signals import ProposalSignals, StatusSignals, TruthSignals, WeldSignals
-
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.timeline import references, switches
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_recorder.weld_signals import ProposalSignals, StatusSignals, TruthSignals, WeldSignals
 
 TICK_NS = 100_000_000
 _TRUTH = (

@@ -10,13 +10,13 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
-from fsw_control.contract import Limits
-from fsw_recorder.weld_signals import WeldSignals
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fsw_control.contract import Limits
 from fsw_experiment.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_experiment.weld_events import experiment_time_s
+from fsw_recorder.weld_signals import WeldSignals
 
 COLOURS = ("#0b62a4", "#d1495b", "#2e8540", "#8d5fd3", "#e08214", "#444444")
 _STYLE = {

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from fsw_recorder.weld_signals import WeldSignals
 
 from fsw_experiment.weld_events import Change, changes, experiment_time_s
+from fsw_recorder.weld_signals import WeldSignals
 
 #: Dead-bands of the paper's controller.
 DEAD_BAND_DEPTH_MM = 0.002

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fsw_control.contract import SENSORS, Command, Limits, Measurement, Proposal, Reference
-
 from fsw_experiment.scenario import TICK_S, Scenario
 from fsw_experiment.timeline import commands
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from fsw_control.parameters import ParameterError
 
+from fsw_control.parameters import ParameterError
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
 from fsw_experiment.scenario import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import pi, sin
 
 from fsw_control.contract import Command, Reference
-
 from fsw_experiment.scenario import TICK_S, CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
 
 

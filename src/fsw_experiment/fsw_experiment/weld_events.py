@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from fsw_recorder.weld_signals import WeldSignals
+import yaml
 
 from fsw_experiment.scenario import TICK_S
+from fsw_recorder.weld_signals import WeldSignals
 
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
 _GROUP_TICKS = 10
@@ -73,3 +75,32 @@ def experiment_time_s(signals: WeldSignals) -> npt.NDArray[np.float64]:
         return signals.time_s
     first_s = float(signals.stamp_ns[0]) * 1e-9
     return signals.time_s + (first_s if first_s < 1e8 else TICK_S)
+
+
+def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
+    """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
+    text = signals.attachments.get("scenario.yaml")
+    try:
+        content = yaml.safe_load(text) if text else None
+        last_s = float(content["duration_s"]) if isinstance(content, dict) else float("inf")
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        return signals
+    n = int(np.searchsorted(experiment_time_s(signals), last_s + 1e-6, side="right"))
+    return signals if n >= signals.n_ticks else _head(signals, n)
+
+
+def _head(record: Any, n: int) -> Any:
+    """A copy of signals with the first ``n`` ticks of every array."""
+    values: dict[str, Any] = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if isinstance(value, np.ndarray):
+            value = value[:n]
+        elif is_dataclass(value):
+            value = _head(value, n)
+        elif isinstance(value, dict) and item.name in ("proposals", "statuses"):
+            value = {name: _head(inner, n) for name, inner in value.items()}
+        elif isinstance(value, dict) and item.name == "disturbances":
+            value = {name: inner[:n] for name, inner in value.items()}
+        values[item.name] = value
+    return type(record)(**values)

@@ -1,0 +1,87 @@
+"""The operator's short visit to the graph."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from fsw_experiment.cli.errors import CommandError
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Operator:
+    """Calls services and watches topics, each with a time limit.
+
+    Parameters
+    ----------
+    node : Node
+    timeout_s : float
+        For every wait.
+    """
+
+    def __init__(self, node: Node, timeout_s: float) -> None:
+        self.node = node
+        self.timeout_s = timeout_s
+
+    def wait_until(self, condition: Callable[[], bool], timeout_s: float | None = None) -> bool:
+        """Spin until a condition holds; False when it takes too long."""
+        end = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        return True
+
+    def call(self, service: Any, name: str, request: Any, who: str, extra_s: float = 0.0) -> Any:
+        """Call a service.
+
+        Raises
+        ------
+        CommandError
+            When nobody offers it or nobody answers in time.
+        """
+        client = self.node.create_client(service, name)
+        if not self.wait_until(client.service_is_ready):
+            raise CommandError(f"nobody offers {name} on {_domain()}: is the {who} running there?")
+        future = client.call_async(request)
+        if not self.wait_until(future.done, self.timeout_s + extra_s):
+            raise CommandError(f"{name} did not answer within {self.timeout_s + extra_s:g} s: is the {who} stuck?")
+        return future.result()
+
+    def latest(self, kind: Any, topic: str, latched: bool = False, timeout_s: float | None = None) -> Any | None:
+        """The next message on a topic (the last one if it is latched); None when none comes in time."""
+        received: list[Any] = []
+        subscription = self.node.create_subscription(kind, topic, received.append, LATCHED if latched else STREAM)
+        self.wait_until(lambda: bool(received), timeout_s)
+        self.node.destroy_subscription(subscription)
+        return received[-1] if received else None
+
+
+def _domain() -> str:
+    return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
+
+
+@contextlib.contextmanager
+def operator(timeout_s: float) -> Iterator[Operator]:
+    """Join the graph as ``fsw_operator`` for as long as the context lasts."""
+    rclpy.init(args=[])
+    node = rclpy.create_node("fsw_operator")
+    try:
+        yield Operator(node, timeout_s)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def nothing_there() -> CommandError:
+    """The error of an empty graph."""
+    return CommandError(f"no weld graph on {_domain()}: start it, or set ROS_DOMAIN_ID")

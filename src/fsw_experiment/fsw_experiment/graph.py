@@ -1,0 +1,173 @@
+"""The processes of a weld graph for one scenario, and running it to its end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw_control import parameters
+from fsw_control.contract import Command
+from fsw_experiment.closed_loop import plant_of
+from fsw_experiment.launcher import Child, Launcher, LaunchError
+from fsw_experiment.open_loop import OpenLoopController
+from fsw_experiment.scenario import Scenario
+
+#: Modules with a ``main`` by controller name; any other controller is given with its module.
+CONTROLLER_MODULES = {
+    "decentral": "fsw_decentral.decentral_node",
+    "nmpc": "fsw_nmpc.nmpc_node",
+    OpenLoopController.name: "fsw_experiment.open_loop_node",
+}
+
+
+def installed_controllers() -> list[str]:
+    """Controllers of this project that can be started here."""
+    return [
+        name
+        for name, module in CONTROLLER_MODULES.items()
+        if name != OpenLoopController.name and find_spec(module.partition(".")[0]) and find_spec(module)
+    ]
+
+
+@dataclass(slots=True)
+class WeldGraph:
+    """Everything that runs for one scenario.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    folder : Path
+        Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
+    controllers : sequence of str
+        All that shall be warm; the scenario's own are added.
+    realtime : bool
+        10 Hz on the wall clock instead of lockstep.
+    record : bool
+        Whether a recorder runs.
+    extra_parameters : mapping
+        More parameters by node name.
+    """
+
+    scenario: Scenario
+    folder: Path
+    controllers: Sequence[str] = ()
+    realtime: bool = False
+    record: bool = True
+    extra_parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def bag(self) -> Path:
+        """Folder of the bag."""
+        return self.folder / "bag"
+
+    @property
+    def all_controllers(self) -> list[str]:
+        """Names of the controllers that run, the one selected at the start first."""
+        if self.scenario.open_loop:
+            return [OpenLoopController.name]
+        return list(dict.fromkeys([*self.scenario.controllers, *self.controllers]))
+
+    def start(self, launcher: Launcher) -> Child:
+        """Start all processes; the plant's first tick waits for all others. Returns the player.
+
+        Raises
+        ------
+        LaunchError
+            When a controller is not known.
+        """
+        unknown = [name for name in self.all_controllers if name not in CONTROLLER_MODULES]
+        if unknown:
+            raise LaunchError(f"no controller {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")
+        self.folder.mkdir(parents=True, exist_ok=True)
+        scenario_file = self.folder / "scenario.yaml"
+        scenario_file.write_text(self.scenario.text, encoding="utf-8")
+        parameter_file = self.folder / "parameters.yaml"
+        parameter_file.write_text(yaml.safe_dump(self._parameters(scenario_file), sort_keys=False), encoding="utf-8")
+        ros_args = ["--ros-args", "--params-file", str(parameter_file)]
+        if self.record:
+            launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
+        launcher.start("plant", "fsw_plant.plant_node", ros_args)
+        for name in self.all_controllers:
+            launcher.start(name, CONTROLLER_MODULES[name], ros_args)
+        launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
+        return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
+
+    def _parameters(self, scenario_file: Path) -> dict[str, Any]:
+        start: Command = plant_of(self.scenario).applied
+        names = self.all_controllers
+        selected = names[0]
+        plant = parameters.validate(parameters.load("fsw_plant", "plant.yaml"), self.scenario.plant)
+        nodes: dict[str, dict[str, Any]] = {
+            "fsw_plant": {name: plant[name] for name in self.scenario.plant}
+            | {
+                "scenario": str(scenario_file),
+                "wait_for_subscribers": len(names) + 2 + self.record,  # and the supervisor and the player
+                **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
+            },
+            "fsw_supervisor": {"controller": selected},
+            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
+            "fsw_recorder": {"output": str(self.bag), "scenario": str(scenario_file)},
+        }
+        for name in names:
+            nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
+        if self.scenario.open_loop:
+            nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
+        for name, values in self.extra_parameters.items():
+            nodes.setdefault(name, {}).update(values)
+        if not self.realtime:
+            for name, values in nodes.items():
+                if name != "fsw_plant":
+                    values["use_sim_time"] = True
+        return {name: {"ros__parameters": values} for name, values in nodes.items()}
+
+    def run(
+        self, launcher: Launcher, progress: Callable[[float], None] | None = None, start_timeout_s: float = 60.0
+    ) -> float:
+        """Start everything, wait for the scenario's end, end everything.
+
+        Parameters
+        ----------
+        launcher : Launcher
+        progress : callable, optional
+            Called with the share done, 0 to 1.
+        start_timeout_s : float
+            How long the first tick may take.
+
+        Returns
+        -------
+        float
+            Wall time from the first tick to the last [s].
+
+        Raises
+        ------
+        LaunchError
+            When a process ends too early or nothing moves.
+        """
+        player = self.start(launcher)
+        others = [name for name in launcher.children if name != "scenario"]
+        launcher.wait_until(lambda: "progress " in player.text(), start_timeout_s, "the first tick", others)
+        began = time.monotonic()
+        limit_s = 60.0 + 3.0 * self.scenario.duration_s
+
+        def over() -> bool:
+            if progress is not None:
+                words = [line.split() for line in player.text().splitlines() if line.startswith("progress ")]
+                if words and len(words[-1]) == 3:
+                    progress(int(words[-1][1]) / int(words[-1][2]))
+            return not player.running
+
+        launcher.wait_until(over, limit_s, "the scenario's end", others)
+        elapsed_s = time.monotonic() - began
+        if player.process.returncode != 0:
+            raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
+        codes = launcher.stop()
+        failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]
+        if failed:
+            raise LaunchError(f"not ended cleanly: {', '.join(failed)}; see {launcher.log_folder}")
+        return elapsed_s

@@ -1,0 +1,180 @@
+"""Plays a scenario in the graph: set-points and switches, each before the tick it belongs to.
+
+The plant plays its own part (disturbances, faults) from the same file; see its parameter ``scenario``.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import String
+
+from fsw_control import messages_ros as convert
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
+from fsw_experiment.closed_loop import TICK_NS, start_reference
+from fsw_experiment.scenario_file import load
+from fsw_experiment.timeline import references, switches
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
+
+#: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are.
+_AHEAD = 500
+#: On the wall clock a reference is sent so long before it holds: its time is near, whoever's clock it is.
+_AHEAD_REAL_NS = 5_000_000_000
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=2 * _AHEAD, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+
+class ScenarioNode(Node):
+    """The player.
+
+    It subscribes to the sensors only when the first set-points are out and the controllers listen, so a plant that
+    waits for its subscribers starts when everything is ready. When the scenario is over it ends the process.
+
+    Parameters
+    ----------
+    source : str, optional
+        Scenario instead of the parameter ``scenario``.
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario is wrong.
+    """
+
+    def __init__(self, source: str | None = None) -> None:
+        super().__init__("fsw_scenario")
+        settings = declare(self, "fsw_experiment", "player.yaml")
+        self._scenario = load(source or settings["scenario"], settings["overrides"])
+        self._controllers: int = settings["wait_for_controllers"]
+        self._silence_s: float = settings["silence_timeout_s"]
+        self._tell_progress: bool = settings["progress"]
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
+        self._references = deque(references(self._scenario, start_reference(self._scenario)).items())
+        self._switches = deque(switches(self._scenario).items())
+        self._first_ns: int | None = None
+        self._tick = 0
+        self._told = 0
+        self._heard_s = time.monotonic()
+        self.finished = False
+        self.failure = ""
+        self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
+        self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._listening = False
+        self._extra_subscriptions: list[object] = []
+
+    def _on_watch(self) -> None:
+        if not self._listening and self._setpoints.get_subscription_count() >= self._controllers:
+            self._begin()
+        if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
+            what = "no measurement on fsw/depth" if self._listening else f"no {self._controllers} controllers listening"
+            self._end(f"{what} for {self._silence_s:g} s; is the graph running, on the same domain?")
+
+    def _begin(self) -> None:
+        self._listening = True
+        self._heard_s = time.monotonic()
+        _, first = self._references.popleft()
+        self._setpoints.publish(convert.reference_message(first, 0))
+        if self._simulated:
+            self._send_ahead()
+        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
+        # The plant counts the subscribers of every sensor; after its first tick these two are of no more use.
+        self._extra_subscriptions = [
+            self.create_subscription(SpindleTorque, "fsw/spindle_torque", _ignore, STREAM),
+            self.create_subscription(Temperature, "fsw/thermocouple", _ignore, STREAM),
+        ]
+        self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
+
+    def _on_depth(self, message: ShoulderDepth) -> None:
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        if self._first_ns is None:
+            self._first_ns = TICK_NS if self._simulated else stamp_ns
+            self._drop_extra_subscriptions()
+        self._heard_s = time.monotonic()
+        self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
+        self._send_ahead()
+        while self._switches and self._switches[0][0] <= self._tick + 1:
+            _, controller = self._switches.popleft()
+            self._requests.publish(String(data=controller))
+        if self._tell_progress and (self._tick - self._told) * 100 >= self._scenario.n_ticks:
+            self._told = self._tick
+            print(f"progress {min(self._tick, self._scenario.n_ticks)} {self._scenario.n_ticks}", flush=True)
+        if self._tick >= self._scenario.n_ticks:
+            self._end("")
+
+    def _send_ahead(self) -> None:
+        for _ in range(_AHEAD):
+            if not self._references or self._references[0][0] > self._horizon():
+                return
+            tick, reference = self._references.popleft()
+            origin_ns = 0 if self._first_ns is None else self._first_ns - TICK_NS
+            self._setpoints.publish(convert.reference_message(reference, origin_ns + tick * TICK_NS))
+
+    def _horizon(self) -> int:
+        if not self._simulated:
+            return self._tick + _AHEAD_REAL_NS // TICK_NS
+        # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
+        return self._tick + _AHEAD if len(self._references) > _AHEAD else self._scenario.n_ticks
+
+    def _drop_extra_subscriptions(self) -> None:
+        for subscription in self._extra_subscriptions:
+            self.destroy_subscription(subscription)
+        self._extra_subscriptions = []
+
+    def _end(self, failure: str) -> None:
+        if self.finished:
+            return
+        self.finished, self.failure = True, failure
+        if failure:
+            print(f"scenario: {failure}", file=sys.stderr, flush=True)
+        else:
+            self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
+            print("finished", flush=True)
+        rclpy.try_shutdown()
+
+
+def _ignore(_: object) -> None:
+    """Take a message for no use."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Play a scenario; ``args`` as ``sys.argv``, with an optional scenario before ``--ros-args``.
+
+    Returns
+    -------
+    int
+        0 when the scenario has been played to its end, 1 when not, 2 when something in the arguments is wrong.
+    """
+    argv = list(sys.argv if args is None else args)
+    plain = remove_ros_args(args=argv)[1:]
+    source = plain[0] if plain and not plain[0].startswith("-") else None
+    if source is not None:
+        argv.remove(source)
+    nodes: list[ScenarioNode] = []
+
+    def make() -> ScenarioNode:
+        nodes.append(ScenarioNode(source))
+        return nodes[0]
+
+    code = run(make, argv)
+    if code == 0 and not (nodes and nodes[0].finished and not nodes[0].failure):
+        if nodes and not nodes[0].finished:
+            print("scenario: ended before the scenario was over", file=sys.stderr)
+        return 1
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

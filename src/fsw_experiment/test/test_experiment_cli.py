@@ -1,0 +1,117 @@
+"""The operator's command, as far as it needs no graph."""
+
+import json
+
+import pytest
+
+from fsw_experiment.cli.main import main, parser
+
+
+def run(capsys, *arguments):
+    try:
+        code = main(list(arguments))
+    except SystemExit as end:
+        code = end.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_simulate_writes_results(capsys, tmp_path):
+    out = tmp_path / "results"
+    code, printed, _ = run(
+        capsys,
+        "simulate",
+        "quick",
+        "--no-noise",
+        "--controller",
+        "decentral:tight",
+        "--controller",
+        "decentral",
+        "--out",
+        str(out),
+    )
+    assert code == 0
+    assert "IAE depth" in printed
+    assert {path.name for path in out.iterdir()} == {
+        "kpi.json",
+        "kpi.md",
+        "overview.png",
+        "signals_decentral.csv",
+        "signals_decentral_tight.csv",
+    }
+    assert [entry["label"] for entry in json.loads((out / "kpi.json").read_text())] == ["decentral:tight", "decentral"]
+    assert len((out / "signals_decentral.csv").read_text().splitlines()) == 601
+
+
+def test_nothing_is_overwritten(capsys, tmp_path):
+    (tmp_path / "precious").write_text("x")
+    code, _, error = run(capsys, "simulate", "quick", "--out", str(tmp_path))
+    assert code == 1
+    assert "not empty" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "nothing_of_the_kind"],
+        ["simulate"],
+        ["simulate", "quick", "--controller", "nobody"],
+        ["simulate", "quick", "--set", "plant.colour=red"],
+        ["simulate", "open_loop_force_steps", "--controller", "decentral"],
+        ["bag", "kpi", "/nowhere/at/all"],
+        ["bag", "compare", "/nowhere/at/all"],
+        ["reference"],
+        ["disturb", "depth", "step", "5"],
+        ["disturb", "temperature", "step", "nan"],
+        ["fault", "depth", "bias"],
+        ["fault", "depth", "delay", "100"],
+        ["mode", "manual"],
+        ["mode", "hold", "--force", "80"],
+    ],
+)
+def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
+    code, _, error = run(capsys, *arguments)
+    assert code == 1
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["fly"], ["reference", "--depth", "9"], ["reference", "--depth", "deep"], ["fault", "nose", "nan"]],
+)
+def test_wrong_arguments_tell_the_usage(capsys, arguments):
+    code, _, error = run(capsys, *arguments)
+    assert code == 2
+    assert "usage:" in error
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("reference", ("1.5 to 4 mm", "750 to 950 degC")),
+        ("disturb", ("-1 to 1 mm", "-20 to 20 kN", "-100 to 100 rpm")),
+        ("fault", ("-5 to 5 mm", "N m", "0 to 10 s")),
+        ("mode", ("60 to 95 kN", "300 to 500 rpm")),
+        ("switch", ("0 to 600 s",)),
+        ("status", ("0.1 to 600 s",)),
+    ],
+)
+def test_help_tells_units_and_ranges(capsys, command, words):
+    code, printed, _ = run(capsys, command, "--help")
+    assert code == 0
+    text = " ".join(printed.split())
+    assert all(word in text for word in words)
+
+
+def test_list_of_scenarios(capsys):
+    code, printed, _ = run(capsys, "simulate", "--list")
+    assert code == 0
+    assert "reference_tracking" in printed
+
+
+def test_every_command_says_what_it_does():
+    text = parser().format_help()
+    for command in ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "simulate", "bag"):
+        assert command in text

@@ -1,0 +1,123 @@
+"""The launcher: processes start, are watched, and end whatever happens."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+
+STUBBORN = """
+    import signal, time
+    def main():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, {term})
+        print("ready", flush=True)
+        while True:
+            time.sleep(0.01)
+"""
+
+
+@pytest.fixture
+def modules(tmp_path, monkeypatch):
+    """A folder of modules that children can import."""
+    folder = tmp_path / "modules"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+
+    def write(name, text):
+        (folder / f"{name}.py").write_text(textwrap.dedent(text))
+
+    return write
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
+
+
+def wait_for(condition, timeout_s=20.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_arguments_environment_and_exit_code(modules, tmp_path):
+    modules(
+        "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
+    )
+    with Launcher(tmp_path / "log", 77) as launcher:
+        child = launcher.start("a", "child_a", ["x", "y"])
+        wait_for(lambda: not child.running)
+        assert child.text().strip() == "['x', 'y'] 77"
+        with pytest.raises(LaunchError, match="a has ended with exit code 3"):
+            launcher.check()
+
+
+def test_waiting_for_text_and_for_too_long(modules, tmp_path):
+    modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("b", "child_b")
+        assert launcher.wait_for_text("b", r"re\w+") == "ready"
+        with pytest.raises(LaunchError, match="running already"):
+            launcher.start("b", "child_b")
+        with pytest.raises(LaunchError, match="in vain for a miracle"):
+            launcher.wait_until(lambda: False, 0.1, "a miracle")
+    assert not child.running
+    assert child.process.returncode == -signal.SIGTERM
+
+
+def test_whoever_ignores_everything_is_killed(modules, tmp_path):
+    modules("child_c", STUBBORN.format(term="signal.SIG_IGN"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("c", "child_c")
+        launcher.wait_for_text("c", "ready")
+    assert child.process.returncode == -signal.SIGKILL
+
+
+def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
+    modules("child_d", STUBBORN.format(term="signal.SIG_DFL"))
+    with pytest.raises(RuntimeError, match="on purpose"), Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("d", "child_d")
+        launcher.wait_for_text("d", "ready")
+        raise RuntimeError("on purpose")
+    assert not child.running
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")
+def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
+    modules("child_e", STUBBORN.format(term="signal.SIG_DFL"))
+    script = f"""
+        import sys, time
+        sys.path[:0] = {sys.path!r}
+        from pathlib import Path
+        from fsw_experiment.launcher import Launcher
+        with Launcher(Path({str(tmp_path)!r}), 77) as launcher:
+            child = launcher.start("e", "child_e")
+            launcher.wait_for_text("e", "ready")
+            print(child.process.pid, flush=True)
+            time.sleep(60)
+    """
+    parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
+    try:
+        pid = int(parent.stdout.readline())
+        assert alive(pid)
+    finally:
+        parent.kill()
+        parent.wait()
+        parent.stdout.close()
+    wait_for(lambda: not alive(pid))
+
+
+def test_every_user_of_the_machine_gets_a_domain_of_its_own():
+    with free_domain() as first, free_domain() as second:
+        assert first != second
+    with free_domain() as again:
+        assert again == first

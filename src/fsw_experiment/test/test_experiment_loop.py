@@ -1,0 +1,113 @@
+"""The closed loop in one process."""
+
+import numpy as np
+import pytest
+
+from fsw_control.contract import Command, Limits, Proposal
+from fsw_decentral import DecentralController
+from fsw_experiment import scenario_file
+from fsw_experiment.closed_loop import ClosedLoop
+from fsw_experiment.controllers import make
+from fsw_experiment.scenario import ScenarioError
+
+
+def run(name, controllers=None, overrides=()):
+    return ClosedLoop(scenario_file.load(name, overrides), controllers).run()
+
+
+def test_set_points_are_reached_and_limits_hold():
+    signals = run("reference_tracking", {"decentral": DecentralController({"tuning": "tight"})}, ["plant.noise=false"])
+    assert signals.n_ticks == 2400
+    assert signals.stamp_ns[0] == 100_000_000
+    assert abs(signals.truth.depth_mm[595] - 2.86) < 0.003
+    assert abs(signals.truth.temperature_c[1690] - 860.0) < 0.5
+    limits = Limits()
+    assert np.abs(np.diff(signals.force_kn)).max() <= limits.force_step_kn + 1e-9
+    assert np.abs(np.diff(signals.speed_rpm)).max() <= limits.speed_step_rpm + 1e-9
+    assert set(signals.command_source) == {"decentral"}
+
+
+def test_same_seed_same_weld():
+    first, second = (run("quick", {"decentral": DecentralController()}) for _ in range(2))
+    other = run("quick", {"decentral": DecentralController()}, ["plant.seed=8"])
+    assert np.array_equal(first.depth_mm, second.depth_mm)
+    assert np.array_equal(first.speed_rpm, second.speed_rpm)
+    assert not np.array_equal(first.depth_mm, other.depth_mm)
+
+
+def test_a_shadow_controller_changes_nothing():
+    alone = run("quick", {"decentral": make("decentral")})
+    shadow = make("decentral:tight")
+    shadow.name = "shadow"
+    together = run("quick", {"decentral": make("decentral"), "shadow": shadow})
+    assert np.array_equal(alone.force_kn, together.force_kn)
+    assert not np.array_equal(together.proposals["shadow"].force_kn, together.force_kn)
+
+
+def test_open_loop_follows_the_commands_within_the_move_limits():
+    signals = run("open_loop_force_steps")
+    assert signals.force_kn[198] == pytest.approx(78.4)
+    assert signals.force_kn[199] == pytest.approx(79.4)  # tick 200, stamp 20 s
+    assert signals.force_kn[200] == pytest.approx(80.4)
+    assert np.ptp(signals.speed_rpm) == 0.0
+    assert set(signals.command_source) == {"open_loop"}
+
+
+def test_disturbance_acts_at_its_tick():
+    signals = run("output_disturbances", {"decentral": DecentralController()}, ["plant.noise=false"])
+    steps = np.flatnonzero(np.diff(signals.truth.depth_disturbance_mm))
+    assert steps.tolist() == [198]  # from tick 199 to tick 200
+    assert signals.depth_mm[199] - signals.depth_mm[198] == pytest.approx(0.1, abs=1e-4)
+
+
+class Failing:
+    name = "decentral"
+    tolerated_sensors = ()
+
+    def __init__(self, fails_from):
+        self.fails_from = fails_from
+        self.steps = 0
+
+    def step(self, measurement, reference, applied, dt_s):
+        self.steps += 1
+        if self.steps > self.fails_from:
+            raise RuntimeError("broken on purpose")
+        return Proposal(Command(applied.force_kn, applied.speed_rpm))
+
+    def reset(self, applied):
+        self.steps = 0
+
+
+def test_a_failing_controller_is_replaced_and_without_another_the_command_is_held():
+    backup = make("decentral")
+    replaced = run("quick", {"decentral": Failing(100), "backup": backup})
+    assert set(replaced.command_source[:100]) == {"decentral"}
+    assert set(replaced.command_source[100:]) == {"backup"}
+    held = run("quick", {"decentral": Failing(100)})
+    assert set(held.command_source[100:]) == {"hold"}
+    assert np.ptp(held.force_kn) == 0.0
+
+
+def test_switch_takes_place_at_its_tick(tmp_path):
+    path = tmp_path / "switch.yaml"
+    path.write_text("{name: s, duration_s: 5.0, controller: decentral, events: [{at_s: 2.0, switch: other}]}")
+    other = make("decentral:tight")
+    signals = ClosedLoop(scenario_file.load(path), {"decentral": make("decentral"), "other": other}).run()
+    assert signals.command_source[18] == "decentral"
+    assert signals.command_source[19] == "other"
+
+
+def test_missing_controller_is_a_clear_error():
+    with pytest.raises(ScenarioError, match="controller decentral is not available"):
+        ClosedLoop(scenario_file.load("quick"))
+    with pytest.raises(ScenarioError, match="available: "):
+        make("nobody")
+    with pytest.raises(ScenarioError, match="conservative, tight"):
+        make("decentral:wild")
+
+
+def test_progress_goes_from_nothing_to_all():
+    shares = []
+    ClosedLoop(scenario_file.load("quick"), {"decentral": make("decentral")}).run(shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
