@@ -156,9 +156,10 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
         If an argument is not UTF-8.
     """
     arguments, unknown, in_ros = Arguments(), [], False
-    words = iter(sys.argv if argv is None else argv)
+    argv = sys.argv if argv is None else argv
+    "".join(argv).encode()
+    words = iter(argv)
     for word in words:
-        word.encode()
         if word == "--ros-args":
             in_ros = True
         elif not in_ros:

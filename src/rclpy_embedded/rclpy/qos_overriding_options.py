@@ -12,7 +12,6 @@ from rclpy.qos import QoSPolicyEnum, QoSPolicyKind, QoSProfile
 
 if TYPE_CHECKING:
     from rcl_interfaces.msg import SetParametersResult as QosCallbackResult
-
     from rclpy.node import Node
 
 

@@ -72,8 +72,9 @@ def test_unknown_ros_arguments_are_all_named() -> None:
 
 
 def test_words_that_are_not_utf8_are_refused() -> None:
-    with pytest.raises(UnicodeEncodeError):
-        parse(["a\udcc3"])
+    for words in (["a\udcc3"], ["--ros-args", "-e", "a\udcc3"]):
+        with pytest.raises(UnicodeEncodeError):
+            parse(words)
 
 
 def test_log_options() -> None:
@@ -227,7 +228,21 @@ def test_a_missing_parameter_file_is_named(tmp_path: Path) -> None:
     assert ros("--params-file", str(tmp_path / "empty.yaml")).parameters == {}
 
 
-@given(st.lists(WORD, max_size=8))
+FLAGS = [
+    "-r",
+    "-p",
+    "-e",
+    "--params-file",
+    "--log-level",
+    "--disable-rosout-logs",
+    "--",
+    "--ros-args",
+    "a:=b",
+    "n:a:=[1",
+]
+
+
+@given(st.lists(st.one_of(WORD, st.sampled_from(FLAGS)), max_size=8))
 def test_any_command_line_is_read_or_refused_clearly(words: list[str]) -> None:
     try:
         arguments = parse(["--ros-args", *words])
