@@ -32,7 +32,8 @@ from fsw_msgs.msg import (
 )
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: as deep as a scenario's set-points are sent ahead
+LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]

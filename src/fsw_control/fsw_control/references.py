@@ -20,7 +20,7 @@ class ReferenceQueue:
         Longest time that a reference may be sent ahead.
     """
 
-    def __init__(self, horizon_s: float = 10.0) -> None:
+    def __init__(self, horizon_s: float = 36_000.0) -> None:
         self._horizon_ns = round(horizon_s * NANOSECONDS)
         self._waiting: list[tuple[int, Reference]] = []
         self._current: Reference | None = None
