@@ -1,6 +1,8 @@
 """Parameters, the store of a node, and its services."""
 
 import array
+import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -29,6 +31,8 @@ from rclpy.exceptions import (
 from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_yaml_file, parameter_value_to_python
 from rclpy.parameter_service import ParameterService
 from rclpy.parameter_store import ParameterStore
+
+from rosidl_embedded.typesupport import type_support
 
 Type = Parameter.Type
 INT64 = st.integers(-(2**63), 2**63 - 1)
@@ -404,6 +408,25 @@ def test_listing_checks_its_arguments() -> None:
             store.list_parameters(*arguments)
     with pytest.raises(ValueError, match="greater than or equal to zero"):
         store.list_parameters([], -1)
+
+
+def test_the_events_of_a_node_are_those_captured_from_a_genuine_one() -> None:
+    samples = json.loads((Path(__file__).parent / "data" / "golden_wire.json").read_text())["samples"]
+    support = type_support(ParameterEvent)
+    captured = [bytes.fromhex(sample["bytes"]) for sample in samples if sample["topic"] == "rt/parameter_events"]
+    captured = [data for data in captured if support.deserialize(data).node == "/srv_node"]
+
+    store, events = make_store()
+    store.declare_parameter("use_sim_time", False)
+    store.declare_parameter("start_type_description_service", True)
+    store.declare_parameter("gain", 1.5)
+    store.set_parameters([Parameter("gain", value=2.5)])
+    assert len(events) == len(captured) == 4
+    for event, data in zip(events, captured, strict=True):
+        event.node, event.stamp = "/srv_node", support.deserialize(data).stamp
+        made = support.serialize(event)
+        # On the wire the payload is padded with zeros to a multiple of four.
+        assert made + bytes(len(data) - len(made)) == data
 
 
 # -- the services -------------------------------------------------------------------------------------------------
