@@ -89,6 +89,7 @@ class Arbiter:
         #: until the first command nobody can have seen one of this arbiter: "selected" means the one before it
         self._asking = True
         self._seen: Command | None = None
+        self._drives: tuple[int, Command] | None = None
         self._outbox: list[Decision] = []
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_tick: int | None = None
@@ -113,16 +114,15 @@ class Arbiter:
 
     def on_drives(self, stamp_ns: int, feedback: Command, now_s: float) -> list[Decision]:
         """Take the drives' feedback of the force and speed that act."""
+        repeated = self._drives is not None and self._drives[0] == stamp_ns
+        if isfinite(feedback.force_kn) and isfinite(feedback.speed_rpm):
+            self._drives = (stamp_ns, feedback)
         self._see(DRIVES, stamp_ns, feedback.force_kn, now_s)
-        tick = self._tick
-        if tick is not None and stamp_ns == tick.stamp_ns:
-            if isfinite(feedback.force_kn) and isfinite(feedback.speed_rpm):
-                repeated, tick.drives = tick.drives is not None, feedback
-                if repeated and self.lockstep and tick.decided and self.last is not None:
-                    # The plant sends its tick again because the answer did not reach it.
-                    self._outbox.append(self.last)
-                    self._sent.append(self.last)
-            self._advance()
+        self._advance()
+        if repeated and self.lockstep and self.last is not None and self.last.stamp_ns == stamp_ns:
+            # The plant sends its tick again because the answer did not reach it.
+            self._outbox.append(self.last)
+            self._sent.append(self.last)
         return self._take()
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
@@ -184,6 +184,8 @@ class Arbiter:
             times.append(tick.started_s + self._grace_s)
         if self.lockstep:
             times.append(tick.started_s + self.settings.lockstep_shadow_wait_s)
+        if self._asking and self._started_s is not None:
+            times.append(self._started_s + self.settings.takeover_wait_s)
         return min((time for time in times if time > self._now_s), default=tick.deadline_s)
 
     @property
@@ -210,6 +212,8 @@ class Arbiter:
             self._begin(stamp_ns)
         tick = self._tick
         if tick is not None and stamp_ns == tick.stamp_ns:
+            if self._drives is not None and self._drives[0] == stamp_ns:
+                tick.drives = self._drives[1]
             for name, sample in (begun or {source: value}).items():
                 if name in SENSORS:
                     tick.samples.setdefault(name, sample)
@@ -291,7 +295,9 @@ class Arbiter:
         """Whether all is here that the decision shall not depend on the timing of."""
         if not tick.evaluated and self._now_s < tick.started_s + self._grace_s:
             missing = [name for name in SENSORS if name not in tick.samples]
-            if any(self.guard.reasons[name] != "missing" for name in missing):
+            lost = all(self.guard.reasons[name] == "missing" for name in missing)
+            # What is known to be lost is not waited for once the proposal is there; it may still come back.
+            if missing and not (lost and self.machine.active in tick.verdicts):
                 return False
         if self.lockstep and self._now_s < tick.started_s + self.settings.lockstep_shadow_wait_s:
             for record in self.proposals.roster:
@@ -367,29 +373,33 @@ class Arbiter:
 
     @property
     def _informed(self) -> bool:
-        """Whether all controllers have told whether they were selected, or enough time was given to them."""
+        """Whether the controllers had the time to tell who of them was selected."""
+        return not self._asking or self._waited
+
+    def _all_told(self) -> bool:
         present = [record for record in self.proposals.roster if record.present]
-        return self._waited or (bool(present) and all(record.status_seen for record in present))
+        return bool(present) and all(record.status_seen for record in present)
 
     def _rule_start(self, tick: Tick, final: bool) -> None:
         """Begin with the controller that was active before, else with the configured one."""
         machine = self.machine
         name = self._was_active or machine.target
         verdict = tick.verdicts.get(name)
-        if not final and (verdict is None or not self._informed):
+        informed = self._informed or (final and self._all_told())
+        if not final and (verdict is None or not informed):
             return
-        if verdict is not None and verdict.ok and self._informed:
+        if verdict is not None and verdict.ok and informed:
             reason = f"{name} was active before" if self._was_active else f"{name} is configured to start with"
             machine.target, self._was_active = name, ""
             machine.fire(Trigger.READY, reason, "start", name)
             return
         assert self.applied is not None
-        if not self._informed:
+        if not informed:
             # A command now would make every controller say that it is not selected.
             tick.decided = True
             self.lost_ticks += 1
             return
-        if self._was_active:
+        if self._was_active and machine.ticks_in_mode > self.settings.warm_ticks:
             self._was_active = ""
             machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
             return

@@ -31,6 +31,7 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.events import Level
 from fsw_supervisor.interlocks import Interlocks
+from fsw_supervisor.modes import Mode
 from fsw_supervisor.requests import SwitchRequest
 from fsw_supervisor.tick import Decision
 
@@ -52,8 +53,8 @@ class SupervisorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("fsw_supervisor")
-        self._parameters = declare(self, "fsw_supervisor", "supervisor.yaml")
-        values = self._parameters.values
+        self._values = declare(self, "fsw_supervisor", "supervisor.yaml")
+        values = self._values.values
         wrong = configuration.problem(values)
         if wrong is not None:
             raise ValueError(wrong)
@@ -64,8 +65,8 @@ class SupervisorNode(Node):
             guard=SensorGuard(configuration.sensor_limits(values)),
             interlocks=Interlocks(configuration.interlocks(values), values["interlocks.persistence_ticks"]),
         )
-        self._parameters.add_check(configuration.problem)
-        self._parameters.on_change(self._configure)
+        self._values.add_check(configuration.problem)
+        self._values.on_change(self._configure)
         self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
         self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
@@ -142,13 +143,16 @@ class SupervisorNode(Node):
         self._arbiter.on_command(convert.stamp_ns(message.header.stamp), message.source, convert.command(message))
 
     def _on_switch_topic(self, message: String) -> None:
-        timeout_s = self._parameters["switch_request_timeout_s"]
+        timeout_s = self._values["switch_request_timeout_s"]
         self._arbiter.desk.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
         self._publish([])
 
     def _on_wakeup(self) -> None:
         self._wakeup.cancel()
         self._armed_s = None
+        if self._arbiter.machine.mode is Mode.START:
+            # Who is in the graph decides whose word on who was active has to be waited for.
+            self._look_for_controllers()
         self._publish(self._arbiter.on_time(time.monotonic()))
 
     def _publish(self, decisions: list[Decision]) -> None:
@@ -258,7 +262,7 @@ class SupervisorNode(Node):
             for record in self._arbiter.proposals.roster
         }
         writers = self.count_publishers(f"{self._prefix}command")
-        limits = (self._parameters["latency_warn_s"], self._parameters["latency_error_s"])
+        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         now = self.get_clock().now().to_msg()
         self._diagnostics.publish(reports.diagnostics(self._arbiter, now, writers, namesakes, limits))
 

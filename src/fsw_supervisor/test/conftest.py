@@ -1,0 +1,133 @@
+"""A plant and controllers as plain calls, for tests of the pure arbiter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from fsw_control.contract import Command
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.checks import ProposalInput
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.tick import Decision
+
+PERIOD_NS = 100_000_000
+START = Command(78.4, 407.5)
+
+
+class Rig:
+    """Feeds an arbiter tick by tick; a test changes what it wants to go wrong.
+
+    Attributes
+    ----------
+    names : list of str
+        Controllers that propose.
+    silent : set of str
+        Those that do not.
+    delays_s : dict of str to float
+        Measurement to proposal, default 5 ms.
+    edit : dict of str to callable
+        Changes a controller's proposal.
+    values : dict of str to float
+        What the sensors show; one that is absent does not publish.
+    """
+
+    def __init__(self, settings: ArbiterSettings | None = None, lockstep: bool = False) -> None:
+        self.arbiter = Arbiter(settings if settings is not None else ArbiterSettings(), lockstep=lockstep)
+        self.names = ["decentral", "nmpc"]
+        self.silent: set[str] = set()
+        self.delays_s: dict[str, float] = {}
+        self.edit: dict[str, Callable[[ProposalInput], ProposalInput]] = {}
+        self.values = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
+        self.tolerated: dict[str, tuple[str, ...]] = {}
+        self.force_wish_kn = START.force_kn
+        self.drives: Command | None = START
+        self.now_s = 100.0
+        self.stamp_ns = 1_000_000_000_000
+        self.ticks: list[list[Decision]] = []
+        self._late: list[tuple[float, str, ProposalInput]] = []
+
+    @property
+    def last(self) -> Decision:
+        """The last decision."""
+        return [decision for tick in self.ticks for decision in tick][-1]
+
+    def proposal(self, name: str) -> ProposalInput:
+        """What a healthy controller that follows the applied command would propose."""
+        before = self.arbiter.applied or self.drives or START
+        force = before.force_kn + min(max(self.force_wish_kn - before.force_kn, -0.5), 0.5)
+        return ProposalInput(self.stamp_ns, name, Command(force, before.speed_rpm))
+
+    def tick(self) -> list[Decision]:
+        """Run one tick; returns its decisions."""
+        arbiter, out = self.arbiter, list[Decision]()
+        self.now_s += 0.1
+        self.stamp_ns += PERIOD_NS
+        before = arbiter.applied
+        for sensor, value in self.values.items():
+            out += arbiter.on_sample(sensor, self.stamp_ns, value, self.now_s)
+        if self.drives is not None:
+            acting = arbiter.applied or self.drives
+            out += arbiter.on_drives(self.stamp_ns, acting, self.now_s)
+        coming = self._late
+        self._late = []
+        for name in self.names:
+            if name in self.silent:
+                continue
+            proposal = self.proposal(name)
+            if name in self.edit:
+                proposal = self.edit[name](proposal)
+            coming.append((self.now_s + self.delays_s.get(name, 0.005), name, proposal))
+        deadline_s = self.now_s + 0.0999
+        for at_s, name, proposal in sorted(coming, key=lambda item: item[0]):
+            if at_s > deadline_s:
+                self._late.append((at_s, name, proposal))
+                continue
+            out += self._until(at_s)
+            out += arbiter.on_proposal(name, proposal, at_s)
+            selected = arbiter.last is not None and arbiter.last.source == name
+            out += arbiter.on_status(name, self.tolerated.get(name, ()), selected, at_s)
+        out += self._until(deadline_s)
+        for decision in out:
+            arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
+        if before is not None and out:
+            limits = arbiter.settings.limits
+            assert abs(out[-1].command.force_kn - before.force_kn) <= limits.force_step_kn + 1e-9
+            assert abs(out[-1].command.speed_rpm - before.speed_rpm) <= limits.speed_step_rpm + 1e-9
+        self.ticks.append(out)
+        return out
+
+    def run(self, count: int) -> Rig:
+        """Run some ticks, each of which must give exactly one command."""
+        for _ in range(count):
+            decisions = self.tick()
+            assert len(decisions) == 1
+            assert decisions[0].stamp_ns == self.stamp_ns
+        return self
+
+    def _until(self, until_s: float) -> list[Decision]:
+        out = list[Decision]()
+        while (at_s := self.arbiter.wakeup_s) is not None and at_s <= until_s:
+            out += self.arbiter.on_time(at_s)
+        return out
+
+    def spoil(self, name: str, **changes: object) -> None:
+        """Let ``name`` propose with some fields changed."""
+        self.edit[name] = lambda proposal: replace(proposal, **changes)  # type: ignore[arg-type]
+
+    def events(self) -> str:
+        """All events as text."""
+        return "\n".join(f"{e.level} {e.who}: {e.text}" for e in self.arbiter.machine.events.history)
+
+
+@pytest.fixture
+def make_rig() -> type[Rig]:
+    """The rig's class."""
+    return Rig
+
+
+@pytest.fixture
+def rig() -> Rig:
+    """A rig after ten good ticks under the controller ``decentral``."""
+    return Rig().run(10)

@@ -1,0 +1,197 @@
+"""The active controller fails: who answers, in which tick, and what becomes of the failed one."""
+
+from dataclasses import replace
+
+import pytest
+from fsw_control.contract import Command
+from fsw_supervisor.modes import Mode
+from fsw_supervisor.settings import ArbiterSettings
+
+NAN = float("nan")
+
+
+def test_the_configured_controller_is_applied_from_the_first_tick(make_rig):
+    rig = make_rig().run(1)
+    assert rig.last.source == "decentral"
+    assert rig.arbiter.machine.mode is Mode.AUTO
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"command": Command(NAN, 407.5)}, "not finite"),
+        ({"command": Command(78.4, float("inf"))}, "not finite"),
+        ({"command": Command(95.5, 407.5)}, "outside 60 to 95 kN"),
+        ({"command": Command(78.4, 299.0)}, "outside 300 to 500 rpm"),
+        ({"command": Command(80.4, 407.5)}, "jump by 2.000 kN"),
+        ({"command": Command(78.4, 412.5)}, "jump by 5.000 rpm"),
+        ({"healthy": False, "reason": "solver failed"}, "solver failed"),
+        ({"healthy": False}, "unhealthy, without a reason"),
+        ({"source": "nmpc"}, "names the source 'nmpc'"),
+    ],
+)
+def test_a_refused_proposal_is_replaced_in_the_same_tick(rig, changes, words):
+    rig.spoil("decentral", **changes)
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    record = rig.arbiter.proposals.roster.get("decentral")
+    assert words in record.latched_out
+    assert words in rig.arbiter.machine.reason
+    assert rig.arbiter.machine.requested_by == "failover"
+    assert rig.arbiter.machine.target == "decentral"
+    assert record.rejected == (0 if changes.get("healthy") is False else 1)
+
+
+def test_a_silent_controller_is_replaced_at_the_deadline_of_the_same_tick(rig):
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    assert rig.last.latency_s == pytest.approx(0.08)
+    assert rig.arbiter.proposals.roster.get("decentral").latched_out == "no proposal at the deadline"
+    rig.run(1)
+    assert rig.last.latency_s == pytest.approx(0.005)
+
+
+def test_a_controller_late_by_150_ms_is_replaced_and_counted(rig):
+    rig.delays_s["decentral"] = 0.15
+    rig.run(10)
+    assert {decision.source for tick in rig.ticks[10:] for decision in tick} == {"nmpc"}
+    record = rig.arbiter.proposals.roster.get("decentral")
+    assert record.late >= 8
+    assert record.missed >= 8
+    assert "late" in record.problem or "no proposal" in record.problem
+
+
+def test_a_controller_that_repeats_old_stamps_is_replaced(rig):
+    old = rig.stamp_ns
+    rig.edit["decentral"] = lambda proposal: replace(proposal, stamp_ns=old)
+    rig.run(3)
+    assert rig.last.source == "nmpc"
+    assert rig.arbiter.proposals.roster.get("decentral").rejected == 3
+
+
+def test_a_stamp_from_the_future_answers_nothing(rig):
+    rig.edit["decentral"] = lambda proposal: replace(proposal, stamp_ns=proposal.stamp_ns + 10**12)
+    rig.run(3)
+    assert rig.last.source == "nmpc"
+
+
+def test_no_controller_left_means_hold_then_safe_stop(make_rig):
+    rig = make_rig(ArbiterSettings(hold_timeout_s=2.0)).run(10)
+    rig.silent |= {"decentral", "nmpc"}
+    held = rig.arbiter.applied
+    rig.run(1)
+    assert (rig.last.source, rig.last.command) == ("hold", held)
+    assert rig.arbiter.machine.target_mode is Mode.AUTO
+    rig.run(19)
+    assert (rig.arbiter.machine.mode, rig.arbiter.applied) == (Mode.HOLD, held)
+    rig.run(1)
+    assert rig.arbiter.machine.mode is Mode.SAFE_STOP
+    rig.run(200)
+    assert rig.arbiter.applied == Command(65.0, held.speed_rpm)
+    assert rig.ticks[-100][0].source == "safe_stop"
+    rig.silent.clear()
+    rig.run(50)
+    assert rig.arbiter.machine.mode is Mode.SAFE_STOP, "only the operator leads out of a safe stop"
+
+
+def test_hold_ends_when_a_controller_is_ready_again(rig):
+    rig.silent |= {"decentral", "nmpc"}
+    rig.run(3)
+    rig.silent.discard("nmpc")
+    rig.run(rig.arbiter.settings.warm_ticks + 1)
+    assert rig.last.source == "nmpc"
+    assert rig.arbiter.machine.mode is Mode.AUTO
+
+
+def test_the_failed_one_is_readmitted_after_good_shadow_ticks_and_not_before(rig):
+    settings = rig.arbiter.settings
+    rig.silent.add("decentral")
+    rig.run(1)
+    rig.silent.clear()
+    rig.run(settings.readmit_ticks - 1)
+    assert rig.arbiter.proposals.obstacle("decentral").startswith("decentral is latched out")
+    rig.run(1)
+    assert rig.arbiter.proposals.obstacle("decentral") == ""
+    assert rig.last.source == "nmpc", "coming back is no reason to swap"
+
+
+def test_return_to_target_goes_back_by_itself_when_asked_for(make_rig):
+    rig = make_rig(ArbiterSettings(return_to_target=True)).run(10)
+    rig.silent.add("decentral")
+    rig.run(1)
+    rig.silent.clear()
+    rig.run(rig.arbiter.settings.readmit_ticks + 1)
+    assert rig.last.source == "decentral"
+
+
+def test_the_operator_readmits_with_auto(rig):
+    rig.spoil("decentral", healthy=False, reason="x")
+    rig.run(1)
+    rig.edit.clear()
+    rig.run(6)
+    assert rig.arbiter.desk.ask_mode("auto", None, "operator")[0]
+    assert rig.arbiter.proposals.obstacle("decentral") == ""
+
+
+def test_a_fallback_that_is_not_warm_is_not_taken(make_rig):
+    rig = make_rig()
+    rig.names = ["decentral"]
+    rig.run(10)
+    rig.names = ["decentral", "nmpc"]
+    rig.run(2)
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.source == "hold"
+
+
+def test_the_fallback_list_is_followed_in_order(make_rig):
+    rig = make_rig(ArbiterSettings(fallbacks=("third", "nmpc")))
+    rig.names = ["decentral", "nmpc", "third"]
+    rig.run(10)
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.source == "third"
+    rig.silent.add("third")
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+
+
+def test_switching_storms_end_in_hold(make_rig):
+    settings = ArbiterSettings(storm_swaps=3, readmit_ticks=1, warm_ticks=1)
+    rig = make_rig(settings).run(5)
+    for count in range(4):
+        failing = rig.arbiter.machine.active
+        rig.silent = {failing}
+        rig.run(1)
+        rig.silent = set()
+        rig.run(2)
+        assert (rig.last.source == "hold") == (count == 3)
+    assert "too many swaps" in rig.arbiter.machine.reason
+
+
+def test_two_controllers_of_one_name_are_distrusted_and_reported(rig):
+    def second_voice(count):
+        for _ in range(count):
+            rig.run(1)
+            proposal = rig.proposal("decentral")
+            other = replace(proposal, command=Command(proposal.command.force_kn + 0.2, proposal.command.speed_rpm))
+            assert rig.arbiter.on_proposal("decentral", other, rig.now_s + 0.09) == []
+
+    second_voice(3)
+    assert rig.last.source == "decentral"
+    second_voice(1)
+    assert rig.last.source == "nmpc"
+    assert "two controllers of this name" in rig.arbiter.machine.reason
+    assert "more than once per tick" in rig.events()
+    assert rig.arbiter.proposals.roster.get("decentral").duplicates >= 4
+
+
+def test_all_controllers_follow_whatever_is_applied_so_the_swap_is_bumpless(rig):
+    rig.force_wish_kn = 90.0
+    rig.run(5)
+    before = rig.arbiter.applied
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    assert abs(rig.arbiter.applied.force_kn - before.force_kn) <= 0.5 + 1e-9

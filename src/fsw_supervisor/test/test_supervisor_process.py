@@ -1,0 +1,176 @@
+"""Sensors and interlocks: what the process forbids, whoever controls."""
+
+import math
+import random
+
+import pytest
+from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlock, Interlocks, Severity
+from fsw_supervisor.modes import Mode
+from fsw_supervisor.settings import ArbiterSettings
+
+NAN = math.nan
+
+
+def test_a_controller_that_copes_stays(make_rig):
+    rig = make_rig()
+    rig.tolerated["decentral"] = ("thermocouple",)
+    rig.run(10)
+    rig.values["thermocouple"] = NAN
+    rig.run(20)
+    assert rig.arbiter.proposals.invalid_sensors == ("thermocouple",)
+    assert rig.last.source == "decentral"
+
+
+@pytest.mark.parametrize("fault", ["nan", "missing", "range"])
+def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fault):
+    rig = make_rig()
+    rig.tolerated["nmpc"] = ("depth",)
+    rig.run(10)
+    if fault == "missing":
+        del rig.values["depth"]
+    else:
+        rig.values["depth"] = NAN if fault == "nan" else 50.0
+    rig.run(3)
+    assert rig.last.source == "decentral", "the last good sample stands in for a moment"
+    rig.run(2)
+    assert rig.last.source == "nmpc"
+    assert "decentral cannot do without the sensor depth" in rig.arbiter.machine.reason
+    assert not rig.arbiter.proposals.roster.get("decentral").latched_out, "it has not failed"
+    rig.values["depth"] = 2.66
+    rig.run(5)
+    assert rig.arbiter.proposals.invalid_sensors == ()
+    assert rig.arbiter.desk.ask_switch("decentral", True, 1.0, "operator", rig.now_s).message == ""
+
+
+def test_nobody_copes_means_hold_then_safe_stop(make_rig):
+    rig = make_rig(ArbiterSettings(hold_timeout_s=1.0)).run(10)
+    rig.values["torque"] = NAN
+    rig.run(6)
+    assert rig.last.source == "hold"
+    rig.run(12)
+    assert rig.last.source == "safe_stop"
+
+
+def test_a_short_dropout_changes_nothing(rig):
+    rig.values["depth"] = NAN
+    rig.run(2)
+    rig.values["depth"] = 2.66
+    rig.run(5)
+    assert {tick[0].source for tick in rig.ticks} == {"decentral"}
+    assert rig.arbiter.machine.transitions == 1
+
+
+def test_a_frozen_sensor_is_noticed(make_rig):
+    rig = make_rig()
+    noise = random.Random(1)
+    for _ in range(120):
+        rig.values["depth"] = 2.66 + noise.gauss(0.0, 0.002)
+        rig.run(1)
+    rig.run(40)
+    assert rig.arbiter.proposals.invalid_sensors == ("depth",)
+    assert "frozen" in rig.events()
+
+
+def test_with_all_sensors_gone_the_drives_keep_the_ticks_coming(rig):
+    rig.values.clear()
+    rig.run(10)
+    assert rig.last.source == "hold"
+
+
+def test_a_sensor_known_to_be_missing_costs_no_time(rig):
+    del rig.values["depth"]
+    rig.tolerated["decentral"] = ("depth",)
+    rig.delays_s["decentral"] = 0.001
+    rig.run(1)
+    assert rig.last.latency_s == pytest.approx(rig.arbiter.settings.sensor_grace_s)
+    rig.run(10)
+    assert rig.last.latency_s == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "value", "name"),
+    [
+        ("thermocouple", 911.0, "temperature_high"),
+        ("thermocouple", 789.0, "temperature_low"),
+        ("depth", 3.8, "depth_high"),
+        ("torque", 1620.0, "torque_high"),
+    ],
+)
+def test_an_interlock_trips_into_safe_stop_whoever_controls(rig, sensor, value, name):
+    start = rig.values[sensor]
+    for step in range(1, 21):
+        rig.values[sensor] = start + (value - start) * step / 20
+        rig.run(1)
+    rig.run(3)
+    assert rig.last.source == "safe_stop"
+    assert rig.arbiter.machine.requested_by == "interlock"
+    assert f"{name}:trip" in rig.arbiter.interlocks.active
+    ok, message = rig.arbiter.desk.ask_mode("auto", None, "operator")
+    assert not ok
+    assert name in message
+    for step in range(21):
+        rig.values[sensor] = value + (start - value) * step / 20
+        rig.run(1)
+    assert rig.arbiter.interlocks.active == ()
+    assert rig.last.source == "safe_stop", "only the operator leads out"
+    assert rig.arbiter.desk.ask_mode("auto", None, "operator")[0]
+    rig.run(1)
+    assert rig.arbiter.machine.mode is Mode.AUTO
+
+
+def test_a_spike_trips_nothing(rig):
+    rig.values["thermocouple"] = 920.0
+    rig.run(1)
+    rig.values["thermocouple"] = 850.0
+    rig.run(5)
+    assert rig.arbiter.machine.mode is Mode.AUTO
+
+
+def test_hysteresis_of_warning_and_trip():
+    interlocks = Interlocks((Interlock("temperature_high", "temperature_c", 900.0, 910.0, 2.0),), persistence=2)
+    seen = []
+    for value in (899.9, 900.0, 900.0, 898.1, 897.9, 910.0, 910.0, 908.1, 908.0, 899.0, 898.0):
+        interlocks.update({"temperature_c": value})
+        seen.append(interlocks.active[0].rpartition(":")[2] if interlocks.active else "ok")
+    assert seen == ["ok", "ok", "warn", "warn", "ok", "ok", "trip", "trip", "warn", "warn", "ok"]
+
+
+def test_low_interlocks_mirror_high_ones():
+    interlock = Interlock("temperature_low", "temperature_c", 800.0, 790.0, 2.0)
+    levels = [interlock.level(value, Severity.OK) for value in (801.0, 800.0, 790.1, 790.0)]
+    assert levels == [Severity.OK, Severity.WARN, Severity.WARN, Severity.TRIP]
+    assert interlock.level(791.0, Severity.TRIP) is Severity.TRIP
+    assert interlock.level(792.1, Severity.TRIP) is Severity.WARN
+
+
+def test_values_that_are_absent_or_not_finite_leave_the_level(rig):
+    interlocks = Interlocks(persistence=1)
+    interlocks.update({"temperature_c": 905.0})
+    interlocks.update({"temperature_c": NAN})
+    interlocks.update({})
+    assert interlocks.active == ("temperature_high:warn",)
+
+
+def test_the_default_table_covers_what_the_weld_needs():
+    assert [item.name for item in DEFAULT_INTERLOCKS] == [
+        "temperature_low",
+        "temperature_high",
+        "depth_high",
+        "force_high",
+        "torque_high",
+        "power_high",
+    ]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ("temperature_high", "temperature_c", 910.0, 900.0, 2.0),
+        ("temperature_low", "temperature_c", 790.0, 800.0, 2.0),
+        ("depth_high", "depth_mm", 3.0, NAN, 0.0),
+        ("depth_high", "depth_mm", 3.0, 3.5, -1.0),
+    ],
+)
+def test_wrong_interlocks_are_refused(wrong):
+    with pytest.raises(ValueError, match=f"interlock {wrong[0]}"):
+        Interlock(*wrong)
