@@ -125,7 +125,10 @@ def run_program(domain_id: int) -> Iterator[Callable[..., Program]]:
     for program in programs:
         if program.process.poll() is None:
             program.process.kill()
-        program.process.communicate()
+        program.process.wait()
+        for stream in (program.process.stdin, program.process.stdout, program.process.stderr):
+            if stream is not None:
+                stream.close()
 
 
 def wait_until(condition: Callable[[], Any], timeout_sec: float = 10.0) -> bool:

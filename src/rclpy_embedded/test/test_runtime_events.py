@@ -1,0 +1,192 @@
+"""Events of the middleware: matched, incompatible QoS, deadline, liveliness, lost messages."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from std_msgs.msg import String
+
+from rclpy.duration import Duration
+from rclpy.event_handler import (
+    EventHandler,
+    PublisherEventCallbacks,
+    QoSPublisherEventType,
+    SubscriptionEventCallbacks,
+    UnsupportedEventTypeError,
+)
+from rclpy.qos import QoSDurabilityPolicy, QoSLivelinessPolicy, QoSPolicyKind, QoSProfile, QoSReliabilityPolicy
+
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+
+
+def _ignore(_: Any) -> None:
+    pass
+
+
+def test_matched(node: Any, spinner: Any) -> None:
+    published: list[Any] = []
+    subscribed: list[Any] = []
+    publisher = node.create_publisher(
+        String, "met", 10, event_callbacks=PublisherEventCallbacks(matched=published.append)
+    )
+    subscription = node.create_subscription(
+        String, "met", _ignore, 10, event_callbacks=SubscriptionEventCallbacks(matched=subscribed.append)
+    )
+    assert spinner.until(lambda: published and subscribed)
+    for event in (published[0], subscribed[0]):
+        assert (event.total_count, event.total_count_change) == (1, 1)
+        assert (event.current_count, event.current_count_change) == (1, 1)
+    node.destroy_subscription(subscription)
+    assert spinner.until(lambda: len(published) == 2)
+    assert (published[1].current_count, published[1].current_count_change) == (0, -1)
+    node.create_subscription(String, "met", _ignore, 10)
+    assert spinner.until(lambda: len(published) == 3)
+    assert (published[2].total_count, published[2].current_count) == (2, 1)
+    node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize("publisher_first", [True, False])
+def test_incompatible_qos(node: Any, spinner: Any, publisher_first: bool) -> None:
+    offered: list[Any] = []
+    requested: list[Any] = []
+
+    def publish() -> None:
+        callbacks = PublisherEventCallbacks(incompatible_qos=offered.append)
+        node.create_publisher(String, "misfit", BEST_EFFORT, event_callbacks=callbacks)
+
+    def subscribe() -> None:
+        callbacks = SubscriptionEventCallbacks(incompatible_qos=requested.append)
+        node.create_subscription(String, "misfit", _ignore, RELIABLE, event_callbacks=callbacks)
+
+    for create in (publish, subscribe) if publisher_first else (subscribe, publish):
+        create()
+    assert spinner.until(lambda: offered and requested)
+    for event in (offered[0], requested[0]):
+        assert event.total_count == 1
+        assert event.last_policy_kind == QoSPolicyKind.RELIABILITY
+
+
+@pytest.mark.parametrize(
+    ("offered", "requested", "kind"),
+    [
+        (
+            QoSProfile(depth=1),
+            QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL),
+            QoSPolicyKind.DURABILITY,
+        ),
+        (QoSProfile(depth=1), QoSProfile(depth=1, deadline=Duration(seconds=1)), QoSPolicyKind.DEADLINE),
+        (
+            QoSProfile(depth=1),
+            QoSProfile(depth=1, liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC),
+            QoSPolicyKind.LIVELINESS,
+        ),
+    ],
+)
+def test_kind_of_incompatibility(
+    node: Any, spinner: Any, offered: QoSProfile, requested: QoSProfile, kind: QoSPolicyKind
+) -> None:
+    events: list[Any] = []
+    node.create_publisher(String, "misfit", offered)
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=events.append)
+    node.create_subscription(String, "misfit", _ignore, requested, event_callbacks=callbacks)
+    assert spinner.until(lambda: events)
+    assert events[0].last_policy_kind == kind
+
+
+def test_incompatible_qos_is_logged_by_default(
+    node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    node.create_publisher(String, "misfit", BEST_EFFORT)
+    node.create_subscription(String, "misfit", _ignore, RELIABLE)
+    output = ""
+
+    def logged() -> bool:
+        nonlocal output
+        output += capfd.readouterr().err
+        return "New subscription" in output and "New publisher" in output
+
+    assert spinner.until(logged)
+    assert (
+        "New publisher discovered on topic '/misfit', offering incompatible QoS. No messages will be received from it. "
+        "Last incompatible policy: RELIABILITY"
+    ) in output
+    assert "requesting incompatible QoS. No messages will be sent to it." in output
+
+
+def test_default_callbacks_can_be_switched_off(
+    node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
+    quiet_publisher = PublisherEventCallbacks(use_default_callbacks=False)
+    quiet_subscription = SubscriptionEventCallbacks(use_default_callbacks=False)
+    node.create_publisher(String, "misfit", BEST_EFFORT, event_callbacks=quiet_publisher)
+    node.create_subscription(String, "misfit", _ignore, RELIABLE, event_callbacks=quiet_subscription)
+    spinner.rest()
+    assert "incompatible" not in capfd.readouterr().err
+
+
+def test_deadline_missed(node: Any, spinner: Any) -> None:
+    profile = QoSProfile(depth=1, deadline=Duration(nanoseconds=50_000_000))
+    offered: list[Any] = []
+    requested: list[Any] = []
+    publisher = node.create_publisher(
+        String, "punctual", profile, event_callbacks=PublisherEventCallbacks(deadline=offered.append)
+    )
+    node.create_subscription(
+        String, "punctual", _ignore, profile, event_callbacks=SubscriptionEventCallbacks(deadline=requested.append)
+    )
+    publisher.publish(String())
+    assert spinner.until(lambda: offered and requested)
+    assert offered[0].total_count >= 1 and requested[0].total_count >= 1
+
+
+def test_liveliness(node: Any, spinner: Any) -> None:
+    profile = QoSProfile(
+        depth=1,
+        liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_duration=Duration(nanoseconds=200_000_000),
+    )
+    lost: list[Any] = []
+    changed: list[Any] = []
+    publisher = node.create_publisher(
+        String, "alive", profile, event_callbacks=PublisherEventCallbacks(liveliness=lost.append)
+    )
+    node.create_subscription(
+        String, "alive", _ignore, profile, event_callbacks=SubscriptionEventCallbacks(liveliness=changed.append)
+    )
+    publisher.assert_liveliness()
+    assert spinner.until(lambda: changed)
+    assert changed[0].alive_count == 1
+    assert spinner.until(lambda: lost)
+    assert spinner.until(lambda: changed[-1].alive_count == 0)
+    assert changed[-1].not_alive_count == 1
+    publisher.publish(String())
+    assert spinner.until(lambda: changed[-1].alive_count == 1)
+
+
+def test_async_event_callback(node: Any, spinner: Any) -> None:
+    events: list[Any] = []
+
+    async def matched(event: Any) -> None:
+        events.append(event)
+
+    node.create_publisher(String, "met", 10, event_callbacks=PublisherEventCallbacks(matched=matched))
+    node.create_subscription(String, "met", _ignore, 10)
+    assert spinner.until(lambda: events)
+    assert asyncio.iscoroutinefunction(matched)
+
+
+def test_unsupported_event(node: Any) -> None:
+    publisher = node.create_publisher(String, "typed", 10)
+    with pytest.raises(UnsupportedEventTypeError):
+        EventHandler(
+            callback_group=node.default_callback_group,
+            callback=_ignore,
+            event_type=QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+            parent_impl=publisher.handle,
+        )
+    node.create_publisher(
+        String, "typed", 10, event_callbacks=PublisherEventCallbacks(incompatible_type=_ignore)
+    )

@@ -1,0 +1,232 @@
+"""Timers and rates."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import pytest
+from rosgraph_msgs.msg import Clock as ClockMsg
+
+from rclpy.clock import Clock, ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.time import Time
+from rclpy.timer import Timer, TimerInfo
+
+
+class ManualClock(ROSClock):
+    """Simulated time under the control of a test."""
+
+    def __new__(cls) -> Any:
+        clock = ROSClock()
+        clock._set_ros_time_is_active(True)
+        return clock
+
+
+def _set(clock: Any, milliseconds: float) -> None:
+    clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
+
+
+def test_rate_of_calls(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    node.create_timer(0.005, lambda: calls.append(time.monotonic_ns()))
+    assert spinner.until(lambda: len(calls) == 100)
+    assert (calls[-1] - calls[0]) / 99 == pytest.approx(5e6, rel=0.05)
+
+
+def test_no_drift_over_1000_ticks(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    for tick in range(1, 1001):
+        # Each call comes 30 ms late; the next one is due on the grid all the same.
+        _set(clock, tick * 100 + 30)
+        assert timer.is_ready()
+        timer.call()
+        assert timer.time_until_next_call() == 70_000_000
+        assert timer.time_since_last_call() == 0
+
+
+def test_missed_calls_are_not_made_up_for(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 1050)
+    info = timer.call()
+    assert info.expected_call_time.nanoseconds == 100_000_000
+    assert info.actual_call_time.nanoseconds == 1_050_000_000
+    assert not timer.is_ready()
+    assert timer.time_until_next_call() == 50_000_000
+
+
+def test_cancel_and_reset(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    timer = node.create_timer(0.01, lambda: calls.append(1))
+    assert not timer.is_canceled()
+    timer.cancel()
+    assert timer.is_canceled() and not timer.is_ready()
+    assert timer.time_until_next_call() is None
+    spinner.rest()
+    assert calls == []
+    timer.reset()
+    assert not timer.is_canceled()
+    assert spinner.until(lambda: len(calls) >= 2)
+
+
+def test_reset_starts_the_period_anew(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 90)
+    timer.reset()
+    assert timer.time_until_next_call() == 100_000_000
+
+
+def test_without_autostart(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    timer = node.create_timer(0.01, lambda: calls.append(1), autostart=False)
+    spinner.rest()
+    assert timer.is_canceled() and calls == []
+    timer.reset()
+    assert spinner.until(lambda: calls)
+
+
+def test_period_can_change(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    timer = node.create_timer(0.001, lambda: calls.append(1))
+    assert timer.timer_period_ns == 1_000_000
+    timer.timer_period_ns = 3600e9
+    assert timer.timer_period_ns == 3_600_000_000_000
+    assert spinner.until(lambda: calls)
+    spinner.rest()
+    assert len(calls) == 1
+
+
+def test_zero_period(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    node.create_timer(0, lambda: calls.append(1))
+    assert spinner.until(lambda: len(calls) > 10)
+
+
+def test_negative_period(node: Any) -> None:
+    with pytest.raises(RCLError):
+        node.create_timer(-1, lambda: None)
+
+
+def test_timer_info(node: Any, spinner: Any) -> None:
+    infos: list[TimerInfo] = []
+    node.create_timer(0.01, infos.append)
+    assert spinner.until(lambda: infos)
+    assert infos[0].actual_call_time >= infos[0].expected_call_time
+
+
+def test_simulated_time(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    publisher = node.create_publisher(
+        ClockMsg, "/clock", QoSProfile(depth=1, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+    )
+    node.set_parameters([Parameter("use_sim_time", value=True)])
+    node.create_timer(0.1, lambda: calls.append(node.get_clock().now().nanoseconds))
+    spinner.rest()
+    assert calls == []
+    assert spinner.until(lambda: publisher.get_subscription_count() == 1)
+    expected = []
+    for tick in range(1, 21):
+        stamp = Time(nanoseconds=tick * 50_000_000)
+        publisher.publish(ClockMsg(clock=stamp.to_msg()))
+        assert spinner.until(lambda stamp=stamp: node.get_clock().now().nanoseconds == stamp.nanoseconds)
+        spinner.rest(3)
+        if tick % 2 == 0:
+            expected.append(stamp.nanoseconds)
+        assert calls == expected
+
+
+def test_simulated_time_that_jumps_back(node: Any) -> None:
+    clock = ManualClock()
+    _set(clock, 10_000)
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 10_100)
+    timer.call()
+    _set(clock, 500)
+    assert timer.time_until_next_call() == 100_000_000
+    assert timer.time_since_last_call() == 0
+
+
+def test_switch_to_simulated_time_keeps_what_is_left(node: Any) -> None:
+    clock = ROSClock()
+    timer = node.create_timer(10, lambda: None, clock=clock)
+    clock._set_ros_time_is_active(True)
+    assert timer.time_until_next_call() == pytest.approx(10e9, rel=0.1)
+
+
+def test_steady_clock(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    timer = node.create_timer(0.01, lambda: calls.append(1), clock=Clock(clock_type=ClockType.STEADY_TIME))
+    assert timer.clock.clock_type is ClockType.STEADY_TIME
+    assert spinner.until(lambda: len(calls) >= 3)
+
+
+def test_destroyed(node: Any, spinner: Any) -> None:
+    calls: list[int] = []
+    timer = node.create_timer(0.001, lambda: calls.append(1))
+    assert node.destroy_timer(timer)
+    spinner.rest()
+    assert calls == []
+    for use in (timer.is_ready, timer.cancel, timer.reset, timer.time_until_next_call, timer.is_canceled):
+        with pytest.raises(InvalidHandle):
+            use()
+
+
+def test_destroy_in_own_callback(node: Any, spinner: Any) -> None:
+    calls: list[bool] = []
+    timer: Timer = node.create_timer(0.001, lambda: calls.append(node.destroy_timer(timer)))
+    assert spinner.until(lambda: calls)
+    spinner.rest()
+    assert calls == [True]
+
+
+def test_rate(node: Any, spinner: Any) -> None:
+    rate = node.create_rate(100)
+    sleeps: list[float] = []
+
+    def sleep() -> None:
+        for _ in range(10):
+            rate.sleep()
+            sleeps.append(time.monotonic())
+
+    thread = threading.Thread(target=sleep)
+    thread.start()
+    assert spinner.until(lambda: len(sleeps) == 10)
+    thread.join()
+    assert sleeps[-1] - sleeps[0] == pytest.approx(0.09, abs=0.03)
+
+
+def test_rate_ends(context: Any, node: Any) -> None:
+    rate = node.create_rate(0.001)
+    outcomes: list[BaseException] = []
+
+    def sleep() -> None:
+        try:
+            rate.sleep()
+        except ROSInterruptException as error:
+            outcomes.append(error)
+
+    thread = threading.Thread(target=sleep)
+    thread.start()
+    while rate._num_sleepers == 0:
+        time.sleep(0.001)
+    context.shutdown()
+    thread.join(5)
+    assert len(outcomes) == 1
+    with pytest.raises(ROSInterruptException):
+        rate.sleep()
+
+
+def test_destroyed_rate(node: Any) -> None:
+    rate = node.create_rate(10)
+    assert node.destroy_rate(rate)
+    with pytest.raises(RuntimeError):
+        rate.sleep()
+    with pytest.raises(ValueError):
+        node.create_rate(0)
