@@ -18,7 +18,7 @@ _NAME = rf"(?:~/|/)?{_TOKEN}(?:/{_TOKEN})*"
 _REMAP = re.compile(
     rf"(?:(?P<node>{_TOKEN}):(?!=))?"
     rf"(?:(?:__node|__name):=(?P<node_name>{_TOKEN})"
-    rf"|__ns:=(?P<namespace>/(?:{_TOKEN}(?:/{_TOKEN})*/?)?)"
+    rf"|__ns:=(?P<namespace>/(?:{_TOKEN}(?:/{_TOKEN})*)?)"
     rf"|(?P<scheme>rostopic://|rosservice://)?(?P<match>{_NAME}):=(?P<replacement>{_NAME}))"
 )
 _PARAMETER_TOKEN = r"(?:[A-Za-z_/][A-Za-z0-9_]*)+"

@@ -107,7 +107,11 @@ class TimeSource:
         self._associated_clocks.add(clock)
 
     def clock_callback(self, msg: ClockMsg) -> None:
-        """Take the time from a message on /clock."""
+        """Take the time from a message on /clock; a negative one is ignored."""
+        if msg.clock.sec < 0:
+            if (node := self._get_node()) is not None:
+                node.get_logger().warning(f"Ignored negative time on {CLOCK_TOPIC}: {msg.clock.sec} s", once=True)
+            return
         # Kept for clocks that are attached later.
         self._last_time_set = Time.from_msg(msg.clock)
         for clock in list(self._associated_clocks):

@@ -51,7 +51,21 @@ def test_remap_rules(text: str, rule: RemapRule) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "a", "a:=", ":=b", "a:=b:=c", "__node:=a/b", "__ns:=a", "a*:=b", "1a:=b", "a__b:=c", "n:m:a:=b", "a/:=b"],
+    [
+        "",
+        "a",
+        "a:=",
+        ":=b",
+        "a:=b:=c",
+        "__node:=a/b",
+        "__ns:=a",
+        "__ns:=/a/",
+        "a*:=b",
+        "1a:=b",
+        "a__b:=c",
+        "n:m:a:=b",
+        "a/:=b",
+    ],
 )
 def test_malformed_remap_rules_name_the_rule(text: str) -> None:
     with pytest.raises(RCLInvalidROSArgsError, match="Couldn't parse remap rule") as caught:
