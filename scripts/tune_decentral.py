@@ -52,8 +52,8 @@ class Bounds:
 
 
 SETS = {
-    "conservative": Bounds(sensitivity=1.6, force_move_kn=0.05, speed_move_rpm=0.5, coupling_weight=1.5),
-    "tight": Bounds(sensitivity=2.0, force_move_kn=0.15, speed_move_rpm=1.0, coupling_weight=0.5),
+    "conservative": Bounds(sensitivity=1.6, force_move_kn=0.02, speed_move_rpm=0.3, coupling_weight=2.0),
+    "tight": Bounds(sensitivity=2.0, force_move_kn=0.12, speed_move_rpm=0.6, coupling_weight=0.15),
 }
 
 #: searched for, one block after the other (the rest is fixed or follows by rule)
@@ -81,13 +81,15 @@ class Loop:
         ticks: int,
         reference: Callable[[float], Reference],
         disturbance: Callable[[int], tuple[float, float]] = lambda k: (0.0, 0.0),
+        load: Callable[[int], tuple[float, float]] = lambda k: (0.0, 0.0),
         noise: random.Random | None = None,
     ) -> list[Row]:
-        """Run from equilibrium; ``disturbance`` adds to the measured depth and temperature of a tick."""
+        """Run from equilibrium; ``disturbance`` adds to measured depth and temperature, ``load`` to force and speed."""
         rows: list[Row] = []
         for k in range(ticks):
             now, (acting_before, acting) = self.queue[-1], self.queue[:2]
-            outputs = self.model.outputs(self.state, acting.force_kn, acting.speed_rpm)
+            force_more, speed_more = load(k)
+            outputs = self.model.outputs(self.state, acting.force_kn + force_more, acting.speed_rpm + speed_more)
             depth_more, temperature_more = disturbance(k)
             depth = outputs.depth_mm + depth_more
             temperature = outputs.temperature_c + temperature_more
@@ -100,7 +102,8 @@ class Loop:
             measurement = Measurement(k * STEP_S, depth, torque, temperature)
             proposal = self.controller.step(measurement, reference(k * STEP_S), now, STEP_S)
             self.queue = [*self.queue[1:], proposal.command]
-            self.model.step(self.state, self.queue[1].force_kn, self.queue[1].speed_rpm)
+            acting = self.queue[1]
+            self.model.step(self.state, acting.force_kn + force_more, acting.speed_rpm + speed_more)
         return rows
 
 
@@ -127,6 +130,11 @@ def steps(time_s: float) -> Reference:
 def disturbances(k: int) -> tuple[float, float]:
     """Output disturbances: +0.1 mm from 20 s, -5 degC from 160 s."""
     return (0.1 if k >= 200 else 0.0, -5.0 if k >= 1600 else 0.0)
+
+
+def loads(k: int) -> tuple[float, float]:
+    """Input disturbances: +2 kN from 5 s, +10 rpm from 65 s."""
+    return (2.0 if k >= 50 else 0.0, 10.0 if k >= 650 else 0.0)
 
 
 def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
@@ -167,7 +175,12 @@ def kpis(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, f
     }
     rows = np.array(Loop(gains, parameters).run(3000, constant, disturbances))
     depth_error, temperature_error = rows[:, 0] - DEPTH_MM, rows[:, 1] - TEMPERATURE_C
+    loaded = np.abs(
+        np.array(Loop(gains, parameters).run(1400, constant, load=loads))[:, :2] - (DEPTH_MM, TEMPERATURE_C)
+    )
     return result | {
+        "load_iae_depth": float(loaded[:, 0].sum() * STEP_S),
+        "load_iae_temperature": float(loaded[:, 1].sum() * STEP_S),
         "disturbance_iae_depth": float(np.abs(depth_error).sum() * STEP_S),
         "disturbance_iae_temperature": float(np.abs(temperature_error).sum() * STEP_S),
         "peak_c_depth_disturbance": float(np.abs(temperature_error[200:1600]).max()),
@@ -196,6 +209,8 @@ def cost(gains: Gains, bounds: Bounds) -> float:
         + k["tracking_iae_temperature"] / 200.0
         + k["disturbance_iae_depth"] / 0.35
         + k["disturbance_iae_temperature"] / 45.0
+        + 0.5 * k["load_iae_depth"] / 0.1
+        + 0.5 * k["load_iae_temperature"] / 60.0
     )
     coupling = (k["peak_c_depth_up"] + k["peak_c_depth_down"] + k["peak_c_depth_disturbance"]) / 1.0 + k[
         "peak_mm_temperature_step"

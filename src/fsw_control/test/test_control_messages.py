@@ -1,0 +1,77 @@
+"""Conversions between messages and the core's data: units, stamps, refusals."""
+
+import math
+
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
+from fsw_control import messages_ros as convert
+from fsw_msgs.msg import WeldReference
+
+finite = st.floats(-1e6, 1e6)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1))
+def test_stamps_are_kept_exactly(time_ns):
+    stamp = convert.stamp_from_ns(time_ns)
+    assert isinstance(stamp, Time)
+    assert convert.stamp_ns(stamp) == time_ns
+
+
+@given(finite, finite, st.integers(0, 10**18))
+def test_commands_come_back(force, speed, time_ns):
+    message = convert.command_message(Command(force, speed), time_ns, "me", False, "why")
+    assert convert.stamp_ns(message.header.stamp) == time_ns
+    assert (message.source, message.healthy, message.reason) == ("me", False, "why")
+    back = convert.command(message)
+    assert back.force_kn == pytest.approx(force, rel=1e-12, abs=1e-12)
+    assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
+
+
+def test_command_is_in_si_units():
+    message = convert.command_message(Command(78.4, 60.0), 0, "me")
+    assert message.axial_force == pytest.approx(78_400.0)
+    assert message.spindle_speed == pytest.approx(2.0 * math.pi)
+
+
+@given(st.floats(0.1, 10.0), st.floats(1.0, 2000.0), st.integers(0, 10**18))
+def test_sensors_and_references_come_back(depth, temperature, time_ns):
+    assert convert.depth_mm(convert.depth_message(depth, time_ns)) == pytest.approx(depth, rel=1e-12)
+    assert convert.temperature_c(convert.temperature_message(temperature, time_ns)) == temperature
+    assert convert.torque_nm(convert.torque_message(temperature, time_ns)) == temperature
+    reference = convert.reference(convert.reference_message(Reference(depth, temperature), time_ns))
+    assert reference.depth_mm == pytest.approx(depth, rel=1e-12)
+    assert reference.temperature_c == temperature
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0])
+@pytest.mark.parametrize("name", ["depth", "temperature"])
+def test_reference_that_is_no_set_point_is_refused(name, bad):
+    message = WeldReference(depth=2.66e-3, temperature=850.0)
+    setattr(message, name, bad)
+    with pytest.raises(ValueError, match=f"{name} is"):
+        convert.reference(message)
+
+
+def test_status_carries_the_diagnosis():
+    diagnosis = Diagnosis(2.66, 850.0, 1021.0, {"force_kn": 2.0, "temperature_c": -1.0, "odd": 3.0}, "solved", 4, 1e-3)
+    status = convert.status_message(Proposal(Command(1.0, 2.0), False, "why", diagnosis), 5, "me", True, ("depth",))
+    assert status.depth_estimate == pytest.approx(2.66e-3)
+    assert list(status.disturbance_names) == ["force [N]", "temperature [degC]", "odd"]
+    assert list(status.disturbances) == [2000.0, -1.0, 3.0]
+    assert (status.solver_status, status.iterations, status.solve_time) == ("solved", 4, 1e-3)
+    assert (status.healthy, status.reason, status.selected) == (False, "why", True)
+
+
+def test_prediction_and_diagnostics():
+    plan = Plan((0.0, 0.1), (2.6, 2.7), (850.0, 851.0), (78.0, 79.0), (400.0, 401.0))
+    message = convert.prediction_message(plan, 0)
+    assert list(message.depth) == pytest.approx([2.6e-3, 2.7e-3])
+    assert list(message.spindle_speed) == pytest.approx([400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0])
+    array = convert.diagnostics_message(7, "name", DiagnosticStatus.WARN, "text", {"a": 1})
+    assert array.status[0].level == DiagnosticStatus.WARN
+    assert [(pair.key, pair.value) for pair in array.status[0].values] == [("a", "1")]

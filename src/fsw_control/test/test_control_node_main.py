@@ -1,0 +1,108 @@
+"""Nodes as processes: how they end, and how they refuse to start."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from sensor_msgs.msg import Temperature
+
+from fsw_control import Reference
+from fsw_control import messages_ros as convert
+from fsw_control.controller_node import LATCHED, STREAM
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
+ENVIRONMENT = os.environ | {"ROS_DOMAIN_ID": "64"}
+
+
+def launch(*arguments):
+    return subprocess.Popen(
+        [sys.executable, str(EXAMPLE), *arguments],
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process, seconds=20):
+    try:
+        out, err = process.communicate(timeout=seconds)
+    finally:
+        process.kill()
+    return process.returncode, out + err
+
+
+@pytest.fixture
+def peer():
+    rclpy.init(domain_id=64)
+    node = rclpy.create_node("peer")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def wait(node, condition, seconds=20.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "condition not reached"
+        rclpy.spin_once(node, timeout_sec=0.05)
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_the_example_answers_and_ends_cleanly(peer, sent):
+    proposals = []
+    peer.create_subscription(WeldCommand, "/fsw/depth_only/proposal", proposals.append, STREAM)
+    publishers = [
+        (peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM), convert.depth_message(2.65, 0)),
+        (peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM), convert.torque_message(1052.0, 0)),
+        (peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM), convert.temperature_message(850.0, 0)),
+    ]
+    references = peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
+    references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
+    process = launch()
+    try:
+        wait(peer, lambda: peer.count_publishers("/fsw/depth_only/proposal") == 1)
+        wait(peer, lambda: all(publisher.get_subscription_count() == 1 for publisher, _ in publishers))
+        stamp = 0
+
+        def answered():
+            # The latched reference may come after the first ticks.
+            nonlocal stamp
+            stamp += 100_000_000
+            for publisher, message in publishers:
+                message.header.stamp = convert.stamp_from_ns(stamp)
+                publisher.publish(message)
+            return proposals and proposals[-1].healthy
+
+        wait(peer, answered)
+        assert proposals[-1].source == "depth_only"
+        assert proposals[-1].axial_force == pytest.approx(78_400.0 + 500.0)
+        process.send_signal(sent)
+        code, text = finish(process)
+    finally:
+        process.kill()
+    assert code == 0
+    assert "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--ros-args", "-p", "deadline:=5.0"), "deadline"),
+        (("--ros-args", "-p", "deadline:=soon"), "deadline"),
+        (("--ros-args", "-p", "validity.depth.minimum:=9.0"), "minimum"),
+        (("--wrong",), "unknown arguments --wrong"),
+        (("--ros-args", "--params-file", "/nonexistent.yaml"), "/nonexistent.yaml"),
+    ],
+)
+def test_bad_arguments_are_told_in_one_line(arguments, said):
+    code, text = finish(launch(*arguments))
+    assert code == 2
+    assert said in text
+    assert len(text.strip().splitlines()) == 1
