@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
 from importlib import resources
 from math import isfinite, pi, sqrt
 from pathlib import Path
@@ -212,6 +213,7 @@ def _number(value: Any) -> Any:
     return value
 
 
+@cache
 def nominal() -> ModelParameters:
     """The nominal parameters shipped with the package (``nominal.yaml``)."""
     text = resources.files("fsw_model").joinpath("nominal.yaml").read_text(encoding="utf-8")

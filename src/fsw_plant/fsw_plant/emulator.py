@@ -19,10 +19,19 @@ Units: mm, degC, N m, kN, rpm, s; stamps in ns.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import isfinite, nan
 
 from fsw_control import SENSORS, Command, Measurement
-from fsw_model import STEP_S, Equilibrium, OperatingPointError, Outputs, ProcessModel, ProcessState
+from fsw_model import (
+    STEP_S,
+    Equilibrium,
+    ModelParameters,
+    OperatingPointError,
+    Outputs,
+    ProcessModel,
+    ProcessState,
+)
 from fsw_model.equations import RAD_PER_S_PER_RPM
 from fsw_plant.actuators import Actuator
 from fsw_plant.commands import CommandGate
@@ -126,7 +135,7 @@ class PlantEmulator:
         self.tick = FIRST_TICK
         self.disturbances = Disturbances()
         self.faults = Faults()
-        self._model = ProcessModel(self.config.model)
+        self._model = _process_model(self.config.model)
         self._reading: Reading | None = None
         self._start(self._equilibrium(self.config.start_depth_mm, self.config.start_temperature_c))
 
@@ -378,7 +387,7 @@ class PlantEmulator:
             If the model does not take its parameters; nothing is changed then.
         """
         if config.model != self.config.model:
-            model = ProcessModel(config.model)
+            model = _process_model(config.model)
             history = self._state.power_kw
             while len(history) > model.delay_steps:
                 history.popleft()
@@ -393,6 +402,12 @@ class PlantEmulator:
         self.watchdog.config = config.watchdog
         for sensor, (noise, resolution) in zip(self._sensors, _sensor_settings(config), strict=True):
             sensor.noise, sensor.resolution = noise, resolution
+
+
+@lru_cache(maxsize=16)
+def _process_model(parameters: ModelParameters) -> ProcessModel:
+    """The model of these parameters; it has no state, and takes a tenth of a second to make."""
+    return ProcessModel(parameters)
 
 
 def _sensor_settings(config: PlantConfig) -> tuple[tuple[float, float], ...]:

@@ -1,0 +1,131 @@
+"""Settings and schedules from data, and what is said of wrong ones."""
+
+import pytest
+
+from fsw_control.parameters import ParameterError
+from fsw_model import ParameterError as ModelParameterError
+from fsw_model.parameters import ORIGIN
+from fsw_plant import DisturbanceError, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.config import specs
+
+
+def test_defaults_are_those_of_the_design():
+    config = PlantConfig.from_values({})
+    limits = config.limits
+    assert (limits.force_min_kn, limits.force_max_kn) == (60.0, 95.0)
+    assert (limits.speed_min_rpm, limits.speed_max_rpm) == (300.0, 500.0)
+    assert (limits.force_rate_kn_per_s, limits.speed_rate_rpm_per_s) == (10.0, 30.0)
+    sensors = config.sensors
+    assert (sensors.depth_noise_mm, sensors.temperature_noise_c, sensors.torque_noise_nm) == (0.002, 0.1, 2.0)
+    assert config.lag_s == 0.02 and config.watchdog.timeout_s == 1.0
+
+
+def test_every_model_parameter_can_differ():
+    assert [name.removeprefix("model.") for name in specs() if name.startswith("model.")] == list(ORIGIN)
+
+
+def test_nested_dotted_and_yaml_are_the_same():
+    nested = PlantConfig.from_values({"seed": 3, "start": {"depth_mm": 2.7}, "model": {"thermal_time_s": 1.1}})
+    assert nested == PlantConfig.from_values({"seed": 3, "start.depth_mm": 2.7, "model.thermal_time_s": 1.1})
+    assert nested == PlantConfig.from_yaml("{seed: 3, start: {depth_mm: 2.7}, model: {thermal_time_s: 1.1}}")
+    assert PlantConfig.from_yaml("") == PlantConfig.from_values({})
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("sed: 1", "unknown parameters sed"),
+        ("start: {depth: 2.7}", "unknown parameters start.depth"),
+        ("seed: x", "seed: 'x' is not a number"),
+        ("noise: 1", "noise: 1 is not true or false"),
+        ("start: {depth_mm: 9}", "start.depth_mm: 9 is outside 1 to 5 mm"),
+        ("limits: {force_min_kn: 95}", r"limits.force_min \(95\) must be below limits.force_max \(95\)"),
+        ("model: {thermal_time_s: 0}", "outside 0.1 to 10"),
+        ("model: {contact_inner_radius_m: 9}", "would not touch"),
+        ("[1]", "must map parameter names"),
+        ("a: b: c", "not valid YAML"),
+    ],
+)
+def test_wrong_settings(text, words):
+    with pytest.raises(ParameterError, match=words) as caught:
+        PlantConfig.from_yaml(text, "my.yaml")
+    assert str(caught.value).startswith("my.yaml: ") and "\n" not in str(caught.value)
+
+
+def test_wrong_dead_time():
+    with pytest.raises(ModelParameterError, match="whole number"):
+        PlantEmulator(PlantConfig.from_values({"model": {"dead_time_s": 1.01}}))
+
+
+def event(**content):
+    return [{"at_s": 1.0, **content}]
+
+
+@pytest.mark.parametrize(
+    "events, words",
+    [
+        ("text", "must be a list of events"),
+        ([1], r"events\[0\]: must be a mapping"),
+        (event(), r"events\[0\]: needs at_s and exactly one of disturbance, fault, reference"),
+        (event(explosion={}), "needs at_s and exactly one of"),
+        (event(fault={}, disturbance={}), "needs at_s and exactly one of"),
+        ([{"fault": {"sensor": "depth", "kind": "nan"}}], r"events\[0\].at_s is None"),
+        ([{"at_s": -1, "fault": {"sensor": "depth", "kind": "nan"}}], "must be >= 0"),
+        (event(fault=3), r"events\[0\].fault: must be a mapping"),
+        (event(fault={"kind": "nan"}), r"events\[0\].fault.sensor: None is none of depth, torque, thermocouple"),
+        (event(fault={"sensor": "depth", "kind": "odd"}), "fault.kind: 'odd' is none of freeze"),
+        (event(fault={"sensor": "depth", "kind": "nan", "size": 1}), "unknown size; allowed here: magnitude"),
+        (event(fault={"sensor": "depth", "kind": "bias"}), "bias lacks magnitude_mm"),
+        (event(fault={"sensor": "depth", "kind": "delay"}), "delay lacks magnitude_s"),
+        (event(fault={"sensor": "depth", "kind": "delay", "magnitude_s": 99}), "must be 0 to 60 s"),
+        (event(fault={"sensor": "depth", "kind": "bias", "magnitude": 1, "magnitude_mm": 1}), "give one of"),
+        (event(fault={"sensor": "depth", "kind": "bias", "magnitude_c": 1}), "unknown magnitude_c"),
+        (event(disturbance={"channel": "torque", "shape": "step"}), "'torque' is none of depth, temperature"),
+        (event(disturbance={"channel": "depth", "shape": "step"}), "lacks amplitude_mm"),
+        (event(disturbance={"channel": "depth", "shape": "step", "amplitude_c": 1}), "unknown amplitude_c"),
+        (event(disturbance={"channel": "depth", "shape": "step", "amplitude_mm": "x"}), "is 'x': give a finite number"),
+        (event(disturbance={"channel": "depth", "shape": "ramp", "amplitude_mm": 1}), "ramp needs duration_s"),
+    ],
+)
+def test_wrong_events(events, words):
+    with pytest.raises(DisturbanceError, match=words) as caught:
+        PlantSchedule.from_events(events)
+    assert "\n" not in str(caught.value)
+
+
+SCENARIO = """
+name: x
+events:
+  - {at_s: 2.0, fault: {sensor: thermocouple, kind: freeze, duration_s: 5.0, magnitude: 0.0}}
+  - {at_s: 1.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 3.0, period_s: 20.0}}
+  - {at_s: 0.5, reference: {depth_mm: 2.8}}
+  - {at_s: 1.0, disturbance: {channel: axial_force, shape: step, amplitude_kn: 1.0}}
+  - {at_s: 3.0, fault: {sensor: torque, kind: bias, magnitude_nm: 20.0}}
+  - {at_s: 3.5, fault: {sensor: torque, kind: none}}
+  - {at_s: 4.0, switch: nmpc}
+"""
+
+
+def test_schedule_from_text_and_file(tmp_path):
+    (tmp_path / "s.yaml").write_text(SCENARIO)
+    for source in (SCENARIO, str(tmp_path / "s.yaml")):
+        schedule = PlantSchedule.from_text_or_file(source)
+        assert [(e.at_s, e.target, e.kind) for e in schedule.events] == [
+            (1.0, "temperature", "sine"),
+            (1.0, "axial_force", "step"),
+            (2.0, "thermocouple", "freeze"),
+            (3.0, "torque", "bias"),
+            (3.5, "torque", "none"),
+        ]
+        assert schedule.due(0.9) == []
+        assert len(schedule.due(1.0 - 1e-10)) == 2
+        assert [e.target for e in schedule.due(3.2)] == ["thermocouple", "torque"]
+        assert [e.kind for e in schedule.due(1e9)] == ["none"] and schedule.due(1e9) == []
+    assert PlantSchedule.from_text_or_file("  ").events == ()
+    assert len(PlantSchedule.from_text_or_file("[{at_s: 1, fault: {sensor: depth, kind: nan}}]").events) == 1
+
+
+@pytest.mark.parametrize("source", ["/nowhere/s.yaml", "a: b: c\n", "{", "\0"])
+def test_unreadable_schedules(source):
+    with pytest.raises((DisturbanceError, ValueError), match=r"scenario|not valid|null byte"):
+        PlantSchedule.from_text_or_file(source)

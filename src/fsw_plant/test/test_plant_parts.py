@@ -1,0 +1,249 @@
+"""Drives, sensors, disturbances, faults, watchdog, command checks and stamps, each alone."""
+
+from itertools import pairwise
+from math import exp, inf, isnan, nan, pi, sin
+
+import pytest
+
+from fsw_control import Command
+from fsw_plant.actuators import Actuator
+from fsw_plant.commands import REASONS, CommandGate
+from fsw_plant.config import PlantConfig
+from fsw_plant.disturbances import Disturbance, DisturbanceError, Disturbances
+from fsw_plant.faults import Fault, Faults, Sample
+from fsw_plant.sensors import NoisySensor
+from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
+from fsw_plant.watchdog import Watchdog, WatchdogState
+
+TICK_NS = 100_000_000
+DEFAULTS = PlantConfig.from_values({})
+
+
+def test_actuator_rate_and_lag():
+    drive = Actuator(78.4, rate=10.0, lag_s=0.02, step_s=0.1)
+    drive.advance(95.0)
+    assert drive.setpoint == pytest.approx(79.4)
+    assert drive.position == pytest.approx(79.4 - exp(-5.0))
+    before = drive.position
+    mean = drive.advance(78.9)
+    assert drive.setpoint == 78.9
+    # mean of an exponential approach, by fine summation
+    fine = [78.9 + (before - 78.9) * exp(-(i + 0.5) * 0.1 / 1e4 / 0.02) for i in range(10_000)]
+    assert mean == pytest.approx(sum(fine) / len(fine), rel=1e-9)
+    for _ in range(30):
+        drive.advance(60.0)
+    assert drive.position == pytest.approx(60.0, abs=1e-9)
+
+
+def test_actuator_without_lag():
+    drive = Actuator(400.0, rate=30.0, lag_s=0.0, step_s=0.1)
+    assert drive.advance(402.0) == 402.0 == drive.position
+    assert drive.advance(399.5) == 399.5 == drive.position
+    assert drive.advance(500.0) == pytest.approx(402.5)
+
+
+def test_sensors_have_streams_of_their_own():
+    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (NoisySensor(1, i, 1.0, 0.0) for i in range(3))]
+    assert len({tuple(stream) for stream in streams}) == 3
+    assert NoisySensor(1, 0, 1.0, 0.5).read(3.0) * 2 % 1 == 0
+    assert NoisySensor(1, 0, 0.0, 0.0).read(3.3) == 3.3
+
+
+@pytest.mark.parametrize(
+    "disturbance, times, values",
+    [
+        (Disturbance("step", 2.0, start_s=1.0), (0.9, 1.0, 99.0), (0.0, 2.0, 2.0)),
+        (Disturbance("ramp", 2.0, 4.0, start_s=1.0), (0.9, 1.0, 2.0, 5.0, 99.0), (0.0, 0.0, 0.5, 2.0, 2.0)),
+        (Disturbance("pulse", 2.0, 0.3, start_s=1.0), (0.9, 1.0, 1.2, 1.3, 99.0), (0.0, 2.0, 2.0, 0.0, 0.0)),
+        (Disturbance("sine", 2.0, 0.0, 4.0, 1.0), (0.9, 1.0, 2.0, 4.0, 41.5), (0, 0, 2.0, -2.0, 2 * sin(pi / 4))),
+        (Disturbance("sine", 2.0, 1.5, 4.0, 1.0), (2.0, 2.5), (2.0, 0.0)),
+        (Disturbance("none", 2.0), (0.0, 9.0), (0.0, 0.0)),
+    ],
+)
+def test_shapes(disturbance, times, values):
+    assert [disturbance.value(t) for t in times] == pytest.approx(values, abs=1e-9)
+
+
+def test_a_channel_carries_one_disturbance():
+    disturbances = Disturbances()
+    disturbances.set("depth", Disturbance("step", 1.0))
+    disturbances.set("depth", Disturbance("step", 3.0))
+    assert disturbances.value("depth", 0.0) == 3.0 and disturbances.value("temperature", 0.0) == 0.0
+    assert disturbances.names() == ["depth:step"]
+    disturbances.set("depth", Disturbance("none", 0.0))
+    assert not disturbances
+
+
+@pytest.mark.parametrize(
+    "make, words",
+    [
+        (lambda: Disturbance("bump", 1.0), "'bump' is none of step, ramp, sine, pulse, none"),
+        (lambda: Disturbance("step", nan), "amplitude is nan"),
+        (lambda: Disturbance("ramp", 1.0), "ramp needs duration_s > 0"),
+        (lambda: Disturbance("pulse", 1.0, -1.0), "duration_s is -1.0"),
+        (lambda: Disturbance("sine", 1.0, 1.0), "sine needs period_s > 0"),
+        (lambda: Disturbance("sine", 1.0, 1.0, inf), "period_s is inf"),
+        (lambda: Disturbances().set("torque", Disturbance("step", 1.0)), "'torque' is none of depth, temperature"),
+        (lambda: Fault("loose"), "'loose' is none of freeze, dropout"),
+        (lambda: Fault("bias", inf), "magnitude is inf"),
+        (lambda: Fault("bias", 1.0, -2.0), "duration_s is -2.0"),
+        (lambda: Fault("delay", 61.0), "must be 0 to 60 s"),
+        (lambda: Fault("delay", -1.0), "must be 0 to 60 s"),
+        (lambda: Faults().set("camera", Fault("nan")), "'camera' is none of depth, torque, thermocouple"),
+    ],
+)
+def test_nonsense_is_refused_in_words(make, words):
+    with pytest.raises(DisturbanceError, match=words):
+        make()
+
+
+def passed(fault, ticks=8, start=3):
+    """What is sent at each tick when the fault begins at tick 3: healthy values are 100 + tick."""
+    faults, sent, last = Faults(), [], None
+    for tick in range(ticks):
+        if tick == start:
+            faults.set("depth", fault)
+        sample = Sample(tick, 100.0 + tick)
+        sent.append([tuple(s) for s in faults.pass_on("depth", sample, tick / 10, last)])
+        last = sample.value
+    return sent, faults
+
+
+@pytest.mark.parametrize(
+    "fault, expected",
+    [
+        (Fault("freeze", 0.0, 0.3, 0.3), [[(3, 102)], [(4, 102)], [(5, 102)], [(6, 106)], [(7, 107)]]),
+        (Fault("dropout", 0.0, 0.2, 0.3), [[], [], [(5, 105)], [(6, 106)], [(7, 107)]]),
+        (Fault("bias", 5.0, 0.2, 0.3), [[(3, 108)], [(4, 109)], [(5, 105)], [(6, 106)], [(7, 107)]]),
+        (Fault("drift", 10.0, 0.3, 0.3), [[(3, 103)], [(4, 105)], [(5, 107)], [(6, 106)], [(7, 107)]]),
+        (Fault("spike", 5.0, 0.0, 0.3), [[(3, 108)], [(4, 104)], [(5, 105)], [(6, 106)], [(7, 107)]]),
+        (Fault("duplicate", 0.0, 0.1, 0.3), [[(3, 103)] * 2, [(4, 104)], [(5, 105)], [(6, 106)], [(7, 107)]]),
+        (Fault("delay", 0.2, 0.4, 0.3), [[], [], [(3, 103)], [(4, 104)], [(7, 107)]]),
+    ],
+)
+def test_faults(fault, expected):
+    sent, faults = passed(fault)
+    assert sent[:3] == [[(0, 100)], [(1, 101)], [(2, 102)]]
+    assert [[(stamp, pytest.approx(value)) for stamp, value in tick] for tick in expected] == sent[3:]
+    assert not faults  # all end by themselves
+
+
+def test_nan_fault_and_clearing():
+    sent, faults = passed(Fault("nan", start_s=0.3))
+    assert all(isnan(tick[0][1]) for tick in sent[3:])
+    assert faults.names() == ["depth:nan"]
+    faults.set("depth", Fault("none"))
+    assert faults.names() == []
+
+
+def test_spikes_repeat_once_a_second():
+    sent, _ = passed(Fault("spike", 50.0, 2.05, 0.3), ticks=40)
+    assert [tick[0][0] for tick in sent if tick[0][1] > 145.0] == [3, 13, 23]
+
+
+def test_freeze_at_the_very_first_sample():
+    faults = Faults()
+    faults.set("torque", Fault("freeze"))
+    assert faults.pass_on("torque", Sample(1, 7.0), 0.1, None) == (Sample(1, 7.0),)
+    assert faults.pass_on("torque", Sample(2, 8.0), 0.2, 7.0) == (Sample(2, 7.0),)
+
+
+def drive_watchdog(dog, force, ticks):
+    history = []
+    for _ in range(ticks):
+        force = dog.advance(force, 0.1)
+        history.append((dog.state, force))
+    return history
+
+
+def test_watchdog_holds_then_ramps_to_the_safe_force():
+    dog = Watchdog(DEFAULTS.watchdog)
+    dog.feed()
+    history = drive_watchdog(dog, 78.4, 150)
+    states = [state for state, _ in history]
+    assert states == [WatchdogState.OK] * 10 + [WatchdogState.HOLD] * 20 + [WatchdogState.SAFE] * 120
+    assert [force for _, force in history[:30]] == [78.4] * 30
+    assert history[30][1] == pytest.approx(78.2)  # 2 kN/s
+    assert history[40][1] == pytest.approx(76.2)
+    assert history[-1][1] == 65.0
+    dog.feed()
+    assert drive_watchdog(dog, 65.0, 1) == [(WatchdogState.OK, 65.0)]
+
+
+def test_watchdog_does_not_raise_a_low_force():
+    dog = Watchdog(DEFAULTS.watchdog)
+    dog.feed()
+    assert drive_watchdog(dog, 61.0, 100)[-1] == (WatchdogState.SAFE, 61.0)
+
+
+def test_watchdog_before_the_first_command():
+    assert drive_watchdog(Watchdog(DEFAULTS.watchdog), 78.4, 100)[-1] == (WatchdogState.HOLD, 78.4)
+    armed = PlantConfig.from_values({"watchdog.armed_at_start": True}).watchdog
+    assert drive_watchdog(Watchdog(armed), 78.4, 100)[-1] == (WatchdogState.SAFE, 65.0)
+
+
+def gate_of(sources=()):
+    return CommandGate(DEFAULTS.limits, DEFAULTS.max_age_s, sources)
+
+
+GOOD = Command(78.4, 407.0)
+NOW = 50 * TICK_NS
+
+
+@pytest.mark.parametrize(
+    "command, stamp, source, healthy, reason",
+    [
+        (Command(nan, 407.0), NOW, "decentral", True, "not_finite"),
+        (Command(78.4, inf), NOW, "decentral", True, "not_finite"),
+        (Command(59.9, 407.0), NOW, "decentral", True, "out_of_range"),
+        (Command(95.1, 407.0), NOW, "decentral", True, "out_of_range"),
+        (Command(78.4, 299.0), NOW, "decentral", True, "out_of_range"),
+        (Command(78.4, 501.0), NOW, "decentral", True, "out_of_range"),
+        (GOOD, NOW, "decentral", False, "unhealthy"),
+        (GOOD, NOW, "intruder", True, "source"),
+        (GOOD, NOW + 1, "decentral", True, "future"),
+        (GOOD, 40 * TICK_NS, "decentral", True, "repeated"),
+        (GOOD, 39 * TICK_NS, "decentral", True, "repeated"),
+        (GOOD, 44 * TICK_NS, "decentral", True, "too_old"),
+        (GOOD, 0, "decentral", True, "repeated"),
+    ],
+)
+def test_bad_commands_are_refused_and_counted(command, stamp, source, healthy, reason):
+    gate = gate_of(("decentral", "manual"))
+    assert gate.check(GOOD, 40 * TICK_NS, "decentral", True, 40 * TICK_NS) is GOOD
+    assert gate.check(command, stamp, source, healthy, NOW) == reason
+    assert gate.refused == dict.fromkeys(REASONS, 0) | {reason: 1} and gate.total() == 1
+    assert gate.last_refusal.startswith(f"{reason}: ")
+    assert gate.last_stamp_ns == 40 * TICK_NS
+    assert gate.check(GOOD, NOW, "manual", True, NOW) is GOOD
+
+
+def test_commands_before_the_first_measurement_and_old_ones_at_the_start():
+    assert gate_of().check(GOOD, 0, "", True, None) == "future"
+    assert gate_of().check(GOOD, 0, "", True, NOW) == "too_old"
+
+
+def test_limits_survive_the_units_of_the_wire():
+    limit_rad_s = 500.0 * (pi / 30.0)
+    for speed in (limit_rad_s / (pi / 30.0), 500.0 * (1 + 2e-16), 500.0):
+        checked = gate_of().check(Command(95.0 * (1 + 2e-16), speed), NOW, "", True, NOW)
+        assert checked == Command(95.0, 500.0)
+
+
+def test_stamps_are_one_tick_apart_whatever_the_jitter():
+    stamps, now = TickStamps(), 1_700_000_000_000_000_000
+    jitter = [0, 3_000_000, 0, 4_900_000, 200_000] * 20
+    seen = [stamps.next(now + k * TICK_NS + late) for k, late in enumerate(jitter)]
+    assert seen == [now + k * TICK_NS for k in range(100)]
+    assert stamps.jumps == 0
+
+
+def test_stamps_follow_the_wall_clock():
+    stamps = TickStamps()
+    stamps.next(0)
+    seen = [stamps.next(k * TICK_NS + 20_000_000) for k in range(1, 3000)]
+    assert all(TICK_NS <= b - a <= TICK_NS + NUDGE_NS for a, b in pairwise(seen))
+    assert 2999 * TICK_NS + 20_000_000 - seen[-1] <= 5_010_000
+    set_back = stamps.next(7 * TICK_NS)
+    assert set_back == 7 * TICK_NS and stamps.jumps == 1
+    assert stamps.next(8 * TICK_NS + JUMP_NS + 1) == 8 * TICK_NS + JUMP_NS + 1 and stamps.jumps == 2
