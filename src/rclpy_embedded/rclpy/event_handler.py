@@ -234,6 +234,8 @@ class EventHandler(Waitable):
 def _handlers(
     callbacks: list[tuple[Callable[[Any], Any] | None, IntEnum]], callback_group: CallbackGroup, entity: Entity
 ) -> list[EventHandler]:
+    # A new entity has every status in its mask; one that nobody takes would end every wait at once.
+    entity.set_status_mask(0)
     return [
         EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
         for callback, event_type in callbacks
