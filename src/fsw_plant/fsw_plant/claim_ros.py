@@ -15,6 +15,7 @@ from fsw_msgs.msg import ShoulderDepth
 #: A plant that lives reports once a second; a publisher that is silent for longer was left behind by a killed process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
+_ANNOUNCE_S = 0.05
 
 
 class AnotherPlantError(RuntimeError):
@@ -61,9 +62,12 @@ class Claim:
         try:
             begin = time.monotonic()
             wait_s = discovery_s
+            announce_s = begin
             while not self._heard and time.monotonic() < begin + wait_s:
                 rclpy.spin_once(node, timeout_sec=0.05)
-                announce()
+                if time.monotonic() >= announce_s:  # its own message ends the spin, so not at every turn
+                    announce_s += _ANNOUNCE_S
+                    announce()
                 if len(self.publishers()) > 1:
                     wait_s = max(discovery_s, LIVENESS_S)
                 elif wait_s > discovery_s:
