@@ -117,9 +117,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._on_sample("thermocouple", message, convert.temperature_c(message))
 
     def _on_sample(self, sensor: str, message: Any, value: float) -> None:
-        began = self._join.waiting
-        ticks = self._join.add(sensor, convert.stamp_ns(message.header.stamp), value, time.monotonic())
-        self._consume(ticks, restart_deadline=bool(ticks) or not began)
+        self._consume(self._join.add(sensor, convert.stamp_ns(message.header.stamp), value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
         command = convert.command(message)
@@ -129,9 +127,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             )
             return
         self._applied, self._applied_by = command, message.source
-        ticks = self._join.add_command(convert.stamp_ns(message.header.stamp))
-        if ticks:
-            self._consume(ticks, restart_deadline=True)
+        self._consume(self._join.add_command(convert.stamp_ns(message.header.stamp)))
 
     def _on_reference(self, message: WeldReference) -> None:
         try:
@@ -143,26 +139,27 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 
     def _on_deadline(self) -> None:
         self._deadline.cancel()
-        self._consume(self._join.flush(), restart_deadline=True)
+        self._consume(self._join.flush())
 
     def _patience_s(self) -> float:
         # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
-        if self._lockstep and not self._join.missed:
+        if self._lockstep and not self._join.lacking <= self._join.missed:
             return float(self._settings["lockstep_deadline"])
         return float(self._settings["deadline"])
 
-    def _consume(self, ticks: list[Tick], restart_deadline: bool) -> None:
+    def _consume(self, ticks: list[Tick]) -> None:
         for tick in ticks:
             self._tick(tick)
-        if not restart_deadline:
+        if not self._join.waiting:
+            if not self._deadline.is_canceled():
+                self._deadline.cancel()
             return
-        if self._join.waiting:
-            period_ns = round(self._patience_s() * 1e9)
-            if self._deadline.timer_period_ns != period_ns:
-                self._deadline.timer_period_ns = period_ns
+        patience_ns = round(self._patience_s() * 1e9)
+        changed = self._deadline.timer_period_ns != patience_ns
+        if changed:
+            self._deadline.timer_period_ns = patience_ns
+        if changed or ticks or self._deadline.is_canceled():
             self._deadline.reset()
-        elif not self._deadline.is_canceled():
-            self._deadline.cancel()
 
     def _tick(self, tick: Tick) -> None:
         if tick.restarted:

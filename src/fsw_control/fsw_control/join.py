@@ -75,6 +75,12 @@ class TickJoin:
         return self._pending_ns is not None
 
     @property
+    def lacking(self) -> frozenset[str]:
+        """Sensors (and ``command``) that the tick that has begun still waits for."""
+        sensors = {sensor for sensor in SENSORS if sensor not in self._pending}
+        return frozenset(sensors if self._answered() else sensors | {"command"})
+
+    @property
     def missed(self) -> frozenset[str]:
         """Sensors (and ``command``) that the last tick had to do without."""
         return self._missed

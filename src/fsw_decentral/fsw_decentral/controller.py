@@ -139,7 +139,7 @@ class DecentralController:
         if reason:
             self._bad_cycles += 1
         touched = _NO_LIMITS
-        if self._proposed != wanted:
+        if self._proposed.force_kn != wanted.force_kn or self._proposed.speed_rpm != wanted.speed_rpm:
             touched = self.limits.active(self._proposed, applied)
         diagnosis = Diagnosis(
             self._depth.measured,
