@@ -24,7 +24,9 @@ def add_bag_commands(subparsers: Any) -> None:
     Each sets the default ``run``: a function that takes the parsed arguments and returns the exit code. It raises
     `BagError` for bad input; `run_command` turns that into one line on stderr and exit code 1.
     """
-    info = subparsers.add_parser("info", help="what a bag holds", description="What a bag holds, counted message by message.")
+    info = subparsers.add_parser(
+        "info", help="what a bag holds", description="What a bag holds, counted message by message."
+    )
     info.add_argument("bag", type=Path, help="bag folder or file (MCAP, sqlite3; whole, cut off or damaged)")
     info.add_argument("--json", action="store_true", help="print JSON")
     info.set_defaults(run=run_info)
@@ -42,7 +44,7 @@ def add_bag_commands(subparsers: Any) -> None:
     export = subparsers.add_parser(
         "export",
         help="write the aligned signals of a weld as a table",
-        description="Write the aligned signals of a weld, one row per tick (10 Hz), in mm, degC, N m, kN, rpm, kW and s.",
+        description="Write the aligned signals of a weld, one row per tick, in mm, degC, N m, kN, rpm, kW and s.",
     )
     export.add_argument("bag", type=Path, help="bag of a weld")
     export.add_argument("output", type=Path, nargs="?", help="table to write: .csv or .parquet (default: <bag>.csv)")

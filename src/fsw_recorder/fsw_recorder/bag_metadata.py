@@ -231,7 +231,7 @@ class BagMetadata:
 
 def _scalar(text: str) -> str:
     """Plain where YAML allows it, quoted where it does not."""
-    plain = text and all(c.isalnum() or c in "/_.-" for c in text) and not text[0] in "-." and not text.isdigit()
+    plain = text and all(c.isalnum() or c in "/_.-" for c in text) and text[0] not in "-." and not text.isdigit()
     if plain and yaml.safe_load(text) == text:
         return text
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'

@@ -144,7 +144,7 @@ class BagReader:
             raise BagError(f"{self.path}: cannot be read: {error}") from None
         if is_file:
             if not self.path.name.endswith(SUFFIXES):
-                raise BagError(f"{self.path}: not a bag; a bag is a folder or a file that ends in {', '.join(SUFFIXES)}")
+                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {', '.join(SUFFIXES)}")
             return [self.path]
         if not is_folder:
             raise BagError(f"{self.path}: there is no such bag")
@@ -188,14 +188,16 @@ class BagReader:
         return _McapPart(scan_mcap(stream, str(file)), stream)
 
     def _decompressed(self, stream: BinaryIO, file: Path) -> BinaryIO:
-        target = self._stack.enter_context(tempfile.NamedTemporaryFile(prefix="fsw_bag_", suffix=".db3"))
+        target = self._stack.enter_context(tempfile.NamedTemporaryFile(prefix="fsw_bag_", suffix=".db3"))  # noqa: SIM115
         written = 0
         try:
             with zstandard.ZstdDecompressor(max_window_size=2**27).stream_reader(stream, closefd=False) as source:
                 while block := source.read(1 << 20):
                     written += len(block)
                     if written > MAX_DECOMPRESSED_FILE_BYTES:
-                        raise BagError(f"{file}: larger than {MAX_DECOMPRESSED_FILE_BYTES} bytes uncompressed, not read")
+                        raise BagError(
+                            f"{file}: larger than {MAX_DECOMPRESSED_FILE_BYTES} bytes uncompressed, not read"
+                        )
                     target.write(block)
         except zstandard.ZstdError as error:
             if not written:
@@ -345,7 +347,9 @@ class _McapPart:
         scan = self.scan
         wanted: dict[int, tuple[str, str] | None] = {}
         seen: dict[int, Channel] = {}
-        for log_time, channel_id, sequence, publish_time, data in messages_in_time(scan, self._stream, start_ns, stop_ns):
+        for log_time, channel_id, sequence, publish_time, data in messages_in_time(
+            scan, self._stream, start_ns, stop_ns
+        ):
             channel = scan.channels.get(channel_id)
             if channel is None:
                 problem = f"{scan.name}: messages of channel {channel_id}, which is not defined, are left out"

@@ -145,9 +145,7 @@ class CdrColumns:
 class _Walk:
     """Finds the offsets of one message's fields."""
 
-    def __init__(
-        self, fields: dict[str, list[tuple[str, Any]]], payload: bytes, order: str, layout: _Layout
-    ) -> None:
+    def __init__(self, fields: dict[str, list[tuple[str, Any]]], payload: bytes, order: str, layout: _Layout) -> None:
         self._fields, self._payload, self._layout = fields, payload, layout
         self._byte_order: Literal["little", "big"] = "little" if order == "<" else "big"
         self._at = 4

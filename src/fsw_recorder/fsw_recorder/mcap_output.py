@@ -109,7 +109,7 @@ class McapOutput:
         schema = Schema(id=len(self._schemas) + 1, data=text.encode(), encoding=encoding, name=name)
         self._schemas.append(schema)
         self._chunk += _encoded(schema)
-        return schema.id
+        return len(self._schemas)
 
     def add_channel(self, topic: str, schema_id: int, encoding: str, metadata: Mapping[str, str]) -> int:
         """Add a topic; returns its id."""
@@ -122,7 +122,7 @@ class McapOutput:
         )
         self._channels.append(channel)
         self._chunk += _encoded(channel)
-        return channel.id
+        return len(self._channels)
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
         """Add a message to the chunk that the next `commit` writes."""
@@ -269,4 +269,3 @@ class McapOutput:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
-

@@ -379,7 +379,7 @@ def _unzstd(data: bytes, piece: Piece) -> bytes:
 
 def _unlz4(data: bytes, piece: Piece) -> bytes:
     try:
-        import lz4.frame
+        import lz4.frame  # type: ignore[import-untyped]
     except ImportError:
         raise ValueError("lz4 compression needs the Python package lz4") from None
     decompressor = lz4.frame.LZ4FrameDecompressor()

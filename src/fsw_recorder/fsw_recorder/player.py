@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
-from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
+from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 
 MIN_RATE, MAX_RATE = 1e-3, 1e6
@@ -165,7 +165,7 @@ class Player:
         return record
 
     def _go_to(self, bag_time_ns: int, now_ns: int) -> None:
-        self._source = self._reader.records(self._topics, start_ns=bag_time_ns, stop_ns=min(self.end_ns + 1, FOREVER_NS))
+        self._source = self._reader.records(self._topics, start_ns=bag_time_ns, stop_ns=self.end_ns + 1)
         self._anchor_bag_ns, self._anchor_now_ns = bag_time_ns, now_ns
         self._advance()
 

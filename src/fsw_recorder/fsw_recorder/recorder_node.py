@@ -10,8 +10,6 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from fsw_control.node_main_ros import run
-from fsw_control.parameters_ros import declare
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -19,6 +17,8 @@ from rclpy.node import Node
 from rosbag2_interfaces.msg import WriteSplitEvent
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
@@ -31,7 +31,7 @@ from fsw_recorder.topic_selection import TopicSelection, requested_qos
 _NO_SEQUENCE = 2**64 - 1
 
 
-class RecorderNode(Node):
+class RecorderNode(Node):  # type: ignore[misc]
     """Node that records; see ``recorder.yaml`` for its parameters.
 
     Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused``, ``~/split_bagfile`` and, in snapshot
@@ -96,27 +96,27 @@ class RecorderNode(Node):
         writer, logger = self.writer, self.get_logger()
         self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
 
-        def pause(_: Pause.Request, response: Pause.Response) -> Pause.Response:
+        def pause(_: Any, response: Any) -> Any:
             writer.pause()
             logger.info("paused")
             return response
 
-        def resume(_: Resume.Request, response: Resume.Response) -> Resume.Response:
+        def resume(_: Any, response: Any) -> Any:
             writer.resume()
             logger.info("resumed")
             return response
 
-        def is_paused(_: IsPaused.Request, response: IsPaused.Response) -> IsPaused.Response:
+        def is_paused(_: Any, response: Any) -> Any:
             response.paused = writer.is_paused
             return response
 
-        def split(_: SplitBagfile.Request, response: SplitBagfile.Response) -> SplitBagfile.Response:
+        def split(_: Any, response: Any) -> Any:
             writer.split()
             writer.flush(2.0)
             self._announce_split()
             return response
 
-        def take_snapshot(_: Snapshot.Request, response: Snapshot.Response) -> Snapshot.Response:
+        def take_snapshot(_: Any, response: Any) -> Any:
             writer.take_snapshot()
             response.success = writer.flush(5.0)
             return response
@@ -242,9 +242,8 @@ class RecorderNode(Node):
         self.writer.close()
         counters = self.writer.statistics()
         if not self.failed:
-            self.get_logger().info(
-                f"{counters.written} messages in {self.writer.folder} ({self._gaps.total} lost, {counters.dropped} dropped)"
-            )
+            missing = f"{self._gaps.total} lost, {counters.dropped} dropped"
+            self.get_logger().info(f"{counters.written} messages in {self.writer.folder} ({missing})")
         super().destroy_node()
 
 

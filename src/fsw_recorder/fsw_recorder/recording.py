@@ -24,7 +24,11 @@ def output_folder(wanted: str, now: datetime) -> Path:
 
 def versions() -> dict[str, str]:
     """Versions of what runs: Python, ROS distribution, packages."""
-    found = {"python": platform.python_version(), "system": platform.system(), "ros_distro": os.environ.get("ROS_DISTRO", "")}
+    found = {
+        "python": platform.python_version(),
+        "system": platform.system(),
+        "ros_distro": os.environ.get("ROS_DISTRO", ""),
+    }
     for name in _DISTRIBUTIONS:
         try:
             found[name] = version(name)
@@ -51,7 +55,9 @@ def read_attachment(path: str) -> bytes:
     except OSError as error:
         raise BagError(f"{path}: cannot be put into the bag: {error.strerror}") from None
     if len(data) > _MAX_ATTACHMENT_BYTES:
-        raise BagError(f"{path}: {len(data)} bytes, more than the {_MAX_ATTACHMENT_BYTES} that a bag takes as attachment")
+        raise BagError(
+            f"{path}: {len(data)} bytes, more than the {_MAX_ATTACHMENT_BYTES} that a bag takes as attachment"
+        )
     return data
 
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from fsw_control.node_main_ros import run
-from fsw_control.parameters_ros import declare
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -29,6 +27,8 @@ from rosbag2_interfaces.srv import (
 )
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from fsw_control.node_main_ros import run
+from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_hash, message_class
@@ -39,7 +39,7 @@ from fsw_recorder.topic_selection import TopicSelection, replayed_qos
 _PERIOD_S = 0.002
 
 
-class ReplayNode(Node):
+class ReplayNode(Node):  # type: ignore[misc]
     """Node that plays a bag; see ``replay.yaml`` for its parameters.
 
     Services as rosbag2's player: ``~/pause``, ``~/resume``, ``~/toggle_paused``, ``~/is_paused``, ``~/get_rate``,

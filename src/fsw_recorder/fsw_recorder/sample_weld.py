@@ -100,7 +100,11 @@ def sample_messages(ticks: int) -> Iterator[tuple[str, int, bytes]]:
             status = [{"name": "plant", "level": level, "message": "late" if level else "ok"}]
             yield message("/diagnostics", now, {"status": status}, 300_000)
         depth, temperature = 0.00266 + 1e-5 * math.sin(phase), 816.0 + math.cos(phase)
-        torque, force, speed = 1052.86 + math.sin(phase), 78400.0 + 500.0 * math.sin(phase), 42.68 + 0.1 * math.cos(phase)
+        torque, force, speed = (
+            1052.86 + math.sin(phase),
+            78400.0 + 500.0 * math.sin(phase),
+            42.68 + 0.1 * math.cos(phase),
+        )
         yield message("/fsw/depth", now, {"depth": depth}, 400_000)
         yield message("/fsw/spindle_torque", now, {"torque": torque}, 500_000)
         yield message("/fsw/thermocouple", now, {"temperature": temperature, "variance": 0.01}, 600_000)

@@ -27,7 +27,12 @@ from fsw_recorder.weld_signals import (
 )
 
 RPM_PER_RAD_S = 1.0 / RAD_PER_S_PER_RPM
-_SENSORS = {"depth": ("/fsw/depth", 1e3), "torque": ("/fsw/spindle_torque", 1.0), "temperature": ("/fsw/thermocouple", 1.0)}
+#: name of the field: topic, factor to the paper's unit
+_SENSORS = {
+    "depth": ("/fsw/depth", 1e3),
+    "torque": ("/fsw/spindle_torque", 1.0),
+    "temperature": ("/fsw/thermocouple", 1.0),
+}
 _PROPOSAL = re.compile(r"^/fsw/([^/]+)/proposal$")
 _STATUS = re.compile(r"^/fsw/([^/]+)/status$")
 #: field of the truth: field of the message, factor to the paper's unit

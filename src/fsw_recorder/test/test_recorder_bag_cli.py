@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from fsw_recorder.bag_cli import add_bag_commands, progress_line, run_command
 
 

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.mcap_scan import MAGIC
 from fsw_recorder.sample_weld import write_sample_weld
 from fsw_recorder.signals import load_weld
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 DATA = Path(__file__).parent / "data"
 MCAP = (DATA / "mcap_default" / "mcap_default_0.mcap").read_bytes()

@@ -5,10 +5,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.message_decoder import SchemaDecoder
-from mcap.reader import make_reader
 
 
 def no_classes(type_name: str, data: bytes) -> object:

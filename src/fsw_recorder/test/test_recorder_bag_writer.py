@@ -10,15 +10,16 @@ from typing import Any
 
 import pytest
 import yaml
-from fsw_recorder import BagError
-from fsw_recorder.bag_metadata import OfferedQos
-from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+
+from fsw_recorder import BagError
+from fsw_recorder.bag_metadata import OfferedQos
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 
 HASH = "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
 TOPIC = RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH)

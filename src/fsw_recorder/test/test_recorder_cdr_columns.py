@@ -1,10 +1,11 @@
 """Columns of serialized messages are what decoding each message gives."""
 
 import numpy as np
-from fsw_recorder.cdr_columns import CdrColumns
-from fsw_recorder.message_decoder import SchemaDecoder
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from fsw_recorder.cdr_columns import CdrColumns
+from fsw_recorder.message_decoder import SchemaDecoder
 
 TYPE = "a_msgs/msg/A"
 SCHEMA = """a_msgs/B[] items

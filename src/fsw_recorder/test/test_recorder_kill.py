@@ -8,9 +8,10 @@ import time
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Reader
+
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.salvage import salvage
-from rosbags.rosbag2 import Reader
 
 WRITER = """
 import struct, sys, time

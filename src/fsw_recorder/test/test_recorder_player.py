@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.player import Player, PlayOptions

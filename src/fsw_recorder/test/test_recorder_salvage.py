@@ -4,11 +4,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Reader
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.salvage import salvage
-from rosbags.rosbag2 import Reader
 
 
 def records_of(bag: Path) -> list[BagRecord]:

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_metadata import OfferedQos, parse_qos, qos_text
 from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions
 from fsw_recorder.sequence_gaps import SequenceGaps
 from fsw_recorder.topic_selection import TopicSelection, replayed_qos, requested_qos
-from hypothesis import given
-from hypothesis import strategies as st
 
 BEST_EFFORT = OfferedQos(reliability="best_effort", depth=5)
 LATCHED = OfferedQos(durability="transient_local", depth=1)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from fsw_recorder import BagError
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.sample_weld import START_NS, TICK_NS, sample_messages, sample_topics
@@ -117,7 +118,9 @@ def test_csv(signals: WeldSignals, tmp_path: Path) -> None:
     assert len(rows) == 300 and set(rows[0]) == set(weld_table(signals))
     assert [float(row["depth_mm"]) for row in rows] == signals.depth_mm.tolist()
     assert rows[120]["truth_active_faults"] == "thermocouple:freeze"
-    assert rows[3]["nmpc_status_disturbance depth [m]"] == repr(signals.statuses["nmpc"].disturbances["depth [m]"][3].item())
+    assert rows[3]["nmpc_status_disturbance depth [m]"] == repr(
+        signals.statuses["nmpc"].disturbances["depth [m]"][3].item()
+    )
 
 
 def test_export_refusals(signals: WeldSignals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,195 @@
+"""The recorder among real topics, as a process of its own."""
+
+import resource
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
+from rosbags.rosbag2 import Reader
+from std_msgs.msg import String
+
+from fsw_msgs.msg import ShoulderDepth
+from fsw_recorder.bag_reader import BagReader, BagRecord
+
+RECORDER = "fsw_recorder.recorder_node"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def start_recorder(graph: Any, bag: Path, *parameters: str, **options: Any) -> Any:
+    arguments = [word for parameter in (f"output:={bag}", *parameters) for word in ("-p", parameter)]
+    return graph.start(RECORDER, "--ros-args", *arguments, **options)
+
+
+def talk(graph: Any, publisher: Any, count: int, first: int = 0) -> None:
+    graph.until(lambda: publisher.get_subscription_count() > 0)
+    for index in range(first, first + count):
+        publisher.publish(ShoulderDepth(depth=float(index)))
+        if index % 50 == 0:
+            graph.until(lambda: True)
+
+
+def records_of(bag: Path, topic: str) -> list[BagRecord]:
+    with BagReader(bag) as reader:
+        return list(reader.records([topic]))
+
+
+def depths_of(bag: Path, topic: str = "/fsw/depth") -> list[float]:
+    with BagReader(bag) as reader:
+        return [reader.decode(record).depth for record in reader.records([topic])]
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path, end: signal.Signals) -> None:
+    bag = tmp_path / "bag"
+    scenario = tmp_path / "my scenario.yaml"
+    scenario.write_text("name: test\n")
+    latched = graph.node.create_publisher(String, "/latched", LATCHED)
+    latched.publish(String(data="early"))
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    unreliable = graph.node.create_publisher(ShoulderDepth, "/unreliable", BEST_EFFORT)
+    graph.node.declare_parameter("gain", 2.5)
+    recorder = start_recorder(graph, bag, f"scenario:={scenario}", "custom_data:=[operator=me]")
+    talk(graph, depth, 500)
+    graph.until(lambda: latched.get_subscription_count() and unreliable.get_subscription_count())
+    talk(graph, unreliable, 5)
+    new = graph.node.create_publisher(ShoulderDepth, "/new/topic", 10)
+    talk(graph, new, 7)
+    graph.until(lambda: b"gain" in (bag / "bag_0.mcap").read_bytes())
+    code, output = graph.end(recorder, end)
+    assert code == 0, output
+    assert depths_of(bag) == list(range(500))
+    assert depths_of(bag, "/new/topic") == list(range(7)) and len(depths_of(bag, "/unreliable")) == 5
+    (early,) = records_of(bag, "/latched")
+    assert b"early\0" in early.data
+    for record in records_of(bag, "/fsw/depth"):
+        assert 0 <= record.log_time_ns - record.publish_time_ns < 10_000_000_000
+    with BagReader(bag) as reader:
+        info = reader.info()
+        topics = reader.topics()
+    assert info.problems == [] and info.custom_data["operator"] == "me" and info.custom_data["lost_messages"] == "0"
+    attachments = {one.name: one.data for one in info.attachments}
+    assert attachments["scenario.yaml"] == b"name: test\n"
+    assert b"gain: 2.5" in attachments["parameters/test_node.yaml"] and b"python" in attachments["versions.json"]
+    assert topics["/fsw/depth"].type_hash.startswith("RIHS01_") and "float64 depth" in topics["/fsw/depth"].schema_text
+    assert topics["/latched"].qos[0].durability == "transient_local"
+    assert topics["/unreliable"].qos[0].reliability == "best_effort"
+    with Reader(bag) as reader:
+        assert reader.message_count == info.message_count == len(list(reader.messages()))
+
+
+def test_services(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    recorder = start_recorder(graph, bag, "topics:=[/fsw/depth]", "start_paused:=true")
+    graph.until(lambda: depth.get_subscription_count() > 0)
+    assert graph.call(IsPaused, "/fsw_recorder/is_paused").paused
+    graph.call(Resume, "/fsw_recorder/resume")
+    talk(graph, depth, 10)
+    graph.until(lambda: (bag / "bag_0.mcap").stat().st_size > 1000)
+    graph.call(SplitBagfile, "/fsw_recorder/split_bagfile")
+    talk(graph, depth, 10, first=10)
+    graph.until(lambda: (bag / "bag_1.mcap").exists() and (bag / "bag_1.mcap").stat().st_size > 1000)
+    graph.call(Pause, "/fsw_recorder/pause")
+    assert graph.call(IsPaused, "/fsw_recorder/is_paused").paused
+    talk(graph, depth, 10, first=100)
+    assert graph.end(recorder, signal.SIGTERM)[0] == 0
+    assert depths_of(bag) == list(range(20))
+    assert depths_of(bag / "bag_0.mcap") == list(range(10))
+
+
+def test_snapshot_service(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    recorder = start_recorder(graph, bag, "topics:=[/fsw/depth]", "snapshot_mode:=true")
+    talk(graph, depth, 20)
+    assert graph.call(Snapshot, "/fsw_recorder/snapshot").success
+    talk(graph, depth, 20, first=20)
+    assert graph.end(recorder, signal.SIGTERM)[0] == 0
+    seen = depths_of(bag)
+    assert seen == list(range(len(seen))) and 0 < len(seen) <= 20
+
+
+def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    recorder = start_recorder(graph, bag)
+    graph.until(lambda: depth.get_subscription_count() > 0)
+    sent: list[int] = []
+
+    def send() -> None:
+        depth.publish(ShoulderDepth(depth=float(len(sent))))
+        sent.append(time.time_ns())
+
+    timer = graph.node.create_timer(0.01, send)
+    graph.until(lambda: len(sent) >= 200)
+    recorder.kill()
+    killed = time.time_ns()
+    graph.node.destroy_timer(timer)
+    assert graph.end(recorder)[0] == -signal.SIGKILL
+    seen = depths_of(bag)
+    assert seen == list(range(len(seen)))
+    missing = [stamp for stamp in sent[len(seen) :] if stamp < killed - 1_000_000_000]
+    assert missing == []
+
+
+def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    reports: list[str] = []
+
+    def note(message: DiagnosticArray) -> None:
+        reports.extend(status.message for status in message.status)
+
+    graph.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    recorder = start_recorder(
+        graph, bag, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+    )
+    graph.until(lambda: depth.get_subscription_count() > 0)
+    timer = graph.node.create_timer(0.001, lambda: depth.publish(ShoulderDepth(depth=1.0)))
+    graph.until(lambda: recorder.poll() is not None)
+    graph.node.destroy_timer(timer)
+    code, output = graph.end(recorder)
+    assert code == 1 and "writing failed: File too large" in output
+    assert any("writing failed" in report for report in reports)
+    with BagReader(bag) as reader:
+        assert len(list(reader.records(["/fsw/depth"]))) > 100
+
+
+def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 10)
+    recorder = start_recorder(graph, bag)
+    talk(graph, depth, 10)
+    (bag / "bag_0.mcap").unlink()
+    timer = graph.node.create_timer(0.01, lambda: depth.publish(ShoulderDepth(depth=1.0)))
+    graph.until(lambda: recorder.poll() is not None)
+    graph.node.destroy_timer(timer)
+    code, output = graph.end(recorder)
+    assert code == 1 and "moved or deleted" in output
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        (["output:=existing"], "exists already"),
+        (["output:=file/bag"], "cannot be made"),
+        (["output:=a", "regex:='('"], "regular expression"),
+        (["output:=b", "scenario:=missing.yaml"], "missing.yaml"),
+        (["output:=c", "custom_data:=[nonsense]"], "key=value"),
+        (["output:=d", "chunk_period:=7.0"], "chunk_period"),
+        (["output:=e", "compression:=brotli"], "brotli"),
+    ],
+)
+def test_bad_parameters_are_one_line(graph: Any, tmp_path: Path, parameters: list[str], text: str) -> None:
+    (tmp_path / "existing").mkdir()
+    (tmp_path / "file").write_text("")
+    arguments = [word for parameter in parameters for word in ("-p", parameter)]
+    code, output = graph.end(graph.start(RECORDER, "--ros-args", *arguments, cwd=tmp_path))
+    assert code == 2 and text in output and output.count("\n") == 1
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["existing", "file"]
