@@ -192,6 +192,19 @@ def test_reference_sent_ahead_begins_at_its_tick(start):
     assert [entry[1].depth_mm for entry in peer.controller.seen] == pytest.approx([2.66, 2.66, 2.86, 2.86])
 
 
+def test_hundreds_of_references_sent_ahead_all_arrive(start):
+    peer = start()
+    peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
+    for k in range(1, 400):
+        peer.references.publish(convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 100 * k * STEP_NS))
+    peer.wait(lambda: len(peer.node._references._waiting) == 400)
+    peer.tick(1)
+    assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
+    for k in (399 * 100 - 1, 399 * 100):
+        peer.tick(k)
+    assert [entry[1].depth_mm for entry in peer.controller.seen[-2:]] == pytest.approx([2.66 + 0.398, 2.66 + 0.399])
+
+
 def test_missing_sensor_is_bridged_then_unhealthy_with_the_reason(start):
     peer = start()
     peer.refer()
