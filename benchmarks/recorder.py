@@ -1,0 +1,259 @@
+#!/usr/bin/env python3
+"""How fast bags are written and read, and whether the recorder loses anything.
+
+usage: recorder.py [--quick] [--json FILE]
+
+Writes the messages of a made-up weld with the recorder's writer, with the writer of ``rosbags`` and with bare ``mcap``;
+records a publisher of 1,000 messages/s with the recorder as a process of its own; reads the bag of a 45-minute weld.
+Every figure is of this run on this machine; compare the columns with each other, not with other machines.
+"""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+from _bootstrap import ensure
+
+ensure()
+
+import numpy as np  # noqa: E402
+
+from fsw_recorder.bag_reader import BagReader  # noqa: E402
+from fsw_recorder.bag_writer import BagWriter, WriterOptions  # noqa: E402
+from fsw_recorder.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld  # noqa: E402
+from fsw_recorder.signals import load_weld  # noqa: E402
+
+WELD_TICKS = 27_000
+RATE_HZ = 1000
+Messages = list[tuple[str, int, bytes]]
+
+TALKER = """
+import sys, time
+import rclpy
+from fsw_msgs.msg import ShoulderDepth
+from rclpy.serialization import serialize_message
+rclpy.init()
+node = rclpy.create_node("talker")
+publisher = node.create_publisher(ShoulderDepth, "/load", 1000)
+rate, count = int(sys.argv[1]), int(sys.argv[2])
+while publisher.get_subscription_count() == 0:
+    rclpy.spin_once(node, timeout_sec=0.01)
+message = ShoulderDepth()
+message.header.frame_id = "tool"
+begin = time.monotonic()
+for index in range(count):
+    while (wait := begin + index / rate - time.monotonic()) > 0:
+        time.sleep(wait)
+    message.depth = float(index)
+    publisher.publish(serialize_message(message))
+print("sent", count, time.monotonic() - begin, flush=True)
+sys.stdin.readline()
+"""
+
+
+def with_recorder(folder: Path, messages: Messages, compression: str = "") -> list[float]:
+    """Write with the recorder's writer; returns how long each hand-over took [s]."""
+    taken: list[float] = []
+    clock = time.perf_counter
+    with BagWriter(folder, WriterOptions(compression=compression)) as writer:
+        for topic in sample_topics():
+            writer.add_topic(topic)
+        for name, time_ns, data in messages:
+            start = clock()
+            writer.write(name, data, time_ns, time_ns)
+            taken.append(clock() - start)
+    statistics = writer.statistics()
+    assert statistics.written == len(messages), statistics
+    return taken
+
+
+def with_rosbags(folder: Path, messages: Messages) -> None:
+    """Write with the writer of ``rosbags``."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic.name: writer.add_connection(
+                topic.name, topic.type_name, msgdef=topic.definition, rihs01=topic.type_hash
+            )
+            for topic in sample_topics()
+        }
+        for name, time_ns, data in messages:
+            writer.write(connections[name], time_ns, data)
+
+
+def with_mcap(folder: Path, messages: Messages, compression: str = "") -> None:
+    """Write with bare ``mcap``: no folder's metadata, no thread, nothing on the disk before the end of a chunk."""
+    from mcap.writer import CompressionType, Writer
+
+    folder.mkdir()
+    kind = CompressionType.ZSTD if compression else CompressionType.NONE
+    with (folder / "bag.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=kind)
+        writer.start(profile="ros2")
+        channels = {}
+        for topic in sample_topics():
+            schema = writer.register_schema(topic.type_name, "ros2msg", topic.definition.encode())
+            channels[topic.name] = writer.register_channel(topic.name, "cdr", schema, {})
+        for name, time_ns, data in messages:
+            writer.add_message(channels[name], time_ns, data, time_ns)
+        writer.finish()
+
+
+def measure(name: str, write: Callable[[Path], object], messages: Messages, folder: Path) -> dict[str, float]:
+    """Wall and CPU time of writing all messages."""
+    target = folder / name
+    cpu, wall = time.process_time(), time.perf_counter()
+    taken = write(target)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    size = sum(len(one[2]) for one in messages)
+    result = {
+        f"{name}_messages_per_s": len(messages) / wall,
+        f"{name}_mb_per_s": size / wall / 1e6,
+        f"{name}_cpu_us_per_message": cpu / len(messages) * 1e6,
+        f"{name}_file_mb": sum(file.stat().st_size for file in target.iterdir()) / 1e6,
+    }
+    if isinstance(taken, list):
+        result[f"{name}_handover_p50_us"], result[f"{name}_handover_p99_us"] = np.percentile(taken, [50, 99]) * 1e6
+        result[f"{name}_handover_max_ms"] = max(taken) * 1e3
+    return result
+
+
+def graph_run(folder: Path, seconds: int) -> dict[str, float]:
+    """Record a publisher of 1,000 messages/s with the recorder as a process of its own."""
+    environment = {**os.environ, "ROS_DOMAIN_ID": "99", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+    bag, count = folder / "graph", RATE_HZ * seconds
+    recorder = subprocess.Popen(
+        [sys.executable, "-m", "fsw_recorder.recorder_node", "--ros-args", "-p", f"output:={bag}"],
+        env=environment,
+        stderr=subprocess.DEVNULL,
+    )
+    talker = subprocess.Popen(
+        [sys.executable, "-c", TALKER, str(RATE_HZ), str(count)],
+        env=environment,
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert talker.stdout is not None and talker.stdin is not None
+        _, _, elapsed = talker.stdout.readline().split()
+        wait_until(lambda: received(bag) >= count, 10.0)
+        ticks = os.sysconf("SC_CLK_TCK")
+        used = Path(f"/proc/{recorder.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        cpu_s = (int(used[11]) + int(used[12])) / ticks
+        recorder.send_signal(signal.SIGINT)
+        recorder.wait(30.0)
+        talker.stdin.close()
+        talker.wait(30.0)
+    finally:
+        for process in (recorder, talker):
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+    with BagReader(bag) as reader:
+        records = list(reader.records(["/load"]))
+    delays = np.array([one.log_time_ns - one.publish_time_ns for one in records]) * 1e-6
+    return {
+        "graph_seconds": float(seconds),
+        "graph_sent": float(count),
+        "graph_sent_per_s": count / float(elapsed),
+        "graph_lost": float(count - len({one.data for one in records})),
+        "graph_recorder_cpu_percent": 100.0 * cpu_s / float(elapsed),
+        "graph_receive_delay_p50_ms": float(np.percentile(delays, 50)),
+        "graph_receive_delay_p99_ms": float(np.percentile(delays, 99)),
+    }
+
+
+def received(bag: Path) -> int:
+    """Messages of the load that are in a growing bag."""
+    with BagReader(bag) as reader:
+        return sum(1 for _ in reader.records(["/load"]))
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float) -> None:
+    """Look now and then until the condition holds or the time is over."""
+    end = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.2)
+
+
+def reading(folder: Path) -> dict[str, float]:
+    """Read the bag of a 45-minute weld: count, signals, KPIs; ``rosbags`` only reads the bytes."""
+    from rosbags.rosbag2 import Reader
+
+    from fsw_experiment.kpi import compute
+
+    bag = folder / "weld"
+    count = write_sample_weld(bag, WELD_TICKS)
+    start = time.perf_counter()
+    with Reader(bag) as reader:
+        assert sum(1 for _ in reader.messages()) == count
+    rosbags_s = time.perf_counter() - start
+    start = time.perf_counter()
+    with BagReader(bag) as own:
+        assert own.info().message_count == count
+    count_s = time.perf_counter() - start
+    start = time.perf_counter()
+    signals = load_weld(bag)
+    load_s = time.perf_counter() - start
+    assert signals.n_ticks == WELD_TICKS and not signals.problems
+    start = time.perf_counter()
+    compute(signals)
+    return {
+        "weld_45min_messages": float(count),
+        "weld_45min_mb": sum(file.stat().st_size for file in bag.iterdir()) / 1e6,
+        "weld_45min_rosbags_read_s": rosbags_s,
+        "weld_45min_read_s": count_s,
+        "weld_45min_signals_s": load_s,
+        "weld_45min_kpi_s": time.perf_counter() - start,
+    }
+
+
+def main() -> int:
+    """Run everything, print a table, write JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="fewer messages, 5 s instead of 60 s of recording")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
+    arguments = parser.parse_args()
+    ticks = 2_000 if arguments.quick else 20_000
+    results: dict[str, float] = {}
+    with tempfile.TemporaryDirectory(prefix="fsw_recorder_benchmark_") as name:
+        folder = Path(name)
+        messages = list(sample_messages(ticks))
+        writers: list[tuple[str, Callable[[Path], object]]] = [
+            ("recorder", lambda path: with_recorder(path, messages)),
+            ("rosbags", lambda path: with_rosbags(path, messages)),
+            ("mcap", lambda path: with_mcap(path, messages)),
+            ("recorder_zstd", lambda path: with_recorder(path, messages, "zstd")),
+            ("mcap_zstd", lambda path: with_mcap(path, messages, "zstd")),
+        ]
+        print(f"{len(messages)} messages on {len(TOPICS)} topics", flush=True)
+        for label, write in writers:
+            results |= measure(label, write, messages, folder)
+        messages.clear()
+        print("recording 1,000 messages/s over DDS", flush=True)
+        results |= graph_run(folder, 5 if arguments.quick else 60)
+        print("reading a 45-minute weld", flush=True)
+        results |= reading(folder)
+    width = max(map(len, results))
+    for key, value in results.items():
+        print(f"{key:{width}}  {value:12.3f}")
+    if arguments.json is not None:
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
