@@ -116,6 +116,8 @@ class Session:
     def remove_node(self, node: LocalNode) -> None:
         """Withdraw a node."""
         with self._lock:
+            if self._closed:
+                return
             self._nodes.remove(node)
             self._announce()
 
