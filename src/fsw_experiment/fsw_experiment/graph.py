@@ -166,7 +166,8 @@ class WeldGraph:
         elapsed_s = time.monotonic() - began
         if player.process.returncode != 0:
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
-        codes = launcher.stop()
+        codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
+        codes |= launcher.stop()
         failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]
         if failed:
             raise LaunchError(f"not ended cleanly: {', '.join(failed)}; see {launcher.log_folder}")

@@ -1,0 +1,141 @@
+"""The demonstration: the whole graph as processes, its bags, figures of merit and figures."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from fsw_experiment import kpi_table
+from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.progress import ProgressBar
+from fsw_experiment.cli.simulate import new_folder
+from fsw_experiment.graph import WeldGraph, installed_controllers
+from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+from fsw_experiment.scenario import Scenario, ScenarioError
+from fsw_experiment.scenario_file import load, shipped
+from fsw_recorder.errors import BagError
+
+DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
+SWAP_SCENARIO = "controller_swap"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    whole = argparse.ArgumentParser(
+        prog="demo.py",
+        description="Run welds in closed loop over DDS: plant, controllers, supervisor, recorder and scenario player are "
+        "processes. Leaves bags, figures of merit and figures.",
+    )
+    whole.add_argument("--realtime", action="store_true", help="10 Hz on the wall clock instead of as fast as possible")
+    whole.add_argument(
+        "--scenario",
+        action="append",
+        metavar="NAME",
+        help=f"YAML file or one of {', '.join(shipped())}; several times (default: {', '.join(DEFAULT_SCENARIOS)})",
+    )
+    whole.add_argument(
+        "--controller",
+        action="append",
+        metavar="NAME",
+        help="compare only these controllers, in this order (default: all that are installed)",
+    )
+    whole.add_argument("--out", type=Path, help="folder for the results (default: out/<date>)")
+    return whole
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demonstration; returns the exit code."""
+    parsed = parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        return _demonstrate(parsed)
+    except (CommandError, LaunchError, ScenarioError, BagError) as error:
+        print(f"\nerror: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted; all processes have been ended", file=sys.stderr)
+        return 130
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _demonstrate(parsed: argparse.Namespace) -> int:
+    installed = installed_controllers()
+    controllers = list(dict.fromkeys(parsed.controller or installed))
+    unknown = [name for name in controllers if name not in installed]
+    if unknown:
+        raise CommandError(f"no controller {', '.join(unknown)}; installed: {', '.join(installed)}")
+    names = list(parsed.scenario or DEFAULT_SCENARIOS)
+    if not parsed.scenario and len(controllers) > 1:
+        names.append(SWAP_SCENARIO)
+    scenarios = [load(name) for name in names]
+    began = time.monotonic()
+    folder = new_folder(parsed.out, "demo")
+    pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
+    print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
+    written: list[Path] = []
+    for scenario in scenarios:
+        written += _weld(scenario, controllers, folder, parsed.realtime)
+    print(f"done in {time.monotonic() - began:.0f} s; look at")
+    for path in written:
+        print(f"  {path}")
+    return 0
+
+
+def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime: bool) -> list[Path]:
+    """Run a scenario once with each controller in command; the others run along."""
+    from fsw_experiment import kpi
+    from fsw_experiment.figures import Run, draw
+    from fsw_experiment.weld_events import cut_to_scenario
+    from fsw_recorder.signals import load_weld
+
+    runs: list[Run] = []
+    bags: list[Path] = []
+    for title, variant in _variants(scenario, controllers):
+        place = folder / scenario.name / title.replace(" ", "_")
+        graph = WeldGraph(variant, place, () if variant.open_loop else controllers, realtime)
+        with (
+            _progress(f"{scenario.name}, {title}") as bar,
+            free_domain() as domain,
+            Launcher(place / "log", domain) as launcher,
+        ):
+            graph.run(launcher, bar)
+        runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
+        bags.append(graph.bag)
+    results = [kpi.compute(run.signals, run.label) for run in runs]
+    print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
+    print(kpi_table.text(results))
+    place = folder / scenario.name
+    return [*bags, *kpi_table.write(results, place), *draw(runs, scenario.figures, place)]
+
+
+def _variants(scenario: Scenario, controllers: Sequence[str]) -> Iterator[tuple[str, Scenario]]:
+    from fsw_experiment.scenario_file import parse
+
+    if scenario.open_loop:
+        yield "open loop", scenario
+    elif len(scenario.controllers) > 1:
+        yield "swap", scenario
+    else:
+        for name in controllers:
+            yield name, parse(scenario.text, scenario.name, [f"controller={name}"])
+
+
+@contextlib.contextmanager
+def _progress(title: str) -> Iterator[Any]:
+    bar = ProgressBar(title)
+    bar(0.0)
+    yield bar
+    bar.done()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
