@@ -1,0 +1,141 @@
+"""Fixture: the plant's node and a peer in a DDS domain of their own."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+
+class Graph:
+    """The plant's node, started with given parameters, and a peer that hears and answers it."""
+
+    def __init__(self, domain):
+        self.domain = domain
+        self.plant = self.peer = None
+
+    def start(self, *arguments, answer=None, connected=True, **parameters):
+        """Start the plant with ROS arguments and parameters (``__`` for the dot), and wait for its first tick."""
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        from fsw_plant.plant_node import PlantNode
+
+        given = {"discovery_s": 0.0} | {name.replace("__", "."): value for name, value in parameters.items()}
+        settings = [text for name, value in given.items() for text in ("-p", f"{name}:={value}")]
+        rclpy.init(args=["test", "--ros-args", *arguments, *settings], domain_id=self.domain)
+        self.peer = Peer(rclpy.create_node("peer", use_global_arguments=False), answer)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.peer.node)
+        self.plant = PlantNode()
+        self.executor.add_node(self.plant)
+        if connected:
+            self.wait(lambda: all(self.peer.got[name] for name in ("depth", "torque", "temperature", "truth")))
+        return self.peer
+
+    def wait(self, condition, seconds=20.0):
+        """Spin until the condition holds."""
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, "condition not reached"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, client, request):
+        """Call a service of the plant; returns the response."""
+        assert client.wait_for_service(timeout_sec=10.0)
+        future = client.call_async(request)
+        self.wait(future.done)
+        return future.result()
+
+    def stop(self):
+        """End all."""
+        import rclpy
+
+        for node in (self.plant, self.peer and self.peer.node):
+            if node is not None:
+                node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Peer:
+    """Hears everything that the plant publishes; ``answer(number, stamp)`` is called when a tick is complete."""
+
+    def __init__(self, node, answer):
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import Temperature
+
+        from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand
+
+        self.node = node
+        self.got = {name: [] for name in ("depth", "torque", "temperature", "truth", "diagnostics", "clock")}
+        self.answer = answer
+        stream = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        for name, kind, topic in (
+            ("depth", ShoulderDepth, "fsw/depth"),
+            ("torque", SpindleTorque, "fsw/spindle_torque"),
+            ("truth", PlantState, "fsw/plant/truth"),
+            ("diagnostics", DiagnosticArray, "/diagnostics"),
+        ):
+            node.create_subscription(kind, topic, self.got[name].append, stream)
+        node.create_subscription(
+            Clock, "/clock", self.got["clock"].append, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        )
+        # The thermocouple is published last: when it is here, the tick is complete.
+        node.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, stream)
+        self.commands = node.create_publisher(WeldCommand, "fsw/command", stream)
+
+    def _on_temperature(self, message):
+        self.got["temperature"].append(message)
+        if self.answer is not None:
+            self.answer(len(self.got["temperature"]), message.header.stamp)
+
+    def command(self, stamp, force_kn=78.4, speed_rpm=407.576, source="test", healthy=True):
+        """Publish a command that answers the measurement of a stamp."""
+        from fsw_control import Command
+        from fsw_control.messages_ros import command_message, stamp_ns
+
+        self.commands.publish(command_message(Command(force_kn, speed_rpm), stamp_ns(stamp), source, healthy))
+
+    def stamps(self, name):
+        """Stamps of what came on a topic, in ns."""
+        headers = [m.clock if name == "clock" else m.header.stamp for m in self.got[name]]
+        return [stamp.sec * 1_000_000_000 + stamp.nanosec for stamp in headers]
+
+    def report(self, part):
+        """Last diagnostics of one part of the plant, or None."""
+        for array in reversed(self.got["diagnostics"]):
+            for status in array.status:
+                if status.name == f"fsw_plant: {part}":
+                    return status
+        return None
+
+
+@pytest.fixture
+def graph(monkeypatch):
+    """A graph in a domain that no other test on this machine uses now."""
+    locks = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
+    locks.mkdir(exist_ok=True)
+    for offset in range(100):
+        domain = 1 + (os.getpid() + offset) % 100
+        lock = os.open(locks / str(domain), os.O_CREAT | os.O_RDWR)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except OSError:
+            os.close(lock)
+    else:
+        pytest.fail("all test domains are in use")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    graph = Graph(domain)
+    try:
+        yield graph
+    finally:
+        graph.stop()
+        os.close(lock)

@@ -1,0 +1,296 @@
+"""The plant's node over real middleware."""
+
+import math
+import os
+import random
+import subprocess
+import sys
+import time
+from itertools import pairwise
+
+import pytest
+
+from fsw_control import Command
+from fsw_control.units import mm_from_m, rpm_from_rad_s
+from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
+from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant.claim_ros import AnotherPlantError
+from fsw_plant.plant_node import LATCHED
+
+TICK_NS = 100_000_000
+SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
+
+
+def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
+    generator = random.Random(3)
+    moves = [(generator.uniform(-1, 1), generator.uniform(-3, 3)) for _ in range(300)]
+    events = "[{at_s: 5, disturbance: {channel: depth, shape: step, amplitude_mm: 0.1}}, "
+    events += "{at_s: 8, fault: {sensor: thermocouple, kind: bias, magnitude_c: 3.0, duration_s: 4}}]"
+    force, speed, sent = 78.4, 407.576, []
+
+    def answer(tick, stamp):
+        nonlocal force, speed
+        if tick <= len(moves):
+            force = min(max(force + moves[tick - 1][0], 60.0), 95.0)
+            speed = min(max(speed + moves[tick - 1][1], 300.0), 500.0)
+            sent.append(Command(force, speed))
+            graph.peer.command(stamp, force, speed)
+
+    peer = graph.start(speed=0.0, seed=5, model__thermal_time_s=1.1, scenario=f'"{events}"', answer=answer)
+    graph.wait(lambda: len(peer.got["temperature"]) > len(moves))
+    offline = PlantEmulator(
+        PlantConfig.from_values({"seed": 5, "model.thermal_time_s": 1.1}), PlantSchedule.from_yaml(events)
+    )
+    for k, command in enumerate(sent):
+        reading, truth = offline.measure(), offline.truth()
+        assert mm_from_m(peer.got["depth"][k].depth) == pytest.approx(reading.depth_mm[0].value, rel=1e-9)
+        assert peer.got["torque"][k].torque == pytest.approx(reading.torque_nm[0].value, rel=1e-9)
+        assert peer.got["temperature"][k].temperature == pytest.approx(reading.temperature_c[0].value, rel=1e-9)
+        assert peer.got["truth"][k].axial_force == pytest.approx(truth.force_kn * 1e3, rel=1e-9)
+        assert rpm_from_rad_s(peer.got["truth"][k].spindle_speed) == pytest.approx(truth.speed_rpm, rel=1e-9)
+        assert offline.apply(command) == ""
+        offline.step()
+    for topic in SENSOR_TOPICS:
+        assert peer.stamps(topic) == [(k + 1) * TICK_NS for k in range(len(moves) + 1)], topic
+    clock = peer.stamps("clock")
+    assert clock and set(clock) <= set(peer.stamps("depth")) and clock == sorted(clock)
+
+
+def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(graph):
+    def answer(tick, stamp):
+        bad = {
+            2: {"force_kn": math.nan},
+            3: {"force_kn": 200.0},
+            4: {"speed_rpm": 501.0},
+            5: {"speed_rpm": -math.inf},
+            6: {"healthy": False},
+        }
+        if tick <= 10:
+            graph.peer.command(stamp, **bad.get(tick, {}))
+            if tick not in bad:
+                graph.peer.command(stamp, force_kn=90.0)  # a second answer to the same measurement
+
+    peer = graph.start(speed=0.0, noise="false", answer=answer)
+    graph.wait(lambda: len(peer.got["truth"]) == 11)
+    assert all(state.axial_force == pytest.approx(78.4e3, abs=1e-6) for state in peer.got["truth"])
+    assert all(state.watchdog == PlantState.WATCHDOG_OK for state in peer.got["truth"])
+    graph.wait(lambda: peer.report("commands") and counts(peer)["repeated"] == 5)
+    seen = counts(peer)
+    assert (seen["not_finite"], seen["out_of_range"], seen["unhealthy"]) == (2, 2, 1)
+
+
+def counts(peer):
+    values = {pair.key: pair.value for pair in peer.report("commands").values}
+    return {key.removeprefix("refused: "): int(value) for key, value in values.items() if key.startswith("refused: ")}
+
+
+def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
+    peer = graph.start(speed=0.0, lockstep_timeout_s=0.2)
+    graph.wait(lambda: peer.stamps("depth").count(TICK_NS) >= 2 and peer.stamps("truth").count(TICK_NS) >= 2)
+    assert set(peer.stamps("depth")) == {TICK_NS}
+    graph.wait(lambda: peer.report("clock") and peer.report("clock").message == "no command answers the last tick")
+    assert peer.report("clock").level == b"\x02"
+    peer.command(peer.got["depth"][-1].header.stamp)
+    graph.wait(lambda: 2 * TICK_NS in peer.stamps("depth"))
+
+
+def test_dead_lockstep_ends_with_an_error(graph):
+    graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
+    with pytest.raises(SystemExit, match=r"no command for tick 1 since .* published by peer\); given up"):
+        graph.wait(lambda: False)
+
+
+def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
+    peer = graph.start()
+    begin = time.time_ns()
+    graph.wait(lambda: len(peer.got["temperature"]) == 12)
+    took_s = (time.time_ns() - begin) * 1e-9
+    assert took_s > 0.5
+    stamps = peer.stamps("temperature")
+    steps = [b - a for a, b in pairwise(stamps)]
+    assert steps.count(TICK_NS) >= 6  # a busy machine may force jumps, which are other steps
+    for topic in SENSOR_TOPICS:
+        assert peer.stamps(topic)[:12] == stamps
+    assert abs(stamps[0] - begin) < 10_000_000_000
+    assert peer.got["clock"] == []
+
+
+def test_simulated_time_at_a_pace(graph):
+    peer = graph.start(speed=20.0)
+    graph.wait(lambda: len(peer.got["depth"]) >= 100)
+    assert peer.stamps("depth")[:100] == [(k + 1) * TICK_NS for k in range(100)]
+    assert len(peer.got["clock"]) > 50
+
+
+def test_use_sim_time_means_that_the_plant_makes_it(graph):
+    peer = graph.start(use_sim_time="true")
+    graph.wait(lambda: len(peer.got["clock"]) >= 3)
+    assert peer.stamps("depth")[:3] == [TICK_NS, 2 * TICK_NS, 3 * TICK_NS]
+
+
+def test_watchdog_holds_and_ramps_and_a_command_ends_it(graph):
+    peer = graph.start(speed=50.0, noise="false")
+    graph.wait(lambda: peer.got["depth"])
+    peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
+    graph.wait(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_HOLD)
+    assert peer.got["truth"][-1].axial_force == pytest.approx(80e3, abs=1.0)
+    graph.wait(lambda: peer.got["truth"][-1].axial_force < 65.001e3)
+    assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
+    assert rpm_from_rad_s(peer.got["truth"][-1].spindle_speed) == pytest.approx(410.0)
+    ramp = [state.axial_force for state in peer.got["truth"] if state.watchdog == PlantState.WATCHDOG_SAFE]
+    assert all(0.0 <= a - b <= 201.0 for a, b in pairwise(ramp))
+    graph.wait(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
+    assert "force goes to 65 kN, spindle keeps turning" in peer.report("watchdog").message
+    peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
+    graph.wait(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
+
+
+def test_disturbance_and_fault_services(graph):
+    peer = graph.start(speed=50.0, noise="false")
+    disturb = peer.node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
+    fault = peer.node.create_client(SetFault, "fsw/plant/set_fault")
+    answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4))
+    assert answer.ok and answer.message == "depth: step from the next tick on"
+    graph.wait(lambda: peer.got["truth"][-1].depth_disturbance == pytest.approx(1e-4))
+    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.76e-3))
+    speed = SetDisturbance.Request(channel="spindle_speed", shape="step", amplitude=1.0)
+    assert graph.call(disturb, speed).ok
+    graph.wait(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
+    answer = graph.call(disturb, SetDisturbance.Request(channel="torque", shape="step", amplitude=1.0))
+    assert not answer.ok and answer.message.startswith("refused: disturbance channel 'torque' is none of depth")
+    assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok
+    graph.wait(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
+
+    assert graph.call(fault, SetFault.Request(sensor="depth", kind="bias", magnitude=5e-4)).ok
+    graph.wait(lambda: list(peer.got["truth"][-1].active_faults) == ["depth:bias"])
+    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(3.16e-3, abs=1e-5))
+    assert graph.call(fault, SetFault.Request(sensor="thermocouple", kind="nan")).ok
+    graph.wait(lambda: math.isnan(peer.got["temperature"][-1].temperature))
+    answer = graph.call(fault, SetFault.Request(sensor="depth", kind="odd"))
+    assert not answer.ok and "fault kind 'odd' is none of freeze" in answer.message
+    graph.wait(lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message)
+
+
+def test_reset_service(graph):
+    peer = graph.start(speed=50.0, noise="false")
+    reset = peer.node.create_client(ResetPlant, "fsw/plant/reset")
+    answer = graph.call(reset, ResetPlant.Request(seed=-1, depth=2.8e-3, temperature=0.0))
+    assert answer.ok and answer.message == "at equilibrium: 2.800 mm, 850.0 degC"
+    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.8e-3))
+    answer = graph.call(reset, ResetPlant.Request(seed=2, depth=0.0, temperature=560.0))
+    assert not answer.ok and "beyond the drives' limits" in answer.message
+    answer = graph.call(reset, ResetPlant.Request(seed=2, depth=math.nan, temperature=0.0))
+    assert not answer.ok and "no equilibrium" in answer.message
+
+
+def test_first_tick_waits_for_subscribers(graph):
+    peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
+    graph.wait(lambda: peer.report("clock") is not None)
+    assert peer.report("clock").message == "first tick waits for subscribers" and not peer.got["depth"]
+    from sensor_msgs.msg import Temperature
+
+    from fsw_msgs.msg import ShoulderDepth, SpindleTorque
+
+    second = []
+    peer.node.create_subscription(ShoulderDepth, "fsw/depth", second.append, 10)
+    peer.node.create_subscription(SpindleTorque, "fsw/spindle_torque", second.append, 10)
+    peer.node.create_subscription(Temperature, "fsw/thermocouple", second.append, 10)
+    graph.wait(lambda: len(second) == 3)
+    assert all(message.header.stamp.nanosec == TICK_NS for message in second)
+
+
+def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
+    peer = graph.start(speed=50.0, noise="false")
+    states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+    graph.wait(lambda: states.get_subscription_count() == 1)
+    states.publish(SupervisorState(controllers=[ControllerHealth(name="decentral")]))
+    graph.wait(lambda: peer.got["depth"])
+    peer.command(peer.got["depth"][-1].header.stamp, 79.0, source="anybody")
+    graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79e3, abs=1.0))
+    second = peer.node.create_publisher(peer.commands.msg_type, "fsw/command", 10)
+    graph.wait(lambda: (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message)
+    peer.command(peer.got["depth"][-1].header.stamp, 80.0, source="intruder")
+    graph.wait(lambda: peer.got["truth"][-1].refused_commands >= 1)
+    peer.command(peer.got["depth"][-1].header.stamp, 79.5, source="decentral")
+    graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79.5e3, abs=1.0))
+    assert max(state.axial_force for state in peer.got["truth"]) < 79.6e3
+    assert second.topic_name == "/fsw/command"
+
+
+def test_parameters_at_runtime(graph):
+    from rclpy.parameter import Parameter
+
+    peer = graph.start(speed=50.0)
+    plant = graph.plant
+
+    def set_one(name, value):
+        return plant.set_parameters([Parameter(name, value=value)])[0]
+
+    assert set_one("noise", False).successful
+    graph.wait(lambda: peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10))
+    assert set_one("scenario", "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]").successful
+    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
+    assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
+    for name, value, words in (
+        ("limits.force_min_kn", 96.0, "must be below limits.force_max"),
+        ("scenario", "[{at_s: 0}]", "needs at_s and exactly one of"),
+        ("model.dead_time_s", 1.01, "whole number"),
+        ("model.thermal_time_s", 99.0, "out"),
+        ("commands.sources", 3, ""),
+    ):
+        result = set_one(name, value)
+        assert not result.successful and words in result.reason, result.reason
+    assert not set_one("speed", 3.0).successful  # at start only
+
+
+def test_namespace(graph):
+    graph.start("-r", "__ns:=/left", speed=50.0, connected=False)
+    names = {name for name, _ in graph.plant.get_topic_names_and_types()}
+    assert {"/left/fsw/depth", "/left/fsw/command", "/left/fsw/plant/truth", "/clock", "/diagnostics"} <= names
+
+
+def test_second_plant_is_refused(graph):
+    from fsw_plant.plant_node import PlantNode
+
+    graph.start(speed=0.0, discovery_s=0.3)  # lockstep: silent but alive
+    ended = run_plant(graph, "discovery_s:=0.3")
+    assert ended.returncode == 2
+    assert "a plant runs already on /fsw/depth of domain" in ended.stderr and ended.stderr.count("\n") == 1
+    assert issubclass(AnotherPlantError, RuntimeError) and PlantNode is type(graph.plant)
+
+
+def run_plant(graph, *parameters):
+    """Run a plant as a process until it ends, the graph spinning meanwhile."""
+    settings = [text for parameter in parameters for text in ("-p", parameter)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fsw_plant.plant_node", "--ros-args", *settings],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        if graph.plant is not None:
+            graph.wait(lambda: process.poll() is not None)
+        out, err = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+@pytest.mark.parametrize(
+    "parameter, words",
+    [
+        ("speed:=-1.0", "speed"),
+        ("limits.force_min_kn:=96.0", "limits.force_min (96) must be below limits.force_max (95)"),
+        ("start.temperature_c:=560.0", "beyond the drives' limits"),
+        ("scenario:=/nowhere.yaml", "scenario: cannot read /nowhere.yaml"),
+        ("model.dead_time_s:=1.01", "'dead_time_s' = 2.828: must be a whole number of 0.1 s steps"),
+    ],
+)
+def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):
+    ended = run_plant(graph, parameter)
+    assert ended.returncode == 2
+    assert words in ended.stderr and ended.stderr.count("\n") == 1, ended.stderr
