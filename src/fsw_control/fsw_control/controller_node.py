@@ -167,7 +167,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self._controller.reset(self._applied)
             self._last_ns = None
             self.get_logger().warning("time of the measurements has jumped: controller starts anew")
-        dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) * 1e-9
+        dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values)
         reference = self._references.at(tick.stamp_ns)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Measurement
 
@@ -12,8 +12,6 @@ from fsw_control.contract import SENSORS, Measurement
 _CHANCE = 1e-9
 #: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth signal: ~0)
 _NOISY = 0.25
-#: what one sample does against the one before
-_EQUAL, _REVERSED, _ONWARD = range(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +55,7 @@ DEFAULT_LIMITS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """A sensor at one tick: the value to use (NaN if invalid) and, unless all is well, why not."""
 
     value: float
@@ -76,53 +73,53 @@ class Frozen:
     ----------
     samples : int
         Shortest run to call frozen; 0 switches the test off.
-    window : int
-        Samples from which noise and share of equal neighbours are taken.
+    memory : int
+        Samples over which the noise and the share of equal neighbours are averaged.
     """
 
-    def __init__(self, samples: int, window: int = 300) -> None:
+    __slots__ = ("_count", "_equal", "_last", "_memory", "_reversed", "_rising", "run", "samples")
+
+    def __init__(self, samples: int, memory: int = 150) -> None:
         self.samples = samples
         self.run = 0
+        self._memory = memory
         self._last = math.nan
         self._rising = False
-        self._window = window
-        self._moves: deque[int] = deque()
-        self._counts = [0, 0, 0]
+        self._count = 0
+        self._equal = 0.0
+        self._reversed = 0.0
 
     def update(self, value: float) -> bool:
         """Take the next sample; return whether the sensor is frozen."""
         if value == self._last:
             self.run += 1
-            return self._is_frozen()
-        # The window takes a run of equal samples only once it has ended, and not if it was a freeze:
+            return self.run >= self.samples - 1 and self._is_frozen()
+        # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
         # a freeze must not teach that standing still is normal.
+        if self.run:
+            if not (self.run >= self.samples - 1 and self._is_frozen()):
+                for _ in range(min(self.run, self._memory)):
+                    self._equal += (1.0 - self._equal) * self._weight()
+            self.run = 0
+        rising = value > self._last
         if self._last == self._last:
-            if self.run and not self._is_frozen():
-                for _ in range(min(self.run, self._window // 2)):
-                    self._remember(_EQUAL)
-            rising = value > self._last
-            self._remember(_REVERSED if rising != self._rising else _ONWARD)
-            self._rising = rising
-        self._last, self.run = value, 0
+            weight = self._weight()
+            self._equal -= self._equal * weight
+            self._reversed += ((rising != self._rising) - self._reversed) * weight
+        self._rising, self._last = rising, value
         return False
 
-    def _remember(self, move: int) -> None:
-        self._moves.append(move)
-        self._counts[move] += 1
-        if len(self._moves) > self._window:
-            self._counts[self._moves.popleft()] -= 1
+    def _weight(self) -> float:
+        if self._count < self._memory:
+            self._count += 1
+        return 1.0 / self._count
 
     def _is_frozen(self) -> bool:
-        if not self.samples or self.run < self.samples - 1:
+        if not self.samples or self._count < 20 or self._reversed < _NOISY:
             return False
-        equal, reversals, onward = self._counts
-        moved = reversals + onward
-        if moved < 10 or equal + moved < 20 or reversals < _NOISY * moved:
-            return False
-        count = equal + moved + 2
-        likely = (equal + 1) / count
         # three standard deviations up, because the share was estimated from few samples
-        share = min(likely + 3.0 * math.sqrt(likely * (1.0 - likely) / count), 0.95)
+        likely = max(self._equal, 1.0 / self._count)
+        share = min(likely + 3.0 * math.sqrt(likely * (1.0 - likely) / (2.0 * self._count)), 0.95)
         return self.run >= math.log(_CHANCE) / math.log(share)
 
 
