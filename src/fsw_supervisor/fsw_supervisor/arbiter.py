@@ -164,7 +164,7 @@ class Arbiter:
                 self._sent.remove(sent)
                 return
         self.foreign_commands += 1
-        if self.applied is None and isfinite(command.force_kn) and isfinite(command.speed_rpm):
+        if self._asking and isfinite(command.force_kn) and isfinite(command.speed_rpm):
             self._seen = command
         if not self.foreign_writer:
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
@@ -233,20 +233,22 @@ class Arbiter:
     def _begin(self, stamp_ns: int) -> None:
         """End the tick before and begin one: the moment between two ticks."""
         now_s, past = self._now_s, self._tick
+        back = past is not None and stamp_ns < past.stamp_ns
+        gap = past is not None and (back if self.lockstep else now_s - past.started_s > _GAP_S)
         if past is not None:
-            if not past.decided:
+            if not past.decided and gap:
+                self._lose(past)
+            elif not past.decided:
                 past.stalled = True
                 self._decide(past, final=True)
             self.proposals.close(past)
         self.machine.advance(stamp_ns)
-        back = past is not None and stamp_ns < past.stamp_ns
         if back:
             self.machine.log(Level.WARN, "clock", "time went back: counting on from there")
             self.guard.reset()
             self.proposals.forget_time()
         if self._started_s is None:
             self._started_s = now_s
-        gap = past is not None and (back if self.lockstep else now_s - past.started_s > _GAP_S)
         self._silent = False
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
         self._tick = Tick(stamp_ns, now_s, now_s + period_s, self.applied)
@@ -257,9 +259,8 @@ class Arbiter:
 
     def _interrupt(self) -> None:
         """The plant was away: whatever acts now must be found out anew."""
-        self._seen, self.applied = self.applied, None
+        self._seen, self.applied = self.applied or self._seen, None
         self._was_active, self._asking = self.machine.active, False
-        self._started_s = self._now_s
         assert self._tick is not None
         self._tick.before = None
         self.machine.log(Level.WARN, "sensors", "measurements are back after a gap")
@@ -311,8 +312,7 @@ class Arbiter:
             self._evaluate(tick)
         if self.applied is None and not self._take_over(tick, final):
             if final:
-                tick.decided = True
-                self.lost_ticks += 1
+                self._lose(tick)
             return
         if self.machine.mode is Mode.START:
             self._rule_start(tick, final)
@@ -352,7 +352,7 @@ class Arbiter:
         verdict = tick.verdicts.get(self.machine.target)
         if tick.drives is not None:
             found, origin = tick.drives, "the drives' feedback"
-        elif not final or not self._waited:
+        elif not final or not self._informed:
             return False
         elif self._seen is not None:
             found, origin = self._seen, "the last command seen"
@@ -396,8 +396,7 @@ class Arbiter:
         assert self.applied is not None
         if not informed:
             # A command now would make every controller say that it is not selected.
-            tick.decided = True
-            self.lost_ticks += 1
+            self._lose(tick)
             return
         if self._was_active and machine.ticks_in_mode > self.settings.warm_ticks:
             self._was_active = ""
@@ -509,6 +508,11 @@ class Arbiter:
         self._outbox.append(self.last)
         self._sent.append(self.last)
         self.desk.applied(source, tick.stamp_ns / NANOSECONDS)
+
+    def _lose(self, tick: Tick) -> None:
+        """Let a tick go without a command: nothing is known yet, or it is too old to matter."""
+        tick.decided = True
+        self.lost_ticks += 1
 
     def _take(self) -> list[Decision]:
         decisions, self._outbox = self._outbox, []

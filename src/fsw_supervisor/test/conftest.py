@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.checks import ProposalInput

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+
 from fsw_control.contract import Command
 from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings

@@ -4,6 +4,7 @@ import math
 import random
 
 import pytest
+
 from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlock, Interlocks, Severity
 from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings

@@ -1,6 +1,7 @@
 """Start, restart in mid-weld, gaps, jumps of the clock and own hold-ups."""
 
 import pytest
+
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.checks import ProposalInput

@@ -1,0 +1,149 @@
+"""The parts of the arbiter one by one: settings, parameters, statistics, table, diagram."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fsw_control.contract import Command, Limits
+from fsw_control.parameters import defaults, load
+from fsw_supervisor import configuration, diagram
+from fsw_supervisor.checks import ProposalInput, check
+from fsw_supervisor.events import Event, EventLog, Level
+from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlocks
+from fsw_supervisor.modes import TRANSITIONS, Mode, Trigger, next_mode
+from fsw_supervisor.requests import SwitchRequest
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.tick import Stamps
+from fsw_supervisor.timing import LatencyStatistics
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
+
+
+def test_the_shipped_parameters_are_the_defaults_of_the_core():
+    values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+    assert configuration.problem(values) is None
+    assert configuration.settings(values) == ArbiterSettings()
+    assert configuration.interlocks(values) == DEFAULT_INTERLOCKS
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"deadline_s": 0.2}, "deadline_s is 0.2 s"),
+        ({"force_transition_kn": 2.0}, "force_transition_kn"),
+        ({"speed_transition_rpm": 4.0}, "speed_transition_rpm"),
+        ({"limits.force_min_kn": 99.0}, "minimum of force"),
+        ({"safe_force_kn": 10.0}, "safe_force_kn must lie in 60.0 to 95.0 kN"),
+        ({"controller": ""}, "controller must name"),
+        ({"interlocks.temperature_high.trip": 880.0}, "temperature_high"),
+        ({"validity.depth.minimum": 7.0}, "minimum 7.0 must be below"),
+    ],
+)
+def test_parameters_that_contradict_each_other_are_refused_in_words(changes, words):
+    values = defaults(load("fsw_supervisor", "supervisor.yaml")) | changes
+    assert words in (configuration.problem(values) or "")
+
+
+@pytest.mark.parametrize("changes", [{"hold_timeout_s": float("nan")}, {"warm_ticks": 0}, {"storm_window_s": -1.0}])
+def test_wrong_settings_raise(changes):
+    with pytest.raises(ValueError, match=next(iter(changes))):
+        ArbiterSettings(**changes)
+
+
+def test_rounding_of_the_unit_conversion_is_no_violation():
+    before = Command(94.0 - 1e-12, 407.0)
+    proposal = ProposalInput(0, "a", Command(95.0 + 1e-9, 410.0 + 1e-9))
+    assert check("a", proposal, before, Limits()).ok
+    assert not check("a", replace(proposal, command=Command(95.001, 410.0)), before, Limits()).ok
+
+
+def test_latency_statistics():
+    statistics = LatencyStatistics(window=4)
+    assert (statistics.mean_s, statistics.max_s, statistics.jitter_s, statistics.quantile_s(0.5)) == (0, 0, 0, 0)
+    for value in (9.0, 0.001, 0.003, 0.001, 0.003):
+        statistics.add(value)
+    assert len(statistics) == 4
+    assert statistics.mean_s == pytest.approx(0.002)
+    assert statistics.jitter_s == pytest.approx(0.001)
+    assert (statistics.max_s, statistics.quantile_s(0.5), statistics.quantile_s(1.0)) == (0.003, 0.001, 0.003)
+
+
+def test_each_pair_of_mode_and_trigger_leads_to_one_mode():
+    assert len({(row.source, row.trigger) for row in TRANSITIONS}) == len(TRANSITIONS)
+    assert {row.trigger for row in TRANSITIONS} == set(Trigger)
+    assert next_mode(Mode.SAFE_STOP, Trigger.CONTROLLER_BACK) is None
+    leaving = {row.trigger for row in TRANSITIONS if row.source is Mode.SAFE_STOP}
+    assert leaving == {Trigger.OPERATOR_AUTO, Trigger.OPERATOR_MANUAL, Trigger.OPERATOR_HOLD}
+
+
+def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
+    for mode in Mode:
+        if mode is not Mode.SAFE_STOP:
+            assert next_mode(mode, Trigger.OPERATOR_SAFE_STOP) is Mode.SAFE_STOP
+            assert next_mode(mode, Trigger.INTERLOCK_TRIP) is Mode.SAFE_STOP
+
+
+def test_the_diagram_in_the_documentation_is_up_to_date():
+    text = DOCUMENT.read_text(encoding="utf-8")
+    assert diagram.renew(text) == text, "run: python -m fsw_supervisor.diagram docs/arbiter.md"
+
+
+def test_the_diagram_shows_every_transition():
+    text = diagram.mermaid()
+    for row in TRANSITIONS:
+        line = next(line for line in text.splitlines() if line.startswith(f"    {row.source} --> {row.target} :"))
+        assert str(row.trigger) in line
+
+
+def test_the_diagram_needs_its_marks(tmp_path):
+    with pytest.raises(ValueError, match="marks"):
+        diagram.renew("no marks here")
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{diagram.BEGIN}\nold\n{diagram.END}\nafter\n")
+    assert diagram.main([str(page)]) == 0
+    assert page.read_text() == f"before\n{diagram.block()}\nafter\n"
+
+
+def test_stamps_begin_ticks_once_and_believe_jumps_when_confirmed():
+    second = 10**9
+    stamps = Stamps(silence_s=0.25)
+    assert stamps.offer("depth", 10 * second, 1.0, 0.0) == {"depth": 1.0}
+    assert stamps.offer("torque", 10 * second, 2.0, 0.0) is None
+    assert stamps.offer("depth", 99 * second, 1.5, 0.1) is None
+    assert stamps.offer("torque", 99 * second, 2.5, 0.1) == {"depth": 1.5, "torque": 2.5}
+    assert stamps.offer("depth", 5 * second, 3.0, 0.2) is None
+    assert stamps.offer("depth", 5 * second + 1, 3.5, 0.4) == {"depth": 3.5}, "nothing else came for long enough"
+    assert stamps.jumps == 2
+
+
+def test_an_event_log_hands_over_each_event_once():
+    log = EventLog(length=2)
+    for count in range(3):
+        log.add(Event(count, Level.INFO, "a", str(count)))
+    assert [event.text for event in log.take()] == ["1", "2"]
+    assert log.take() == []
+    assert len(log.history) == 2
+
+
+def test_only_the_first_answer_to_a_request_counts():
+    request, answers = SwitchRequest("a", True, 0.0, 0, "b"), []
+    request.when_done(lambda done: answers.append(done.message))
+    request.answer(True, "yes")
+    request.answer(False, "no")
+    request.when_done(lambda done: answers.append(done.message))
+    assert answers == ["yes", "yes"]
+    assert request.ok
+
+
+def test_new_interlock_limits_hold_at_once():
+    interlocks = Interlocks(persistence=1)
+    table = tuple(
+        replace(item, warn=840.0, trip=845.0) if item.name == "temperature_high" else item
+        for item in DEFAULT_INTERLOCKS
+    )
+    interlocks.configure(table, 1)
+    interlocks.update({"temperature_c": 850.0})
+    assert interlocks.tripped == ("temperature_high",)
+    with pytest.raises(ValueError, match="persistence"):
+        Interlocks(persistence=0)
