@@ -121,14 +121,13 @@ class PlantNode(Node):
     def _missing(self) -> list[str]:
         """What the first tick still has to wait for."""
         wanted = self._settings["wait_for_subscribers"]
-        if wanted == 0:
-            return []
         missing = [
             f"{wanted - count} more subscribers of {publisher.topic_name}"
             for publisher in (self._depths, self._torques, self._temperatures)
             if (count := publisher.get_subscription_count()) < wanted
         ]
-        if not self.count_publishers("fsw/command"):
+        # Lockstep gets nowhere before somebody commands, and a tick that nobody hears must be sent twice.
+        if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
         return missing
 
