@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import floor, isfinite
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_control import Command, Diagnosis, Limits, Measurement, Plan, Proposal, Reference
-from fsw_model import ModelParameters, nominal
+from fsw_control import Command, Diagnosis, Limits, Measurement, Proposal, Reference
+from fsw_model import STEP_S, ModelParameters, nominal
+from fsw_nmpc.acceptance import MovePlan
 from fsw_nmpc.corridor import Corridor
 from fsw_nmpc.estimator import Estimator, EstimatorTuning
 from fsw_nmpc.ocp import Problem, Solution, Solver, Weights
 from fsw_nmpc.tuning import Tuning
 
 Vector = NDArray[np.float64]
+#: a gap in the ticks that is too long to be predicted over: the estimator starts anew
+_LONGEST_GAP_S = 3.0
+_NOTHING = (float("nan"),) * 3
 
 
 class NmpcController:
@@ -32,6 +37,11 @@ class NmpcController:
     estimator_tuning : EstimatorTuning, optional
     plan_reuse : int
         How many ticks a failed solve is bridged by the rest of the last accepted plan.
+
+    Attributes
+    ----------
+    bad_cycles : int
+        Ticks without an accepted solution so far.
     """
 
     name = "nmpc"
@@ -51,102 +61,128 @@ class NmpcController:
         self.limits = limits or Limits()
         self.plan_reuse = plan_reuse
         self.estimator = Estimator(self.parameters, estimator_tuning)
-        self._moves = np.zeros(2 * solver.horizon.n_blocks)
-        self._bad_in_a_row = 0
+        self._depth: Corridor | None = None
+        self._temperature: Corridor | None = None
         self.bad_cycles = 0
         self.configure(tuning or Tuning())
+        self._plan = MovePlan(solver.horizon)
+        self.reset(Command(self.parameters.operating_force_kn, self._operating_speed_rpm()))
+
+    def _operating_speed_rpm(self) -> float:
+        return 0.5 * (self.limits.speed_min_rpm + self.limits.speed_max_rpm)
 
     def configure(self, tuning: Tuning) -> None:
         """Change the tuning at runtime, without a bump: estimator and filtered set-points go on."""
-        horizon = self.solver.horizon
-        centres = (self._depth.centre, self._temperature.centre) if hasattr(self, "_depth") else (None, None)
+        time_s = self.solver.horizon.time_s
         continuing = tuning.corridor == "continuing"
-        self.tuning = tuning
-        self._depth = Corridor(horizon.time_s, tuning.corridor_depth_s, tuning.dead_band_depth_mm, continuing)
-        self._temperature = Corridor(
-            horizon.time_s, tuning.corridor_temperature_s, tuning.dead_band_temperature_c, continuing
-        )
-        self._depth.start_at(centres[0])
-        self._temperature.start_at(centres[1])
-        self._weights = Weights.from_tuning(tuning, horizon, self.limits)
+        depth = Corridor(time_s, tuning.corridor_depth_s, tuning.dead_band_depth_mm, continuing)
+        temperature = Corridor(time_s, tuning.corridor_temperature_s, tuning.dead_band_temperature_c, continuing)
+        if self._depth is not None and self._temperature is not None:
+            depth.start_at(self._depth.centre)
+            temperature.start_at(self._temperature.centre)
+        self.tuning, self._depth, self._temperature = tuning, depth, temperature
+        self._weights = Weights.from_tuning(tuning, self.solver.horizon, self.limits)
+
+    def replace_solver(self, solver: Solver) -> None:
+        """Go on with another solver, whose horizon may have other blocks; the plan is carried over."""
+        self.solver = solver
+        self._plan = self._plan.on(solver.horizon)
+        self.configure(self.tuning)
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
         self.estimator.is_started = False
-        self._moves[:] = 0.0
+        self._plan.clear()
         self._bad_in_a_row = 0
+        self._late_s = 0.0
+        self._applied = applied
+        self._reference: Reference | None = None
+        assert self._depth is not None and self._temperature is not None
         self._depth.start_at(None)
         self._temperature.start_at(None)
 
     def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
         """See :meth:`fsw_control.Controller.step`."""
         began = perf_counter()
-        if self.estimator.is_started:
-            self.estimator.step(measurement, applied)
-        elif not self.estimator.start(measurement, applied):
-            return Proposal(applied, False, f"waiting for valid sensors: {', '.join(measurement.invalid_sensors())}")
-        depth, temperature = self.estimator.depth_mm, self.estimator.temperature_c
-        depth_band = self._depth.bands(reference.depth_mm, depth, dt_s)
-        temperature_band = self._temperature.bands(reference.temperature_c, temperature, dt_s)
-        problem = Problem(
-            self.estimator.estimate(), applied, self.limits, *depth_band, *temperature_band, self._weights
-        )
-        solution = self.solver.solve(problem, self._shifted(self._moves))
-        if not self._acceptable(solution):
-            # a failed solve must not poison the next: start cold
-            cold = self.solver.solve(problem, np.zeros_like(self._moves))
+        if isfinite(applied.force_kn) and isfinite(applied.speed_rpm):
+            self._applied = applied
+        applied = self._applied
+        if isfinite(reference.depth_mm) and isfinite(reference.temperature_c):
+            self._reference = reference
+        if not self._estimate(measurement, applied, dt_s):
+            return Proposal(applied, False, f"waiting for valid sensors: {_needed(measurement)}")
+        if self._reference is None:
+            return Proposal(applied, False, f"no usable reference: {reference}")
+        problem = self._problem(self._reference, applied, dt_s)
+        solution = self.solver.solve(problem, self._plan.moves)
+        refusal = self._plan.refusal(solution, problem)
+        if refusal and self._plan.moves.any():
+            # the start may have been the cause: a failed solve must not poison the next
+            cold = self.solver.solve(problem, np.zeros_like(self._plan.moves))
             solution = replace(cold, iterations=solution.iterations + cold.iterations)
-        return self._propose(solution, problem, applied, perf_counter() - began)
+            refusal = self._plan.refusal(solution, problem)
+        return self._propose(solution, refusal, applied, began)
 
-    def _acceptable(self, solution: Solution) -> bool:
-        return solution.solved and bool(np.isfinite(solution.moves).all() and np.isfinite(solution.depth_mm).all())
+    def _estimate(self, measurement: Measurement, applied: Command, dt_s: float) -> bool:
+        """Bring the estimator to this tick; False while there is nothing to start from."""
+        self._late_s += dt_s if 0.0 <= dt_s < _LONGEST_GAP_S else _LONGEST_GAP_S
+        ticks = floor(self._late_s / STEP_S + 0.5)
+        self._late_s -= ticks * STEP_S
+        if self.estimator.is_started and ticks * STEP_S < _LONGEST_GAP_S:
+            nothing = Measurement(measurement.time_s, *_NOTHING, False, False, False)
+            for missed in range(ticks - 1, -1, -1):
+                if not self.estimator.step(nothing if missed else measurement, applied):
+                    break
+            if self.estimator.is_started:
+                return True
+            self._plan.clear()
+        self._late_s = 0.0
+        return self.estimator.start(measurement, applied)
 
-    def _propose(self, solution: Solution, problem: Problem, applied: Command, solve_time_s: float) -> Proposal:
+    def _problem(self, reference: Reference, applied: Command, dt_s: float) -> Problem:
+        assert self._depth is not None and self._temperature is not None
+        elapsed_s = dt_s if 0.0 <= dt_s < _LONGEST_GAP_S else STEP_S
+        estimator = self.estimator
+        return Problem(
+            estimator.estimate(),
+            applied,
+            self.limits,
+            *self._depth.bands(reference.depth_mm, estimator.depth_mm, elapsed_s),
+            *self._temperature.bands(reference.temperature_c, estimator.temperature_c, elapsed_s),
+            self._weights,
+        )
+
+    def _propose(self, solution: Solution, refusal: str, applied: Command, began: float) -> Proposal:
         healthy, reason = True, ""
-        if self._acceptable(solution):
-            self._moves = solution.moves
+        if not refusal:
             self._bad_in_a_row = 0
+            move = self._plan.accept(solution)
         else:
-            self._moves = self._shifted(self._moves)
             self._bad_in_a_row += 1
             self.bad_cycles += 1
-            reason = f"solver: {solution.status}; following the last plan ({self._bad_in_a_row} of {self.plan_reuse})"
+            move = self._plan.follow()
+            reason = f"solver: {refusal}; following the last plan ({self._bad_in_a_row} of {self.plan_reuse})"
             healthy = self._bad_in_a_row <= self.plan_reuse
         blind = self.estimator.blind_sensors
         if blind:
-            healthy, reason = False, f"no valid {', '.join(blind)} for {self.estimator.tuning.blind_limit_s} s"
-        wanted = Command(applied.force_kn + float(self._moves[0]), applied.speed_rpm + float(self._moves[1]))
-        command = self.limits.clip(wanted, applied)
+            healthy, reason = False, f"no valid {', '.join(blind)} for {self.estimator.tuning.blind_limit_s:g} s"
+        command = self.limits.clip(Command(applied.force_kn + move[0], applied.speed_rpm + move[1]), applied)
+        plan = self._plan.seen_from(applied)
+        self._plan.shift()
         diagnosis = Diagnosis(
             depth_estimate_mm=self.estimator.depth_mm,
             temperature_estimate_c=self.estimator.temperature_c,
             disturbances=self.estimator.disturbances(),
-            solver_status=solution.status,
+            solver_status=refusal or f"{self.solver.name}: {solution.status}",
             iterations=solution.iterations,
-            solve_time_s=solve_time_s,
+            solve_time_s=perf_counter() - began,
             active_limits=self.limits.active(command, applied),
             bad_cycles=self.bad_cycles,
-            plan=self._plan(solution, applied),
+            plan=plan,
         )
         return Proposal(command, healthy, reason, diagnosis)
 
-    def _interval_moves(self, moves: Vector) -> Vector:
-        return moves.reshape(-1, 2)[self.solver.horizon.interval_block]
 
-    def _shifted(self, moves: Vector) -> Vector:
-        """The same plan seen one tick later, on the blocks again."""
-        horizon = self.solver.horizon
-        later = np.vstack([self._interval_moves(moves)[1:], np.zeros((1, 2))])
-        sums = np.zeros((horizon.n_blocks, 2))
-        np.add.at(sums, horizon.interval_block, later)
-        return np.asarray((sums / horizon.block_sizes[:, None]).ravel())
-
-    def _plan(self, solution: Solution, applied: Command) -> Plan:
-        inputs = np.cumsum(self._interval_moves(self._moves), axis=0)
-        return Plan(
-            time_s=tuple(self.solver.horizon.time_s.tolist()),
-            depth_mm=tuple(solution.depth_mm.tolist()),
-            temperature_c=tuple(solution.temperature_c.tolist()),
-            force_kn=tuple((applied.force_kn + inputs[:, 0]).tolist()),
-            speed_rpm=tuple((applied.speed_rpm + inputs[:, 1]).tolist()),
-        )
+def _needed(measurement: Measurement) -> str:
+    invalid = [name for name in measurement.invalid_sensors() if name != "torque"]
+    return ", ".join(invalid) or "depth and temperature are no weld's"

@@ -1,22 +1,21 @@
 """State and disturbance estimation on the same model, with the delay line.
 
-An extended Kalman filter on the linear blocks and four disturbances: of the axial force, of the temperature, of the depth
-(an offset of the depth shown that the tool does not feel) and the scale of the process torque. The depth sensor sees
-contact depth plus offset, the torque sensor feels the contact depth alone; together they make the closed loop free of
-offset and keep the power history right when the depth sensor jumps.
+An extended Kalman filter on the linear blocks and four disturbances: of the axial force, of the temperature, of the
+depth (an offset of the depth shown that the tool does not feel) and the scale of the process torque. The depth sensor
+sees contact depth plus offset, the torque sensor feels the contact depth alone; together they make the closed loop free
+of offset and keep the power history right when the depth sensor jumps.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
-from math import sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw_control import Command, Measurement
-from fsw_model import STEP_S, ModelParameters, ProcessModel
+from fsw_model import STEP_S, ModelParameters
 from fsw_model.codegen import python_function
 from fsw_model.equations import RAD_PER_S_PER_RPM
 from fsw_nmpc.horizon import make_horizon
@@ -29,6 +28,11 @@ N = 9
 CONTACT_DEPTH = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 DEPTH_SHOWN = CONTACT_DEPTH + np.eye(N)[DEPTH_OFFSET]
 TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
+
+#: beyond these an estimate is not of this process
+_DEEPEST_MM, _COLDEST_C, _HOTTEST_C = 20.0, 0.0, 2000.0
+#: keeps an update defined where tuning and covariance are zero
+_LEAST_VARIANCE = 1e-18
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +59,15 @@ class Estimator:
     ----------
     parameters : ModelParameters
     tuning : EstimatorTuning, optional
+
+    Attributes
+    ----------
+    is_started : bool
+        Whether there is an estimate; to be cleared for a new start.
     """
 
     def __init__(self, parameters: ModelParameters, tuning: EstimatorTuning | None = None) -> None:
         self.parameters = parameters
-        self.tuning = tuning or EstimatorTuning()
-        self._model = ProcessModel(parameters)
         table = make_horizon(parameters)
         self._mode = tuple(float(v) for v in table.modes[0])
         self._weight = tuple(float(v) for v in table.weight[0])
@@ -70,39 +77,65 @@ class Estimator:
         a = np.eye(N)
         a[1, 1], a[2, 2], a[3, 3], a[3, 4], a[4, 4] = e1, e2, p_tt, p_tc, p_cc
         a[0, FORCE], a[1, FORCE], a[2, FORCE] = creep, g1, g2
-        self._a = a
-        t = self.tuning
+        self._a, self._a_transposed = a, np.ascontiguousarray(a.T)
+        self._shallowest_mm = 1.05 * parameters.shallowest_depth_mm
+        self._x, self._p = np.zeros(N), np.zeros((N, N))
+        self._scratch, self._torque_row = np.zeros((N, N)), np.zeros(N)
+        self._history_kw = np.zeros(2 * table.n_history)
+        self._last_speed = 0.0
+        self._blind = {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}
+        self.is_started = False
+        self.configure(tuning or EstimatorTuning())
+
+    def configure(self, tuning: EstimatorTuning) -> None:
+        """Change the tuning at runtime; the estimate goes on."""
+        self.tuning = t = tuning
         walk = np.zeros(N)
         walk[[0, 3, 4]] = t.creep_walk_mm, t.thermal_depth_walk_mm, t.temperature_walk_c
         walk[FORCE], walk[TEMPERATURE_OFFSET] = t.force_walk_kn, t.temperature_offset_walk_c
         walk[DEPTH_OFFSET], walk[SCALE] = t.depth_offset_walk_mm, t.torque_scale_walk
         self._walk = np.diag(walk**2)
-        self._shallowest_mm = 1.05 * parameters.shallowest_depth_mm
-        self.is_started = False
 
     def start(self, measurement: Measurement, applied: Command) -> bool:
         """Begin at rest at a measurement; False if a sensor that is needed is invalid."""
         p = self.parameters
         if not (measurement.depth_valid and measurement.temperature_valid):
             return False
-        if measurement.depth_mm <= p.shallowest_depth_mm:
+        if not (_plausible_depth(p, measurement.depth_mm) and _plausible_temperature(measurement.temperature_c)):
             return False
         thermal = p.softening_gain_mm_per_c * (measurement.temperature_c - p.operating_temperature_c)
         creep = measurement.depth_mm - p.operating_depth_mm - thermal
-        self._x = np.array([creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0, 0.0, 1.0])
-        self._p = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-3, 0.2, 0.2, 0.2, 1e-3, 0.1]))
+        self._x[:] = creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0, 0.0, 1.0
+        self._p[:] = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-3, 0.2, 0.2, 0.2, 1e-3, 0.1]))
         self._last_speed = applied.speed_rpm
-        self._blind = {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}
-        power = (measurement.temperature_c - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
-        self._history: deque[tuple[float, float]] = deque([(power, power)] * self._model.delay_steps)
+        self._blind = dict.fromkeys(self._blind, 0.0)
+        self._history_kw[:] = (measurement.temperature_c - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
         self.is_started = True
         return True
 
-    def step(self, measurement: Measurement, applied: Command) -> None:
-        """Advance one tick: predict with the command applied during it, correct with the sensors at its end."""
+    def step(self, measurement: Measurement, applied: Command) -> bool:
+        """Advance one tick: predict with the command applied during it, correct with the sensors at its end.
+
+        Returns
+        -------
+        bool
+            Whether the estimate is sound. If it is not, it has ended (``is_started``) and must be started anew.
+        """
         self._predict(applied)
         self._correct(measurement, applied)
         self._last_speed = applied.speed_rpm
+        self.is_started = self._is_sound()
+        return self.is_started
+
+    def _is_sound(self) -> bool:
+        """Whether states and variances are finite and where a weld can be."""
+        return (
+            _plausible_depth(self.parameters, self.contact_depth_mm)
+            and isfinite(float(self._x.sum()))
+            and _plausible_temperature(float(self._x[4]))
+            and isfinite(float(self._p.sum()))
+            and float(self._p.diagonal().min()) >= 0.0
+        )
 
     def _predict(self, applied: Command) -> None:
         p = self.parameters
@@ -111,7 +144,8 @@ class Estimator:
         force = applied.force_kn + force_offset
         pushed = force - p.operating_force_kn
         before = p.operating_depth_mm + creep + slow + fast + thermal
-        left, right = self._history.popleft()
+        history = self._history_kw
+        left, right = float(history[0]), float(history[1])
         w = self._weight
         thermal, temperature = (
             p_tt * thermal + p_tc * temperature + c_t + w[0] * left + w[1] * right,
@@ -120,9 +154,13 @@ class Estimator:
         creep, slow, fast = creep + creep_gain * pushed, e1 * slow + g1 * pushed, e2 * fast + g2 * pushed
         after = p.operating_depth_mm + creep + slow + fast + thermal
         kw = RAD_PER_S_PER_RPM * 1e-3 * applied.speed_rpm * scale
-        self._history.append((kw * self._model_torque(force, before)[0], kw * self._model_torque(force, after)[0]))
+        history[:-2] = history[2:]
+        history[-2] = kw * self._model_torque(force, before)[0]
+        history[-1] = kw * self._model_torque(force, after)[0]
         self._x[:5] = creep, slow, fast, thermal, temperature
-        self._p = self._a @ self._p @ self._a.T + self._walk
+        np.dot(self._a, self._p, out=self._scratch)
+        np.dot(self._scratch, self._a_transposed, out=self._p)
+        self._p += self._walk
 
     def _model_torque(self, force_kn: float, depth_mm: float) -> tuple[float, ...]:
         """Torque of the unscaled model and its derivatives by force and depth."""
@@ -130,10 +168,14 @@ class Estimator:
 
     def _correct(self, m: Measurement, applied: Command) -> None:
         p, t = self.parameters, self.tuning
-        seen = {"depth": m.depth_valid, "torque": m.torque_valid, "thermocouple": m.temperature_valid}
-        for name, valid in seen.items():
-            self._blind[name] = 0.0 if valid else self._blind[name] + STEP_S
-        if m.torque_valid:
+        depth_valid = m.depth_valid and isfinite(m.depth_mm)
+        torque_valid = m.torque_valid and isfinite(m.torque_nm)
+        temperature_valid = m.temperature_valid and isfinite(m.temperature_c)
+        blind = self._blind
+        blind["depth"] = 0.0 if depth_valid else blind["depth"] + STEP_S
+        blind["torque"] = 0.0 if torque_valid else blind["torque"] + STEP_S
+        blind["thermocouple"] = 0.0 if temperature_valid else blind["thermocouple"] + STEP_S
+        if torque_valid:
             friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
             acceleration = abs(applied.speed_rpm - self._last_speed) / STEP_S
             # the inertia spike has no use here: the more the spindle accelerates, the less the sample counts
@@ -141,37 +183,38 @@ class Estimator:
             force = applied.force_kn + float(self._x[FORCE])
             torque, by_force, by_depth = self._model_torque(force, self.contact_depth_mm)
             scale = float(self._x[SCALE])
-            row = scale * by_depth * CONTACT_DEPTH
+            row = self._torque_row
+            row[:4] = scale * by_depth
             row[FORCE], row[SCALE] = scale * by_force, torque
             self._update(row, m.torque_nm - friction - scale * torque, noise)
-        if m.depth_valid:
-            shown = p.operating_depth_mm + float(DEPTH_SHOWN @ self._x)
-            self._update(DEPTH_SHOWN, m.depth_mm - shown, t.depth_noise_mm)
-        if m.temperature_valid:
-            self._update(TEMPERATURE_SHOWN, m.temperature_c - float(TEMPERATURE_SHOWN @ self._x), t.temperature_noise_c)
+        if depth_valid:
+            self._update(DEPTH_SHOWN, m.depth_mm - self.depth_mm, t.depth_noise_mm)
+        if temperature_valid:
+            self._update(TEMPERATURE_SHOWN, m.temperature_c - self.temperature_c, t.temperature_noise_c)
         self._x[SCALE] = min(max(float(self._x[SCALE]), 0.5), 2.0)
 
     def _update(self, row: Vector, innovation: float, noise: float) -> None:
         """Scalar Kalman update with the measurement's linearisation ``row``."""
-        cross = self._p @ row
-        variance = float(row @ cross) + noise**2
-        self._x = self._x + cross * (innovation / variance)
-        self._p = self._p - np.outer(cross, cross) / variance
+        cross = np.dot(self._p, row)
+        per_variance = 1.0 / (float(np.dot(row, cross)) + noise * noise + _LEAST_VARIANCE)
+        self._x += cross * (innovation * per_variance)
+        np.multiply(cross[:, None], cross * per_variance, out=self._scratch)
+        self._p -= self._scratch
 
     @property
     def contact_depth_mm(self) -> float:
         """Estimated depth that the tool feels."""
-        return self.parameters.operating_depth_mm + float(CONTACT_DEPTH @ self._x)
+        return self.parameters.operating_depth_mm + float(np.dot(CONTACT_DEPTH, self._x))
 
     @property
     def depth_mm(self) -> float:
         """Estimated depth, as the sensor would show it without noise."""
-        return self.parameters.operating_depth_mm + float(DEPTH_SHOWN @ self._x)
+        return self.parameters.operating_depth_mm + float(np.dot(DEPTH_SHOWN, self._x))
 
     @property
     def temperature_c(self) -> float:
         """Estimated temperature, including its disturbance."""
-        return float(TEMPERATURE_SHOWN @ self._x)
+        return float(self._x[4]) + float(self._x[TEMPERATURE_OFFSET])
 
     @property
     def depth_deviation_mm(self) -> float:
@@ -196,9 +239,17 @@ class Estimator:
         """Starting point of a prediction."""
         return Estimate(
             x=self._x[:5].copy(),
-            history_kw=np.array(self._history).ravel(),
+            history_kw=self._history_kw.copy(),
             force_offset_kn=float(self._x[FORCE]),
             torque_scale=float(self._x[SCALE]),
             depth_offset_mm=float(self._x[DEPTH_OFFSET]),
             temperature_offset_c=float(self._x[TEMPERATURE_OFFSET]),
         )
+
+
+def _plausible_depth(parameters: ModelParameters, depth_mm: float) -> bool:
+    return parameters.shallowest_depth_mm < depth_mm < _DEEPEST_MM
+
+
+def _plausible_temperature(temperature_c: float) -> bool:
+    return _COLDEST_C < temperature_c < _HOTTEST_C

@@ -1,23 +1,58 @@
-"""Builds the C kernel into a shared library beside its sources, when a C compiler is there.
+"""Builds the C kernel into a shared library, when a C compiler is there.
 
-Run ``python -m fsw_nmpc.kernel_build``; without a compiler the controller uses its CasADi solver instead.
+The library goes into the user's cache, under a name that tells sources, flags and processor; so it is built once, is
+never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
+library (``setup.py``); it is used if it was made from the same sources.
+
+Run ``python -m fsw_nmpc.kernel_build`` to build it ahead; without a compiler the controller uses its CasADi solver.
 """
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
 import os
+import platform
 import shlex
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tempfile
 from pathlib import Path
 
-SOURCES = ("solve.c", "predict.c", "torque.c")
 FOLDER = Path(__file__).parent / "kernel"
-LIBRARY = FOLDER / f"libfsw_nmpc.{sysconfig.get_platform()}.so"
+SOURCES = ("solve.c", "predict.c", "torque.c")
+# no contraction: the same results on every machine, whatever the width of its vectors
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
+#: for a library that stays on this machine; done without where the compiler does not know it
+NATIVE = "-march=native"
+_LONGEST_BUILD_S = 120.0
+
+
+def source_id() -> str:
+    """Digest of the kernel's sources, which a library carries to show where it is from."""
+    digest = hashlib.sha256()
+    for path in sorted(FOLDER.glob("*.[ch]")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _processor() -> str:
+    """What tells this processor's instruction set, empty if nothing does."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    lines = [line for line in text.splitlines() if line.startswith(("flags", "Features", "model name"))]
+    return platform.machine() + "".join(dict.fromkeys(lines))
+
+
+def cache_path() -> Path:
+    """Where the library for these sources and this machine belongs."""
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    text = "\0".join([source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])
+    return folder / "fsw_nmpc" / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
 
 
 def compiler() -> list[str] | None:
@@ -29,22 +64,52 @@ def compiler() -> list[str] | None:
     return None
 
 
-def is_current(library: Path = LIBRARY) -> bool:
-    """Whether the library is there and not older than its sources."""
-    if not library.exists():
+def is_usable(library: Path) -> bool:
+    """Whether a library can be loaded and was made from these sources."""
+    try:
+        identify = ctypes.CDLL(str(library)).fsw_nmpc_id
+    except (OSError, AttributeError):
         return False
-    return all(library.stat().st_mtime >= path.stat().st_mtime for path in FOLDER.glob("*.[ch]"))
+    identify.restype = ctypes.c_char_p
+    return bool(identify() == source_id().encode())
 
 
-def build(library: Path = LIBRARY, extra_flags: tuple[str, ...] = ()) -> Path:
+def find() -> Path | None:
+    """A usable library that is built already, None if there is none."""
+    try:
+        built = cache_path()
+    except RuntimeError:  # there is no home folder
+        built = None
+    packaged = sorted(FOLDER.parent.glob("_kernel*.so"))
+    for library in [*([built] if built else []), *packaged]:
+        if library.exists() and is_usable(library):
+            return library
+    return None
+
+
+def ensure() -> Path:
+    """A usable library, built now if need be.
+
+    Raises
+    ------
+    RuntimeError
+        If there is none and none can be built; the message says why.
+    """
+    return find() or build()
+
+
+def build(library: Path | None = None, extra_flags: tuple[str, ...] = (), native: bool = True) -> Path:
     """Compile the kernel.
 
     Parameters
     ----------
-    library : Path
-        Where the shared library goes; replaced at once, so that running controllers keep theirs.
+    library : Path, optional
+        Where the shared library goes, the user's cache by default; replaced at once, so that running controllers
+        keep theirs.
     extra_flags : tuple of str
         More compiler flags, e.g. for sanitizers.
+    native : bool
+        Whether to use all that this machine's processor can do.
 
     Raises
     ------
@@ -54,21 +119,41 @@ def build(library: Path = LIBRARY, extra_flags: tuple[str, ...] = ()) -> Path:
     command = compiler()
     if command is None:
         raise RuntimeError("no C compiler found (set CC); the 'casadi' solver works without one")
-    library.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".so", delete=False) as scratch:
-        target = Path(scratch.name)
     try:
-        files = [str(FOLDER / name) for name in SOURCES]
-        run = subprocess.run(
-            [*command, *FLAGS, *extra_flags, *files, "-o", str(target), "-lm"], capture_output=True, text=True
-        )
-        if run.returncode:
-            raise RuntimeError(f"the kernel did not compile with {' '.join(command)}:\n{run.stderr}")
-        target.chmod(0o755)
-        target.replace(library)
+        library = library or cache_path()
+        library.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".tmp", delete=False) as scratch:
+            target = Path(scratch.name)
+    except OSError as error:
+        raise RuntimeError(f"no place for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
+    try:
+        attempts = [(NATIVE,), ()] if native and _processor() else [()]
+        for flags in attempts:
+            words = _compile([*command, *FLAGS, *flags, *extra_flags], target)
+            if words is None:
+                target.chmod(0o755)
+                target.replace(library)
+                return library
+        raise RuntimeError(f"the kernel did not compile with {' '.join(command)}:\n{words}")
     finally:
         target.unlink(missing_ok=True)
-    return library
+
+
+def _compile(command: list[str], target: Path) -> str | None:
+    """Compile into ``target``; returns None, or the compiler's words if it fails."""
+    identity = f'-DFSW_NMPC_ID="{source_id()}"'
+    files = [str(FOLDER / name) for name in SOURCES]
+    try:
+        run = subprocess.run(
+            [*command, identity, *files, "-o", str(target), "-lm"],
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_BUILD_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    return run.stderr if run.returncode else None
 
 
 if __name__ == "__main__":

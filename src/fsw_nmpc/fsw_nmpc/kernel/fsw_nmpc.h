@@ -60,6 +60,9 @@ typedef struct {
 
 int fsw_nmpc_workspace_bytes(void);
 
+/* Digest of the sources that this was made from, as given by the build. */
+const char *fsw_nmpc_id(void);
+
 /* Predict along the moves v [2 * n_blocks]; fills the outputs [n_out] and, when by_depth is not NULL, the sensitivities
  * [n_out * 2 * n_blocks], row by row. Returns 0, or 2 when something is not finite. */
 int fsw_nmpc_predict(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, double *depth, double *temp,

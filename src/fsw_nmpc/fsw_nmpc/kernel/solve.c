@@ -441,3 +441,8 @@ int fsw_nmpc_solve(const fsw_nmpc_model *m, const fsw_nmpc_call *c, double *v, d
 }
 
 int fsw_nmpc_workspace_bytes(void) { return (int)sizeof(fsw_workspace); }
+
+#ifndef FSW_NMPC_ID
+#define FSW_NMPC_ID "unknown"
+#endif
+const char *fsw_nmpc_id(void) { return FSW_NMPC_ID; }

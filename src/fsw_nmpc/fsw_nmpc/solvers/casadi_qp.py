@@ -112,7 +112,9 @@ class CasadiSolver:
         )
         stats = self._qp.stats()
         if not stats["success"]:
-            return Solution(*failed(h, moves, str(stats["return_status"])), iterations=int(stats["iter_count"]), cost=np.nan)
+            return Solution(
+                *failed(h, moves, str(stats["return_status"])), iterations=int(stats["iter_count"]), cost=np.nan
+            )
         found = np.clip(np.array(result["x"]).ravel()[:n], -largest, largest)
         predicted = at_zero + jacobian @ found
         return Solution(

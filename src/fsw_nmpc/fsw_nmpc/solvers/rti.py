@@ -27,7 +27,7 @@ class RtiSolver:
     horizon : Horizon, optional
         The paper's grid with 20 blocks by default.
     library : Path, optional
-        The built kernel.
+        The built kernel; found, or built now, by default.
     max_iterations : int
         Cap of the interior-point method; together with the problem's size it bounds the time of a step.
     tolerance : float
@@ -35,8 +35,10 @@ class RtiSolver:
 
     Raises
     ------
+    RuntimeError
+        If the kernel is not built and cannot be.
     OSError
-        If the kernel is not built.
+        If ``library`` cannot be loaded.
     """
 
     name = "rti"
@@ -45,12 +47,12 @@ class RtiSolver:
         self,
         parameters: ModelParameters,
         horizon: Horizon | None = None,
-        library: Path = kernel_build.LIBRARY,
+        library: Path | None = None,
         max_iterations: int = 40,
         tolerance: float = 1e-6,
     ) -> None:
         self.horizon = horizon or make_horizon(parameters)
-        self.kernel = Kernel(library, parameters, self.horizon)
+        self.kernel = Kernel(library or kernel_build.ensure(), parameters, self.horizon)
         self._call = KernelCall()
         self._call.max_iterations = max_iterations
         self._call.tolerance = tolerance
