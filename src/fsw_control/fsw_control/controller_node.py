@@ -14,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
+from fsw_control.applied import AppliedCommands
 from fsw_control.contract import SENSORS, Command, Controller, Proposal
 from fsw_control.host import answer
 from fsw_control.join import Tick, TickJoin
@@ -65,9 +66,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._own = ParameterValues(self, own)
         self._controller = make(self._own.values)
         self._name = name
-        self._applied = Command(self._settings["initial_force"], self._settings["initial_speed"])
-        self._controller.reset(self._applied)
-        self._applied_by = ""
+        self._applied = AppliedCommands(Command(self._settings["initial_force"], self._settings["initial_speed"]))
+        self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
         self._join = TickJoin()
         self._guard = SensorGuard(self._limits(self._settings.values))
@@ -126,8 +126,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                 f"command from {message.source!r} is not finite, ignored", throttle_duration_sec=1.0
             )
             return
-        self._applied, self._applied_by = command, message.source
-        self._consume(self._join.add_command(convert.stamp_ns(message.header.stamp)))
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        self._applied.add(stamp_ns, command, message.source)
+        self._consume(self._join.add_command(stamp_ns))
 
     def _on_reference(self, message: WeldReference) -> None:
         try:
@@ -164,7 +165,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _tick(self, tick: Tick) -> None:
         if tick.restarted:
             self._guard.reset()
-            self._controller.reset(self._applied)
+            self._controller.reset(self._applied.latest)
             self._last_ns = None
             self.get_logger().warning("time of the measurements has jumped: controller starts anew")
         dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
@@ -172,7 +173,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values)
         reference = self._references.at(tick.stamp_ns)
         begin = time.perf_counter()
-        proposal = answer(self._controller, measurement, reference, self._applied, dt_s)
+        proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
         self._steps += 1
@@ -192,7 +193,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                     proposal,
                     time_ns,
                     self._name,
-                    selected=self._applied_by == self._name,
+                    selected=self._applied.source == self._name,
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
@@ -233,7 +234,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             "unhealthy steps": self._unhealthy_steps,
             "mean step time [ms]": f"{1e3 * self._step_time_s / max(self._steps, 1):.4f}",
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
-            "applied from": self._applied_by,
+            "applied from": self._applied.source,
             "jumps of time": counts.jumps,
         }
         for sensor in SENSORS:
