@@ -26,8 +26,8 @@ from fsw_supervisor.tick import NANOSECONDS, Decision, Stamps, Tick
 DRIVES = "drives"
 #: without measurements for so long, what is applied must be found out anew [s]
 _GAP_S = 1.0
-#: ticks for which a foreign command is remembered
-_FOREIGN_TICKS = 50
+#: for so long a foreign command is remembered [s]
+_FOREIGN_S = 5.0
 _LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 
 
@@ -92,7 +92,7 @@ class Arbiter:
         self._drives: tuple[int, Command] | None = None
         self._outbox: list[Decision] = []
         self._sent: deque[Decision] = deque(maxlen=50)
-        self._foreign_tick: int | None = None
+        self._foreign_s: float | None = None
         self._silent = False
 
     @property
@@ -169,7 +169,7 @@ class Arbiter:
         if not self.foreign_writer:
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
-        self._foreign_tick = self.machine.tick
+        self._foreign_s = self._now_s
 
     # ---------------------------------------------------------------- what can be seen
 
@@ -191,7 +191,7 @@ class Arbiter:
     @property
     def foreign_writer(self) -> bool:
         """Whether someone else has written commands lately."""
-        return self._foreign_tick is not None and self.machine.tick - self._foreign_tick <= _FOREIGN_TICKS
+        return self._foreign_s is not None and self._now_s - self._foreign_s <= _FOREIGN_S
 
     @property
     def measuring(self) -> bool:

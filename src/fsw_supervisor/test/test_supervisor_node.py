@@ -1,0 +1,335 @@
+"""The supervisor's node over the middleware, in lockstep with a small plant in the same process."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy")
+
+from builtin_interfaces.msg import Duration  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from sensor_msgs.msg import Temperature  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from fsw_control import messages_ros as convert  # noqa: E402
+from fsw_control.contract import Command  # noqa: E402
+from fsw_msgs.msg import (  # noqa: E402
+    ControllerStatus,
+    PlantState,
+    ShoulderDepth,
+    SpindleTorque,
+    SupervisorState,
+    WeldCommand,
+)
+from fsw_msgs.srv import ListControllers, SetMode, SwitchController  # noqa: E402
+from fsw_supervisor.supervisor_node import SupervisorNode  # noqa: E402
+
+STEP_NS = 100_000_000
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STRICT, BEST_EFFORT = SwitchController.Request.STRICT, SwitchController.Request.BEST_EFFORT
+
+
+class Peer(Node):
+    """Plant and controllers: ticks as soon as its last tick is answered."""
+
+    def __init__(self):
+        super().__init__("peer")
+        self.stamp_ns = 0
+        self.commands, self.states, self.reports = [], [], []
+        self.depths = self.create_publisher(ShoulderDepth, "fsw/depth", 10)
+        self.torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
+        self.temperatures = self.create_publisher(Temperature, "fsw/thermocouple", 10)
+        self.truths = self.create_publisher(PlantState, "fsw/plant/truth", 10)
+        self.requests = self.create_publisher(String, "fsw/switch_request", 10)
+        self.voices = {}
+        self.wild = set()
+        self.create_subscription(WeldCommand, "fsw/command", self.on_command, 10)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATCHED)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, 10)
+        self.switching = self.create_client(SwitchController, "fsw/switch_controller")
+        self.listing = self.create_client(ListControllers, "fsw/list_controllers")
+        self.modes = self.create_client(SetMode, "fsw/set_mode")
+
+    def add(self, name):
+        self.voices[name] = (
+            self.create_publisher(WeldCommand, f"fsw/{name}/proposal", 10),
+            self.create_publisher(ControllerStatus, f"fsw/{name}/status", 10),
+        )
+
+    def remove(self, name):
+        for publisher in self.voices.pop(name):
+            self.destroy_publisher(publisher)
+
+    @property
+    def applied(self):
+        return convert.command(self.commands[-1]) if self.commands else Command(78.4, 407.5)
+
+    def on_command(self, message):
+        self.commands.append(message)
+        if convert.stamp_ns(message.header.stamp) == self.stamp_ns:
+            self.tick()
+
+    def tick(self):
+        self.stamp_ns += STEP_NS
+        header = convert.header(self.stamp_ns)
+        self.truths.publish(
+            PlantState(
+                header=header, axial_force=self.applied.force_kn * 1e3, spindle_speed=self.applied.speed_rpm / 9.5493
+            )
+        )
+        self.depths.publish(convert.depth_message(2.66, self.stamp_ns))
+        self.torques.publish(convert.torque_message(1050.0, self.stamp_ns))
+        self.temperatures.publish(convert.temperature_message(850.0, self.stamp_ns))
+        for name, (proposals, statuses) in self.voices.items():
+            force = float("nan") if name in self.wild else self.applied.force_kn
+            command = Command(force, self.applied.speed_rpm)
+            proposals.publish(convert.command_message(command, self.stamp_ns, name))
+            statuses.publish(ControllerStatus(header=header, controller=name, tolerated_sensors=["depth"]))
+
+    def report(self, part):
+        for array in reversed(self.reports):
+            for status in array.status:
+                if status.name == f"fsw_supervisor: {part}":
+                    return status
+        return None
+
+
+class Bench:
+    """Supervisor and peer in one executor, in a domain of their own."""
+
+    def __init__(self, domain, arguments=(), remap=None):
+        settings = [item for setting in ("lockstep:='on'", *arguments) for item in ("-p", setting)]
+        settings += ["-r", remap] if remap else []
+        rclpy.init(args=["test", "--ros-args", *settings], domain_id=domain)
+        self.executor = SingleThreadedExecutor()
+        self.peer = Peer()
+        self.supervisor = SupervisorNode()
+        self.executor.add_node(self.peer)
+        self.executor.add_node(self.supervisor)
+
+    def until(self, condition, timeout_s=20.0):
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end_s, "did not happen in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def run(self, *names):
+        """Let the weld run under the first of ``names``."""
+        peer = self.peer
+        for name in names or ("decentral", "nmpc"):
+            peer.add(name)
+        topics = (peer.depths, peer.torques, peer.temperatures, peer.truths)
+        voices = [publisher for pair in peer.voices.values() for publisher in pair]
+        self.until(lambda: all(publisher.get_subscription_count() for publisher in [*topics, *voices]))
+        self.until(lambda: peer.count_publishers(peer.resolve_topic_name("fsw/command")) == 1 and peer.states)
+        peer.tick()
+        self.until(lambda: len(peer.commands) > 8)
+
+    def call(self, client, request):
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def switch(self, name, strictness=STRICT, timeout_s=5.0):
+        timeout = Duration(sec=int(timeout_s), nanosec=round(timeout_s % 1 * 1e9))
+        request = SwitchController.Request(name=name, strictness=strictness, timeout=timeout)
+        return self.call(self.peer.switching, request)
+
+    def close(self):
+        self.executor.shutdown()
+        self.peer.destroy_node()
+        self.supervisor.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def make_bench(monkeypatch):
+    """Makes the bench; a lock file keeps the domain for this test alone."""
+    locks = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
+    locks.mkdir(exist_ok=True)
+    for offset in range(100):
+        domain = 1 + (os.getpid() + offset) % 100
+        lock = os.open(locks / str(domain), os.O_CREAT | os.O_RDWR)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except OSError:
+            os.close(lock)
+    else:
+        pytest.fail("all test domains are in use")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    benches = []
+
+    def make(*arguments, remap=None):
+        benches.append(Bench(domain, arguments, remap))
+        return benches[-1]
+
+    try:
+        yield make
+    finally:
+        for bench in benches:
+            bench.close()
+        os.close(lock)
+
+
+@pytest.fixture
+def bench(make_bench):
+    """A weld that runs under ``decentral`` with ``nmpc`` as its shadow."""
+    bench = make_bench()
+    bench.run()
+    return bench
+
+
+def test_forwards_the_selected_controller_and_answers_each_tick_once(bench):
+    stamps = [convert.stamp_ns(message.header.stamp) for message in bench.peer.commands]
+    assert stamps == [STEP_NS * count for count in range(1, len(stamps) + 1)]
+    assert {message.source for message in bench.peer.commands} == {"decentral"}
+    assert all(message.healthy for message in bench.peer.commands)
+    state = bench.peer.states[-1]
+    assert (state.actual_controller, state.actual_mode, state.target_mode) == ("decentral", "auto", "auto")
+
+
+def test_the_state_is_latched_for_those_who_come_later(bench):
+    late = []
+    bench.peer.create_subscription(SupervisorState, "fsw/supervisor/state", late.append, LATCHED)
+    bench.until(lambda: late)
+    assert late[0].applied.source == "decentral"
+
+
+def test_switches_by_service_and_says_what_happened(bench):
+    answer = bench.switch("nmpc")
+    assert answer.ok
+    assert "nmpc is applied from" in answer.message
+    bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
+    bench.until(lambda: bench.peer.states[-1].actual_controller == "nmpc")
+    assert bench.peer.states[-1].requested_by == "operator"
+    refused = bench.switch("nobody")
+    assert (refused.ok, refused.message) == (False, "refused: unknown controller 'nobody'; known: decentral, nmpc")
+    assert "strictness" in bench.switch("nmpc", strictness=7).message
+
+
+def test_a_waiting_answer_does_not_hold_up_the_ticks(bench):
+    bench.peer.wild.add("nmpc")
+    bench.until(lambda: not bench.supervisor._arbiter.proposals.roster.get("nmpc").consecutive_good)
+    future = bench.peer.switching.call_async(
+        SwitchController.Request(name="nmpc", strictness=BEST_EFFORT, timeout=Duration(sec=60))
+    )
+    ticks = len(bench.peer.commands)
+    bench.until(lambda: len(bench.peer.commands) > ticks + 30)
+    assert not future.done()
+    listed = bench.call(bench.peer.listing, ListControllers.Request())
+    assert listed.active == "decentral"
+    bench.peer.wild.clear()
+    bench.until(future.done)
+    assert future.result().ok
+
+
+def test_switches_by_topic(bench):
+    bench.peer.requests.publish(String(data="nmpc"))
+    bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
+
+
+def test_lists_controllers_with_their_health(bench):
+    bench.peer.wild.add("nmpc")
+    bench.until(lambda: bench.supervisor._arbiter.proposals.roster.get("nmpc").rejected > 3)
+    answer = bench.call(bench.peer.listing, ListControllers.Request())
+    assert (answer.active, answer.mode) == ("decentral", "auto")
+    decentral, nmpc = answer.controllers
+    assert (decentral.name, decentral.warm, decentral.reason) == ("decentral", True, "")
+    assert list(decentral.tolerated_sensors) == ["depth"]
+    assert (nmpc.healthy, nmpc.warm) == (False, False)
+    assert "not finite" in nmpc.reason
+
+
+def test_fails_over_within_the_tick(bench):
+    bench.peer.wild.add("decentral")
+    bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
+    stamps = [convert.stamp_ns(message.header.stamp) for message in bench.peer.commands]
+    assert stamps == [STEP_NS * count for count in range(1, len(stamps) + 1)]
+    assert {message.source for message in bench.peer.commands} == {"decentral", "nmpc"}
+    bench.until(lambda: bench.peer.states[-1].requested_by == "failover")
+
+
+def test_modes_by_service(bench):
+    answer = bench.call(bench.peer.modes, SetMode.Request(mode="manual", axial_force=80e3, spindle_speed=42.0))
+    assert answer.ok, answer.message
+    bench.until(lambda: bench.peer.commands[-1].axial_force == pytest.approx(80e3))
+    assert bench.peer.commands[-1].source == "manual"
+    assert not bench.call(bench.peer.modes, SetMode.Request(mode="manual", axial_force=80.0, spindle_speed=42.0)).ok
+    assert bench.call(bench.peer.modes, SetMode.Request(mode="hold")).ok
+    bench.until(lambda: bench.peer.commands[-1].source == "hold")
+    assert bench.call(bench.peer.modes, SetMode.Request(mode="auto")).ok
+    bench.until(lambda: bench.peer.commands[-1].source == "decentral")
+    assert bench.call(bench.peer.listing, ListControllers.Request()).mode == "auto"
+
+
+def test_a_third_controller_appears_by_itself_and_leaves(bench):
+    bench.peer.add("third")
+    bench.until(lambda: (bench.supervisor._arbiter.proposals.obstacle("third")) == "")
+    assert bench.switch("third").ok
+    assert bench.switch("decentral", BEST_EFFORT).ok
+    bench.peer.remove("third")
+    bench.until(lambda: not bench.supervisor._arbiter.proposals.roster.get("third").present)
+
+
+def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
+    bench.until(lambda: bench.peer.report("command topic") is not None)
+    assert bench.peer.report("command topic").message == "only writer of the command topic"
+    foreign = bench.peer.create_publisher(WeldCommand, "fsw/command", 10)
+    bench.until(lambda: foreign.get_subscription_count() == 2)
+    foreign.publish(convert.command_message(Command(60.0, 300.0), 1, "decentral"))
+    bench.until(lambda: bench.supervisor._arbiter.foreign_commands == 1)
+    bench.until(lambda: bench.peer.report("command topic").level == DiagnosticStatus.ERROR)
+    assert bench.peer.report("command topic").message == "a foreign writer sends commands"
+    assert bench.peer.commands[-1].source == "decentral"
+
+
+def test_diagnostics_tell_the_timing_of_each_controller(bench):
+    bench.until(lambda: bench.peer.report("controller decentral") is not None)
+    keys = {pair.key for pair in bench.peer.report("controller decentral").values}
+    assert {"latency mean [ms]", "latency 99 % [ms]", "latency max [ms]", "jitter [ms]", "missed", "late"} <= keys
+    assert bench.peer.report("arbiter").message.startswith("auto: decentral")
+    assert bench.peer.report("process").message == "sensors valid, inside all limits"
+
+
+def test_parameters_can_be_changed_while_running_and_are_checked(bench):
+    from rclpy.parameter import Parameter
+
+    good, bad = bench.supervisor.set_parameters(
+        [Parameter("readmit_ticks", value=7), Parameter("deadline_s", value=0.9)]
+    )
+    assert good.successful
+    assert bench.supervisor._arbiter.settings.readmit_ticks == 7
+    assert not bad.successful
+    assert "deadline_s is 0.9 s; it must lie between 0 and tick_period_s" in bad.reason
+
+
+def test_parameters_that_contradict_each_other_stop_the_start(make_bench):
+    with pytest.raises(ValueError, match="deadline_s"):
+        make_bench("deadline_s:=0.5")
+    rclpy.try_shutdown()
+
+
+def test_topics_and_discovery_follow_the_namespace(make_bench):
+    bench = make_bench(remap="__ns:=/cell")
+    bench.run("decentral", "third")
+    assert bench.supervisor.count_publishers("/cell/fsw/command") == 1
+    bench.until(lambda: bench.supervisor._arbiter.proposals.obstacle("third") == "")
+    assert bench.switch("third").ok
+
+
+def test_names_that_are_sources_already_are_no_controllers(bench):
+    bench.peer.add("manual")
+    bench.until(lambda: bench.supervisor._refused_names)
+    assert "unknown controller 'manual'" in bench.switch("manual").message
