@@ -80,7 +80,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._files = 1
         self._make_services(options.snapshot)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._parameters = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
+        self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
@@ -207,8 +207,8 @@ class RecorderNode(Node):  # type: ignore[misc]
             self._files += 1
 
     def _report(self) -> None:
-        if self._parameters is not None and not self.failed:
-            self._parameters.look_for_nodes()
+        if self._snapshots is not None and not self.failed:
+            self._snapshots.look_for_nodes()
         counters = self.writer.statistics()
         level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
         if self._gaps.total or counters.dropped or self._left_out:

@@ -9,7 +9,7 @@ from enum import IntEnum
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from rclpy.clock_type import ClockType
+from rclpy.clock_type import ClockType as ClockType
 from rclpy.constants import S_TO_NS
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
