@@ -65,7 +65,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._settings = ParameterValues(self, load("fsw_control", "controller.yaml"))
         self._own = ParameterValues(self, own)
         self._controller = make(self._own.values)
-        self._name = name
+        self._controller_name = name
         self._applied = AppliedCommands(Command(self._settings["initial_force"], self._settings["initial_speed"]))
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
@@ -93,9 +93,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self._own.on_change(configure)
 
     def _open_topics(self) -> None:
-        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._name}/proposal", STREAM)
-        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._name}/status", STREAM)
-        self._predictions = self.create_publisher(Prediction, f"fsw/{self._name}/prediction", STREAM)
+        self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", STREAM)
+        self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
+        self._predictions = self.create_publisher(Prediction, f"fsw/{self._controller_name}/prediction", STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
@@ -185,15 +185,15 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 
     def _publish(self, time_ns: int, proposal: Proposal) -> None:
         self._proposals.publish(
-            convert.command_message(proposal.command, time_ns, self._name, proposal.healthy, proposal.reason)
+            convert.command_message(proposal.command, time_ns, self._controller_name, proposal.healthy, proposal.reason)
         )
         try:
             self._statuses.publish(
                 convert.status_message(
                     proposal,
                     time_ns,
-                    self._name,
-                    selected=self._applied.source == self._name,
+                    self._controller_name,
+                    selected=self._applied.source == self._controller_name,
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
@@ -244,7 +244,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
         now_ns = self.get_clock().now().nanoseconds
         self._diagnostics.publish(
-            convert.diagnostics_message(now_ns, f"{self.get_name()}: controller {self._name}", level, text, values)
+            convert.diagnostics_message(
+                now_ns, f"{self.get_name()}: controller {self._controller_name}", level, text, values
+            )
         )
 
     @staticmethod

@@ -29,9 +29,11 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """
     argv = list(sys.argv if args is None else args)
     node: Node | None = None
+    started = False
     try:
         try:
             rclpy.init(args=argv)
+            started = True
             surplus = remove_ros_args(args=argv)[1:]
             if surplus:
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
@@ -39,9 +41,10 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         except (KeyboardInterrupt, ExternalShutdownException):
             return 0
         except Exception as error:
+            if started and not rclpy.ok():
+                return 0  # told to end while still starting
             # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
-            if rclpy.ok() or node is None:
-                print(f"{_program(argv)}: {_one_line(error)}", file=sys.stderr)
+            print(f"{_program(argv)}: {_one_line(error)}", file=sys.stderr)
             return 2
         try:
             rclpy.spin(node)

@@ -226,9 +226,9 @@ class DecentralController:
         if not self._depth.started:
             return "no valid depth, force held"
         if self._blind_torque_s > self._blind_limit_s:
-            return f"no valid torque for {self._blind_torque_s:.1f} s"
+            return f"no valid torque for more than {self._blind_limit_s:g} s"
         if self._blind_temperature_s > self._blind_limit_s:
-            return f"no valid temperature for {self._blind_temperature_s:.1f} s"
+            return f"no valid temperature for more than {self._blind_limit_s:g} s"
         return ""
 
 
