@@ -7,6 +7,7 @@ from math import isfinite, pi, sin
 
 #: Channels and their units: the first two are added to outputs, the others to inputs.
 CHANNELS = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm"}
+OUTPUT_CHANNELS = ("depth", "temperature")
 SHAPES = ("step", "ramp", "sine", "pulse", "none")
 
 
@@ -70,9 +71,14 @@ class Disturbance:
             return self.amplitude
         if self.shape == "ramp":
             return self.amplitude * min(since / self.duration_s, 1.0)
-        if self.duration_s and since > self.duration_s - 1e-9:
+        if self.over(time_s):
             return 0.0
         return self.amplitude if self.shape == "pulse" else self.amplitude * sin(2.0 * pi * since / self.period_s)
+
+    def over(self, time_s: float) -> bool:
+        """Whether it has ended by itself."""
+        ends = self.shape in ("pulse", "sine") and self.duration_s > 0.0
+        return ends and time_s - self.start_s > self.duration_s - 1e-9
 
 
 class Disturbances:
@@ -104,9 +110,9 @@ class Disturbances:
         disturbance = self._active.get(channel)
         return 0.0 if disturbance is None else disturbance.value(time_s)
 
-    def names(self) -> list[str]:
-        """Disturbances in force, e.g. ``depth:step``."""
-        return [f"{channel}:{disturbance.shape}" for channel, disturbance in self._active.items()]
+    def names(self, time_s: float) -> list[str]:
+        """Disturbances that are not over at a time, e.g. ``depth:step``."""
+        return [f"{channel}:{each.shape}" for channel, each in self._active.items() if not each.over(time_s)]
 
     def clear(self) -> None:
         """Remove all."""

@@ -36,7 +36,7 @@ from fsw_model.equations import RAD_PER_S_PER_RPM
 from fsw_plant.actuators import Actuator
 from fsw_plant.commands import CommandGate
 from fsw_plant.config import PlantConfig
-from fsw_plant.disturbances import Disturbance, Disturbances
+from fsw_plant.disturbances import OUTPUT_CHANNELS, Disturbance, Disturbances
 from fsw_plant.faults import Fault, Faults, Sample
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.sensors import NoisySensor
@@ -312,7 +312,9 @@ class PlantEmulator:
     def set_disturbance(
         self, channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
     ) -> None:
-        """Put a disturbance on a channel, beginning with the next tick measured; ``none`` clears it.
+        """Put a disturbance on a channel; ``none`` clears it.
+
+        On an output it begins with the next tick measured, on an input with the next step.
 
         Parameters
         ----------
@@ -328,7 +330,8 @@ class PlantEmulator:
         DisturbanceError
             If there is no such channel or shape, or a number makes no sense.
         """
-        self.disturbances.set(channel, Disturbance(shape, amplitude, duration_s, period_s, self._next_s()))
+        start_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
+        self.disturbances.set(channel, Disturbance(shape, amplitude, duration_s, period_s, start_s))
 
     def set_fault(self, sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
         """Give a sensor a fault, beginning with the next tick measured; ``none`` clears it.

@@ -104,7 +104,7 @@ def commands(plant: PlantEmulator, new_refusals: int, publishers: list[str]) -> 
 
 def sensors(plant: PlantEmulator) -> Report:
     """Active faults and disturbances, which somebody has ordered."""
-    faults, disturbances = plant.faults.names(), plant.disturbances.names()
+    faults, disturbances = plant.faults.names(), plant.disturbances.names(plant.time_s)
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
     active = [*faults, *disturbances]
     if active:

@@ -148,6 +148,16 @@ def test_input_disturbance_acts_on_the_process():
     assert plant.truth().depth_mm != before.depth_mm
 
 
+def test_replacing_an_input_disturbance_leaves_no_gap():
+    plant = plant_of(noise=False)
+    for amplitude in (1.0, 2.0, 3.0):
+        plant.measure()
+        plant.set_disturbance("axial_force", "step", amplitude)
+        plant.apply(plant.applied)
+        plant.step()
+        assert plant.truth().force_kn == pytest.approx(78.4 + amplitude)
+
+
 def test_events_act_at_their_tick():
     events = [
         {"at_s": 0.5, "disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}},

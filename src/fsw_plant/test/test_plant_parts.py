@@ -69,9 +69,11 @@ def test_a_channel_carries_one_disturbance():
     disturbances.set("depth", Disturbance("step", 1.0))
     disturbances.set("depth", Disturbance("step", 3.0))
     assert disturbances.value("depth", 0.0) == 3.0 and disturbances.value("temperature", 0.0) == 0.0
-    assert disturbances.names() == ["depth:step"]
+    assert disturbances.names(9.0) == ["depth:step"]
     disturbances.set("depth", Disturbance("none", 0.0))
     assert not disturbances
+    disturbances.set("depth", Disturbance("pulse", 1.0, 0.5, start_s=1.0))
+    assert disturbances.names(1.4) == ["depth:pulse"] and disturbances.names(1.5) == []
 
 
 @pytest.mark.parametrize(
