@@ -31,6 +31,8 @@ _STYLE = {
 }
 _REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
 _LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
+_SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."}
+_MOST_SWAPS = 20
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -163,6 +165,8 @@ def _page(runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: in
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
     for i, panel in enumerate(panels):
         _draw_panel(axes[i // columns][i % columns], panel, runs)
+    if len(runs) == 1:
+        _mark_swaps(list(axes.flat), runs[0].signals)
     for i in range(columns):
         axes[-1][i].set_xlabel("time [s]")
     figure.suptitle(title, fontsize=12.0, fontweight="bold")
@@ -200,6 +204,20 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
             axis.plot(time_s, true, color=colour, label=run.label, drawstyle="steps-post" if held else "default")
             shown.append(true)
     _scale(axis, panel, shown)
+
+
+def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
+    """Lines where the command's source changes, with its name on the first axis."""
+    source, time_s = signals.command_source, experiment_time_s(signals)
+    changes = np.flatnonzero(source[1:] != source[:-1]) + 1
+    if not changes.size or changes.size > _MOST_SWAPS:
+        return
+    for axis in axes:
+        for tick in changes:
+            axis.axvline(time_s[tick], label="other source of the command", **_SWAP)
+    top = axes[0].get_xaxis_transform()
+    for tick in (0, *changes):
+        axes[0].text(time_s[tick], 0.98, f" {source[tick]}", transform=top, va="top", fontsize=8.0, color="dimgray")
 
 
 def _draw_reference(axis: Axes, panel: _Panel, signals: WeldSignals) -> list[FloatArray]:

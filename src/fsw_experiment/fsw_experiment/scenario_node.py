@@ -66,7 +66,7 @@ class ScenarioNode(Node):
         self._first_ns: int | None = None
         self._tick = 0
         self._told = 0
-        self._heard_s = time.monotonic()
+        self._heard_s = self._began_s = time.monotonic()
         self.finished = False
         self.failure = ""
         self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
@@ -101,6 +101,7 @@ class ScenarioNode(Node):
         stamp_ns = convert.stamp_ns(message.header.stamp)
         if self._first_ns is None:
             self._first_ns = TICK_NS if self._simulated else stamp_ns
+            self._began_s = time.monotonic()
             self._drop_extra_subscriptions()
         self._heard_s = time.monotonic()
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
@@ -141,7 +142,7 @@ class ScenarioNode(Node):
             print(f"scenario: {failure}", file=sys.stderr, flush=True)
         else:
             self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
-            print("finished", flush=True)
+            print(f"finished after {time.monotonic() - self._began_s:.3f} s", flush=True)
         rclpy.try_shutdown()
 
 

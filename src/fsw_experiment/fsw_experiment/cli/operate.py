@@ -101,31 +101,30 @@ def _add(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentPars
 def _status(arguments: argparse.Namespace) -> int:
     from sensor_msgs.msg import Temperature
 
-    from fsw_experiment.cli.operator_node import nothing_there, operator
+    from fsw_control import messages_ros as convert
+    from fsw_experiment.cli.operator_node import LATCHED, in_force, nothing_there, operator
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
 
-    wanted = {
-        "state": (SupervisorState, "/fsw/supervisor/state", True),
-        "reference": (WeldReference, "/fsw/reference", True),
-        "command": (WeldCommand, "/fsw/command", False),
-        "depth": (ShoulderDepth, "/fsw/depth", False),
-        "torque": (SpindleTorque, "/fsw/spindle_torque", False),
-        "temperature": (Temperature, "/fsw/thermocouple", False),
-    }
-    from fsw_experiment.cli.operator_node import LATCHED, STREAM
-
     with operator(arguments.timeout) as visit:
-        seen: dict[str, Any] = {}
-        for name, (kind, topic, latched) in wanted.items():
-            visit.node.create_subscription(
-                kind, topic, lambda message, name=name: seen.update({name: message}), LATCHED if latched else STREAM
+        states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATCHED)
+        references = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+        streams = [
+            visit.watch(kind, topic)
+            for kind, topic in (
+                (WeldCommand, "/fsw/command"),
+                (ShoulderDepth, "/fsw/depth"),
+                (SpindleTorque, "/fsw/spindle_torque"),
+                (Temperature, "/fsw/thermocouple"),
             )
-        if not visit.wait_until(lambda: bool(seen)):
+        ]
+        if not visit.wait_until(lambda: any((states, references, *streams))):
             raise nothing_there()
-        visit.wait_until(lambda: len(seen) == len(wanted), _SETTLE_S)
+        visit.wait_until(lambda: all((states, references, *streams)), _SETTLE_S)
         nodes = sorted(name for name in visit.node.get_node_names() if name != "fsw_operator")
+    state = states[-1] if states else None
+    command, depth, torque, temperature = (stream[-1] if stream else None for stream in streams)
+    reference = in_force(references, depth and convert.stamp_ns(depth.header.stamp))
     print(f"nodes        {', '.join(nodes)}")
-    state = seen.get("state")
     if state is None:
         print("supervisor   none")
     else:
@@ -136,8 +135,6 @@ def _status(arguments: argparse.Namespace) -> int:
             print(f"  {controller.name:<10} {_health(controller)}")
         if state.interlocks:
             print(f"interlocks   {', '.join(state.interlocks)}")
-    reference, command = seen.get("reference"), seen.get("command")
-    depth, torque, temperature = seen.get("depth"), seen.get("torque"), seen.get("temperature")
     rows = [
         ("depth", depth and units.mm_from_m(depth.depth), reference and units.mm_from_m(reference.depth), "mm"),
         ("temperature", temperature and temperature.temperature, reference and reference.temperature, "degC"),
@@ -162,15 +159,19 @@ def _health(controller: Any) -> str:
 
 def _reference(arguments: argparse.Namespace) -> int:
     from fsw_control import messages_ros as convert
-    from fsw_experiment.cli.operator_node import LATCHED, nothing_there, operator
-    from fsw_msgs.msg import WeldReference
+    from fsw_experiment.cli.operator_node import LATCHED, in_force, nothing_there, operator
+    from fsw_msgs.msg import ShoulderDepth, WeldReference
 
     if arguments.depth is None and arguments.temperature is None:
         raise CommandError("reference: give --depth, --temperature or both")
     with operator(arguments.timeout) as visit:
         depth, temperature = arguments.depth, arguments.temperature
         if depth is None or temperature is None:
-            last = visit.latest(WeldReference, "/fsw/reference", latched=True)
+            references = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+            depths = visit.watch(ShoulderDepth, "/fsw/depth")
+            visit.wait_until(lambda: bool(references and depths))
+            now_ns = convert.stamp_ns(depths[-1].header.stamp) if depths else None
+            last = in_force(references, now_ns)
             if last is None:
                 missing = "--depth" if depth is None else "--temperature"
                 raise CommandError(f"reference: there is no set-point yet that could stay; give {missing} as well")

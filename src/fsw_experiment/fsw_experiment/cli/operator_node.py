@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import rclpy
@@ -15,7 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from fsw_experiment.cli.errors import CommandError
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: as deep as a scenario's set-points are sent ahead
+LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Operator:
@@ -57,13 +58,11 @@ class Operator:
             raise CommandError(f"{name} did not answer within {self.timeout_s + extra_s:g} s: is the {who} stuck?")
         return future.result()
 
-    def latest(self, kind: Any, topic: str, latched: bool = False, timeout_s: float | None = None) -> Any | None:
-        """The next message on a topic (the last one if it is latched); None when none comes in time."""
+    def watch(self, kind: Any, topic: str, profile: QoSProfile = STREAM) -> list[Any]:
+        """A list that gets every message of a topic while this object spins."""
         received: list[Any] = []
-        subscription = self.node.create_subscription(kind, topic, received.append, LATCHED if latched else STREAM)
-        self.wait_until(lambda: bool(received), timeout_s)
-        self.node.destroy_subscription(subscription)
-        return received[-1] if received else None
+        self.node.create_subscription(kind, topic, received.append, profile)
+        return received
 
 
 def _domain() -> str:
@@ -80,6 +79,13 @@ def operator(timeout_s: float) -> Iterator[Operator]:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def in_force(references: Sequence[Any], now_ns: int | None) -> Any | None:
+    """The reference message that holds at a time (a scenario sends its set-points ahead); None if there is none."""
+    stamps = [message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec for message in references]
+    begun = [message for message, stamp in zip(references, stamps, strict=True) if now_ns is None or stamp <= now_ns]
+    return begun[-1] if begun else None
 
 
 def nothing_there() -> CommandError:

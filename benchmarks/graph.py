@@ -1,0 +1,87 @@
+#!/usr/bin/env python3
+"""Ticks per second: the whole graph in lockstep (processes over DDS) and the closed loop in one process.
+
+usage: graph.py [--quick] [--json FILE]
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+from _bootstrap import ensure
+
+
+def offline_steps_per_s(name, repetitions):
+    """Best of several runs of plant emulator and decentralized controller in this process."""
+    from fsw_experiment.closed_loop import ClosedLoop
+    from fsw_experiment.controllers import make
+    from fsw_experiment.scenario_file import load
+
+    rates = []
+    for _ in range(repetitions):
+        loop = ClosedLoop(load(name), {"decentral": make("decentral")})
+        began = time.perf_counter()
+        loop.run()
+        rates.append(loop.scenario.n_ticks / (time.perf_counter() - began))
+    return max(rates)
+
+
+def graph_steps_per_s(name, controllers, repetitions):
+    """Ticks per second and seconds from start to first tick; medians of several runs of the whole graph."""
+    from fsw_experiment.graph import WeldGraph
+    from fsw_experiment.launcher import Launcher, free_domain
+    from fsw_experiment.scenario_file import load
+
+    rates, starts = [], []
+    for _ in range(repetitions):
+        scenario = load(name)
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            free_domain() as domain,
+            Launcher(Path(folder) / "log", domain) as launcher,
+        ):
+            began = time.perf_counter()
+            elapsed_s = WeldGraph(scenario, Path(folder) / "weld", controllers).run(launcher)
+            starts.append(time.perf_counter() - began - elapsed_s)
+        rates.append(scenario.n_ticks / elapsed_s)
+    return statistics.median(rates), statistics.median(starts)
+
+
+def main():
+    """Measure, print a table, write JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="shorter scenario, fewer repetitions")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
+    arguments = parser.parse_args()
+    name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
+
+    from fsw_experiment.graph import installed_controllers
+
+    result = {"scenario": name, "repetitions": repetitions, "cpus": os.cpu_count(), "python": platform.python_version()}
+    result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
+    rate, start_s = graph_steps_per_s(name, (), repetitions)
+    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = rate, start_s
+    if "nmpc" in installed_controllers():
+        result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(name, ("nmpc",), repetitions)
+    aims = {"offline_steps_per_s": 20_000, "graph_steps_per_s": 300}
+    print(f"{'figure':<32}{'measured':>12}{'aim':>12}")
+    for key, value in result.items():
+        if isinstance(value, float):
+            aim = f">= {aims[key]}" if key in aims else ""
+            print(f"{key:<32}{value:>12.1f}{aim:>12}")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    ensure()
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""How the graph ends: cleanly, whoever ends it and when."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fsw_experiment.graph import WeldGraph
+from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+from fsw_experiment.scenario_file import load
+from fsw_recorder.signals import load_weld
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+NODES = ("recorder", "plant", "decentral", "supervisor")
+
+
+def wait_for(condition, what, timeout_s=30.0):
+    end = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end, what
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_every_process_ends_cleanly_and_the_bag_is_whole(sign, tmp_path):
+    scenario = load("reference_tracking")
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        graph = WeldGraph(scenario, tmp_path / "weld")
+        player = graph.start(launcher)
+        launcher.wait_for_text("scenario", "progress 1")
+        for child in launcher.children.values():
+            child.process.send_signal(sign)
+        wait_for(lambda: not any(child.running for child in launcher.children.values()), "all processes to end")
+        for name in NODES:
+            child = launcher.children[name]
+            assert child.process.returncode == 0, (name, child.text())
+            assert "Traceback" not in child.text(), (name, child.text())
+        assert player.process.returncode == 1
+        assert "before the scenario was over" in player.text()
+    signals = load_weld(graph.bag)
+    assert signals.problems == []
+    assert signals.n_ticks > 20
+
+
+def test_a_process_that_dies_is_told_and_the_others_are_ended(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        graph = WeldGraph(load("reference_tracking"), tmp_path / "weld")
+        began = []
+
+        def progress(share):
+            if share > 0.05 and not began:
+                began.append(share)
+                launcher.children["plant"].process.kill()
+
+        with pytest.raises(LaunchError, match="plant has ended with exit code -9"):
+            graph.run(launcher, progress)
+    assert not any(child.running for child in launcher.children.values())
+
+
+def processes_with(text):
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and text.encode() in (entry / "cmdline").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
+@pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "fsw_experiment.demo", "--controller", "decentral", "--out", str(out)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    with (tmp_path / "printed").open("wb") as printed:
+        demo = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE)
+    log = out / "reference_tracking" / "decentral" / "log" / "scenario.log"
+    try:
+        wait_for(lambda: log.exists() and "progress" in log.read_text(), "the weld to begin")
+        assert len(processes_with(str(out))) > 4
+        demo.send_signal(sign)
+        assert demo.wait(30) == code
+    finally:
+        demo.kill()
+        demo.wait()
+    wait_for(lambda: not processes_with(str(out)), "the processes to end")
+
+
+def test_player_alone_gives_up_with_one_clear_line(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+        player = launcher.start(
+            "player", "fsw_experiment.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
+        )
+        wait_for(lambda: not player.running, "the player to give up")
+        assert player.process.returncode == 1
+        assert "no 1 controllers listening for 1 s" in player.text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing_there"], "cannot read scenario nothing_there"),
+        (["quick", "--ros-args", "-p", "silence_timeout_s:=0.0"], "silence_timeout_s"),
+        (["quick", "surplus"], "unknown arguments surplus"),
+    ],
+)
+def test_player_with_bad_input(arguments, words, tmp_path):
+    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+        player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
+        wait_for(lambda: not player.running, "the player to end")
+        assert player.process.returncode == 2
+        assert words in player.text()
+        assert player.text().count("\n") == 1

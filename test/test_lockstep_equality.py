@@ -1,0 +1,93 @@
+"""The same scenario in the graph in lockstep and in one process: the same trajectory."""
+
+import numpy as np
+import pytest
+
+from fsw_experiment.closed_loop import ClosedLoop
+from fsw_experiment.controllers import make
+from fsw_experiment.graph import WeldGraph
+from fsw_experiment.launcher import Launcher, free_domain
+from fsw_experiment.scenario_file import load
+from fsw_experiment.weld_events import cut_to_scenario
+from fsw_recorder.signals import load_weld
+
+CLOSED = """
+name: everything
+duration_s: 45.0
+controller: decentral
+plant:
+  seed: 11
+  start: {depth_mm: 2.7, temperature_c: 846.0}
+  model: {thermal_gain_c_per_kw: 1.1, depth_gain_mm_per_kn_s: 0.9}
+events:
+  - {at_s: 1.0, reference: {depth_mm: 2.72}}
+  - {at_s: 3.0, reference: {temperature_c: 849.0, over_s: 5.0}}
+  - {at_s: 10.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
+  - {at_s: 12.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 3.0}}
+  - {at_s: 14.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 10.0}}
+  - {at_s: 15.0, reference: {sine: {depth_mm: 0.02, temperature_c: 1.0, period_s: 8.0}}}
+  - {at_s: 20.0, fault: {sensor: torque, kind: nan, duration_s: 0.2}}
+  - {at_s: 22.0, fault: {sensor: thermocouple, kind: bias, magnitude_c: 1.5, duration_s: 3.0}}
+  - {at_s: 26.0, fault: {sensor: depth, kind: spike, magnitude_mm: 2.0}}
+  - {at_s: 30.0, reference: {depth_mm: 2.66}}
+  - {at_s: 30.0, disturbance: {channel: spindle_speed, shape: pulse, amplitude_rpm: 5.0, duration_s: 2.0}}
+"""
+OPEN = """
+name: steps
+duration_s: 15.0
+controller: none
+plant: {seed: 3}
+events:
+  - {at_s: 2.0, command: {force_kn: 80.4}}
+  - {at_s: 5.0, command: {speed_rpm: 420.0}}
+  - {at_s: 10.0, command: {force_kn: 78.4, speed_rpm: 407.6}}
+"""
+SIGNALS = (
+    "depth_mm",
+    "torque_nm",
+    "temperature_c",
+    "force_kn",
+    "speed_rpm",
+    "reference_depth_mm",
+    "reference_temperature_c",
+)
+TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
+
+
+@pytest.mark.parametrize("text", [CLOSED, OPEN], ids=["closed", "open"])
+def test_graph_in_lockstep_equals_one_process(text, tmp_path):
+    path = tmp_path / "scenario.yaml"
+    path.write_text(text)
+    scenario = load(path)
+    shares = []
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        graph = WeldGraph(scenario, tmp_path / "weld")
+        elapsed_s = graph.run(launcher, shares.append)
+    recorded = load_weld(graph.bag)
+    assert recorded.problems == []
+    assert recorded.attachments["scenario.yaml"] == text.encode()
+    there = cut_to_scenario(recorded)
+    here = ClosedLoop(scenario, {} if scenario.open_loop else {"decentral": make("decentral")}).run()
+
+    assert np.array_equal(there.stamp_ns, here.stamp_ns)
+    for name in SIGNALS:
+        np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-9, err_msg=name)
+    for name in TRUTH:
+        np.testing.assert_allclose(
+            getattr(there.truth, name), getattr(here.truth, name), rtol=0.0, atol=1e-9, err_msg=f"truth {name}"
+        )
+    assert list(there.command_source) == list(here.command_source)
+    assert list(there.truth.active_faults) == list(here.truth.active_faults)
+    assert shares == sorted(shares)
+    assert 0.0 < elapsed_s < 60.0
+
+
+def test_the_paths_of_the_handles_are_not_trivial(tmp_path):
+    """What the test above compares does move: else it could not fail."""
+    path = tmp_path / "scenario.yaml"
+    path.write_text(CLOSED)
+    signals = ClosedLoop(load(path), {"decentral": make("decentral")}).run()
+    assert np.ptp(signals.force_kn) > 1.0
+    assert np.ptp(signals.speed_rpm) > 10.0
+    assert np.isnan(signals.torque_nm).sum() == 2
+    assert np.ptp(signals.reference_depth_mm) > 0.05

@@ -1,0 +1,88 @@
+"""The operator's command against a running graph."""
+
+import pytest
+
+from fsw_experiment.cli.main import main
+from fsw_experiment.graph import WeldGraph
+from fsw_experiment.launcher import Launcher, free_domain
+from fsw_experiment.scenario_file import load
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    """A weld at 10 Hz that goes on for as long as the tests need."""
+    folder = tmp_path_factory.mktemp("weld")
+    scenario = load("quick", ["duration_s=600", "events=[]"])
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
+        launcher.wait_for_text("supervisor", "controller decentral is warm", 60.0)
+        yield domain
+        launcher.check()
+
+
+@pytest.fixture
+def fsw(graph, capsys, monkeypatch):
+    """Run the command on the graph's domain; returns exit code, output, errors."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(graph))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+    def run(*arguments):
+        code = main([*arguments, "--timeout", "20"])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_status_tells_who_commands_what_is_measured_and_applied(fsw):
+    code, printed, _ = fsw("status")
+    assert code == 0
+    for words in ("fsw_plant", "auto, decentral", "set-point 2.66 mm", "degC", "kN", "from decentral"):
+        assert words in printed
+
+
+def test_controllers(fsw):
+    code, printed, _ = fsw("controllers")
+    assert code == 0
+    assert "active decentral" in printed
+    assert "ready" in printed
+
+
+def test_reference_keeps_what_is_left_out(fsw):
+    code, printed, _ = fsw("reference", "--depth", "2.67")
+    assert (code, printed) == (0, "set-points: 2.67 mm, 850 degC\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("disturb", "temperature", "step", "0.5"),
+        ("disturb", "temperature", "none"),
+        ("fault", "thermocouple", "bias", "0.5", "--duration", "0.5"),
+        ("fault", "thermocouple", "none"),
+        ("mode", "hold"),
+        ("mode", "manual", "--force", "78.4", "--speed", "407"),
+        ("mode", "auto"),
+        ("switch", "decentral"),
+    ],
+)
+def test_orders_are_obeyed(fsw, arguments):
+    code, printed, error = fsw(*arguments)
+    assert (code, error) == (0, "")
+    assert printed.strip()
+
+
+def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
+    code, _, error = fsw("switch", "nobody")
+    assert code == 1
+    assert "unknown controller 'nobody'" in error
+    assert error.count("\n") == 1
+
+
+def test_an_empty_domain_is_told(capsys, monkeypatch):
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        for arguments in (["status"], ["disturb", "depth", "none"], ["reference", "--depth", "2.7"]):
+            assert main([*arguments, "--timeout", "0.5"]) == 1
+            error = capsys.readouterr().err
+            assert error.count("\n") == 1
