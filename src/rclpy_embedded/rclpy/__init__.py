@@ -94,10 +94,11 @@ def init(
 def get_global_executor() -> Executor:
     """Return the executor that the spin functions use by default."""
     global _executor
-    if _executor is None:
+    executor = _executor
+    if executor is None:
         from rclpy.executors import SingleThreadedExecutor
 
-        _executor = SingleThreadedExecutor()
+        executor = _executor = SingleThreadedExecutor()
         context = get_default_context()
 
         def reset() -> None:
@@ -108,7 +109,7 @@ def get_global_executor() -> Executor:
                 executor.shutdown()
 
         context.on_shutdown(reset)
-    return _executor
+    return executor
 
 
 def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:

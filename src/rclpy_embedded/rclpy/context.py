@@ -29,6 +29,8 @@ class Context:
         self._session: Session | None = None
         self._arguments: Arguments | None = None
         self._ok = False
+        # A signal came, and its shutdown is under way in another thread.
+        self._interrupted = False
         # After a signal, executors have to report the shutdown as external.
         self._signaled = False
         self._nodes: WeakSet[Any] = WeakSet()
@@ -90,7 +92,7 @@ class Context:
 
     def ok(self) -> bool:
         """Return whether it is initialized and not shut down."""
-        return self._ok
+        return self._ok and not self._interrupted
 
     def get_domain_id(self) -> int:
         """Return the DDS domain.
@@ -180,7 +182,13 @@ class Context:
         self.try_shutdown()
 
 
+def interrupt_all() -> None:
+    """Let no context be ok any more; takes no lock, so a signal handler may call it."""
+    for context in list(_initialized):
+        context._interrupted = True
+
+
 def shutdown_all() -> None:
-    """Shut down every context; what a signal does."""
+    """Shut down every context because of a signal."""
     for context in list(_initialized):
         context._shutdown(by_signal=True)

@@ -111,7 +111,7 @@ class Executor:
 
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = get_default_context() if context is None else context
-        if not self._context.ok():
+        if self._context.handle is None:
             raise NotInitializedException("cannot create executor")
         self._nodes: dict[Node, None] = {}
         self._lock = threading.RLock()

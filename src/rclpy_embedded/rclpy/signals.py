@@ -9,7 +9,7 @@ from enum import Enum
 from types import FrameType
 from typing import Any
 
-from rclpy.context import shutdown_all
+from rclpy.context import interrupt_all, shutdown_all
 
 
 class SignalHandlerOptions(Enum):
@@ -28,15 +28,15 @@ _previous_wakeup_fd = -1
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    # The thread below may not have run yet; what comes after the handler must see the shutdown.
-    shutdown_all()
+    # The shutdown itself is left to the thread below: here, the locks it takes may be held already.
+    interrupt_all()
     previous = _previous.get(number)
     if callable(previous):
         previous(number, frame)
 
 
 def _watch(fd: int) -> None:
-    """Shut down while the main thread is stuck in a wait of the middleware, which a signal does not end."""
+    """Shut down all contexts; this also wakes a main thread that waits in the middleware, which no signal does."""
     while received := os.read(fd, 1):
         if received[0] in _previous:
             shutdown_all()

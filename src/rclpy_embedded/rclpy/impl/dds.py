@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclonedds.core import DDSException, Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
 from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import uint8
 
 from rclpy.qos import (
     QoSDurabilityPolicy,
@@ -23,7 +24,7 @@ INFINITE_NS = 0x7FFFFFFFFFFFFFFF
 
 
 class RawSample(IdlStruct):
-    """A sample whose serialized form is given; the DDS type is empty, so the middleware looks at no field."""
+    """A sample whose serialized form is given; the middleware looks at its first byte only."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -43,7 +44,10 @@ class RawSample(IdlStruct):
 @cache
 def raw_type(dds_name: str) -> type[RawSample]:
     """Return the DDS type of the given name that carries CDR."""
-    return make_idl_struct("RawType", dds_name, {}, dataclassify=False, bases=(RawSample,))
+    # The one member (every ROS message has at least a byte) is named after the type: else DDS would take all these
+    # types for the same and match them within a process.
+    member = dds_name.replace("::", "__")
+    return make_idl_struct("RawType", dds_name, {member: uint8}, dataclassify=False, bases=(RawSample,))
 
 
 def any_sample(reader: DataReader) -> ReadCondition:

@@ -1,0 +1,215 @@
+"""Several processes: signals, exit codes, start-up time, idle CPU, many at once, what is missing."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import time
+from typing import Any
+
+import pytest
+from std_msgs.msg import String
+
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+
+SPIN = """
+import sys
+import rclpy
+from rclpy.executors import ExternalShutdownException
+rclpy.init()
+node = rclpy.create_node("spinner")
+node.declare_parameter("gain", 1.5)
+print("ready", flush=True)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    print("KeyboardInterrupt")
+except ExternalShutdownException:
+    print("ExternalShutdownException")
+print(rclpy.ok())
+node.destroy_node()
+rclpy.try_shutdown()
+"""
+ECHO = """
+import rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("echo")
+publisher = node.create_publisher(String, "back", 10)
+node.create_subscription(String, "there", lambda message: publisher.publish(message), 10)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+THREAD = """
+import threading, time
+import rclpy
+from rclpy.executors import ExternalShutdownException
+rclpy.init()
+node = rclpy.create_node("threaded")
+def spin():
+    try:
+        rclpy.spin(node)
+    except ExternalShutdownException:
+        print("ended", flush=True)
+thread = threading.Thread(target=spin)
+thread.start()
+print("ready", flush=True)
+try:
+    thread.join()
+except KeyboardInterrupt:
+    thread.join()
+"""
+IDLE = """
+import time
+import rclpy
+rclpy.init()
+node = rclpy.create_node("idle")
+executor = rclpy.get_global_executor()
+executor.add_node(node)
+executor.spin_once(timeout_sec=0.5)
+start, cpu = time.monotonic(), time.process_time()
+while time.monotonic() < start + 3:
+    executor.spin_once(timeout_sec=start + 3 - time.monotonic())
+print((time.process_time() - cpu) / (time.monotonic() - start))
+"""
+START = """
+import time
+start = time.perf_counter()
+import rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("starter")
+node.create_publisher(String, "chat", 10)
+print(time.perf_counter() - start)
+"""
+ONE_OF_MANY = """
+import sys
+import rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("node_" + sys.argv[1], enable_rosout=False, start_parameter_services=False)
+publisher = node.create_publisher(String, "roll_call", 10)
+node.create_subscription(String, "call", lambda _: publisher.publish(String(data=sys.argv[1])), 10)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "outcome"),
+    [(signal.SIGINT, "KeyboardInterrupt"), (signal.SIGTERM, "ExternalShutdownException")],
+)
+def test_signals_end_spin(run_program: Any, number: signal.Signals, outcome: str) -> None:
+    program = run_program(SPIN)
+    assert program.line() == "ready"
+    start = time.monotonic()
+    program.process.send_signal(number)
+    code, out, err = program.finish()
+    assert time.monotonic() - start < 5
+    # As with genuine rclpy, a spin that was not waiting just then ends without an exception after SIGTERM.
+    assert out.split() in ([outcome, "False"], ["False"] if number == signal.SIGTERM else None)
+    assert code == 0 and err == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_spin_in_a_thread(run_program: Any, number: signal.Signals) -> None:
+    program = run_program(THREAD)
+    assert program.line() == "ready"
+    program.process.send_signal(number)
+    assert program.line() == "ended"
+    assert program.finish()[0] == 0
+
+
+def test_talk_to_another_process(node: Any, spinner: Any, run_program: Any) -> None:
+    got: list[str] = []
+    node.create_subscription(String, "back", lambda message: got.append(message.data), 10)
+    publisher = node.create_publisher(String, "there", 10)
+    program = run_program(ECHO)
+    assert program.line() == "ready"
+    assert spinner.until(lambda: publisher.get_subscription_count() == 1 and node.count_publishers("back") == 1)
+    for count in range(1, 6):
+        publisher.publish(String(data=str(count)))
+        assert spinner.until(lambda count=count: len(got) == count)
+    assert got == ["1", "2", "3", "4", "5"]
+
+
+def test_parameters_of_another_process(node: Any, spinner: Any, run_program: Any) -> None:
+    program = run_program(SPIN)
+    assert program.line() == "ready"
+    client = AsyncParameterClient(node, "/spinner")
+    assert client.wait_for_services(10)
+    future = client.set_parameters([Parameter("gain", value=2.5)])
+    assert spinner.until(future.done)
+    assert future.result().results[0].successful
+    future = client.get_parameters(["gain", "use_sim_time"])
+    assert spinner.until(future.done)
+    assert [value.double_value for value in future.result().values] == [2.5, 0.0]
+
+
+def test_rosout_of_another_process(node: Any, spinner: Any, run_program: Any) -> None:
+    from rcl_interfaces.msg import Log
+
+    from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+
+    got: list[Any] = []
+    profile = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(Log, "/rosout", got.append, profile)
+    source = SPIN.replace('print("ready"', 'node.get_logger().warning("low oil"); print("ready"')
+    program = run_program(source)
+    assert program.line() == "ready"
+    assert spinner.until(lambda: any(log.name == "spinner" and log.msg == "low oil" for log in got))
+    assert next(log for log in got if log.msg == "low oil").level == 30
+
+
+def test_idle_node_uses_little_cpu(run_program: Any) -> None:
+    program = run_program(IDLE)
+    _, out, err = program.finish()
+    assert float(out) < 0.01, err
+
+
+def test_start_up_time(run_program: Any) -> None:
+    best = min(float(run_program(START).finish()[1]) for _ in range(3))
+    assert best < 0.7
+
+
+def test_40_processes(domain_id: int, run_program: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The range in which genuine ROS 2 stops at 32 processes.
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+
+    programs = [run_program(ONE_OF_MANY, str(number)) for number in range(40)]
+    assert all(program.line() == "ready" for program in programs)
+    context = Context()
+    context.init(args=[], domain_id=domain_id)
+    try:
+        node = rclpy.create_node("caller", context=context)
+        present: set[str] = set()
+        node.create_subscription(String, "roll_call", lambda message: present.add(message.data), 100)
+        publisher = node.create_publisher(String, "call", 10)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        end = time.monotonic() + 40
+        while len(present) < 40 and time.monotonic() < end:
+            publisher.publish(String())
+            next_call = time.monotonic() + 0.5
+            while time.monotonic() < next_call and len(present) < 40:
+                executor.spin_once(timeout_sec=0.05)
+        assert present == {str(number) for number in range(40)}
+        assert len(node.get_node_names()) == 41
+        executor.shutdown()
+    finally:
+        context.destroy()
+
+
+@pytest.mark.parametrize("name", ["rclpy.action", "rclpy.lifecycle"])
+def test_missing_modules_say_so(name: str) -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        importlib.import_module(name)
+
+
+def test_missing_executor_says_so() -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        from rclpy.executors import MultiThreadedExecutor  # noqa: F401
