@@ -5,8 +5,8 @@ import sys
 
 from _bootstrap import ensure
 
-ensure()
+if __name__ == "__main__":
+    ensure()
+    from fsw_recorder.recorder_node import main
 
-from fsw_recorder.recorder_node import main  # noqa: E402
-
-sys.exit(main())
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""The commands ``bag info``, ``bag salvage`` and ``bag export``."""
+"""The commands ``bag info``, ``bag salvage``, ``bag export`` and ``bag verify``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,6 +17,8 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.salvage import salvage
 from fsw_recorder.signal_export import export_weld
 from fsw_recorder.signals import load_weld
+from fsw_recorder.topic_selection import TopicSelection
+from fsw_recorder.verify import Make, recorded_controllers, verify
 
 
 def add_bag_commands(subparsers: Any) -> None:
@@ -39,6 +42,7 @@ def add_bag_commands(subparsers: Any) -> None:
     save.add_argument("bag", type=Path, help="bag folder or file in any state")
     save.add_argument("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_salvaged)")
     save.add_argument("--zstd", action="store_true", help="compress the new bag")
+    save.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
     save.set_defaults(run=run_salvage)
 
     export = subparsers.add_parser(
@@ -49,6 +53,18 @@ def add_bag_commands(subparsers: Any) -> None:
     export.add_argument("bag", type=Path, help="bag of a weld")
     export.add_argument("output", type=Path, nargs="?", help="table to write: .csv or .parquet (default: <bag>.csv)")
     export.set_defaults(run=run_export)
+
+    check = subparsers.add_parser(
+        "verify",
+        help="replay controllers on a bag and compare with the recorded proposals, bit by bit",
+        description="Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
+        "ones, bit by bit. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed.",
+    )
+    check.add_argument("bag", type=Path, help="bag of a weld, recorded from its start")
+    check.add_argument("--controller", metavar="NAME", help="replay only this one (default: all in the bag)")
+    check.add_argument("--class", dest="kind", metavar="MODULE:CLASS", help="class of an own controller")
+    check.add_argument("--parameters", metavar="PACKAGE:FILE", help="parameter descriptions of an own controller")
+    check.set_defaults(run=run_verify)
 
 
 def run_command(arguments: argparse.Namespace) -> int:
@@ -145,7 +161,8 @@ def run_salvage(arguments: argparse.Namespace) -> int:
     stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
     target = arguments.output or source.absolute().parent / f"{stem}_salvaged"
     options = WriterOptions(compression="zstd" if arguments.zstd else "")
-    result = salvage(source, target, options, progress_line())
+    selection = TopicSelection(regex=arguments.regex, include_hidden=True)
+    result = salvage(source, target, options, progress_line(), selection)
     for problem in result.problems:
         print(f"note: {problem}", file=sys.stderr)
     print(f"{result.messages} messages of {result.topics} topics saved to {target}")
@@ -162,3 +179,41 @@ def run_export(arguments: argparse.Namespace) -> int:
     rows = export_weld(signals, target)
     print(f"{rows} rows written to {target}")
     return 0
+
+
+def run_verify(arguments: argparse.Namespace) -> int:
+    """``bag verify``."""
+    recorded = recorded_controllers(arguments.bag)
+    names = [arguments.controller] if arguments.controller else recorded
+    if not recorded or not set(names) <= set(recorded):
+        raise BagError(f"{arguments.bag}: no proposals of {', '.join(names) or 'any controller'} in this bag")
+    identical = True
+    for name in names:
+        make, parameters = _controller(name, arguments.kind, arguments.parameters)
+        result = verify(arguments.bag, name, make, parameters)
+        print("\n".join(result.lines()), flush=True)
+        identical &= result.identical
+    return 0 if identical else 1
+
+
+def _controller(name: str, kind: str | None, parameters: str | None) -> tuple[Make, tuple[str, str] | None]:
+    """What makes a controller, and where its parameters are described."""
+    if kind is not None:
+        described = tuple(parameters.split(":")) if parameters else ()
+        if len(described) not in (0, 2):
+            raise BagError(f"--parameters {parameters}: write PACKAGE:FILE")
+        module, _, class_name = kind.partition(":")
+    else:
+        from fsw_experiment.controllers import KNOWN
+
+        if name not in KNOWN:
+            raise BagError(f"controller {name} is not one of {', '.join(KNOWN)}; give its class with --class")
+        module, class_name, *rest = KNOWN[name]
+        described = (module, rest[0])
+    try:
+        made = getattr(import_module(module), class_name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BagError(f"controller {name} is not available: {error}") from None
+    if not described:
+        return (lambda _: made()), None
+    return made, (described[0], described[1])

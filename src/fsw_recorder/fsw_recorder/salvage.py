@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.topic_selection import TopicSelection
 
 _BATCH = 2000
 
@@ -27,6 +28,7 @@ def salvage(
     target: Path,
     options: WriterOptions | None = None,
     progress: Callable[[float], None] | None = None,
+    selection: TopicSelection | None = None,
 ) -> SalvageResult:
     """Copy all readable messages and attachments of a bag into a new bag.
 
@@ -43,6 +45,8 @@ def salvage(
         How it is written.
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
+    selection : TopicSelection, optional
+        Topics to copy; all by default.
 
     Raises
     ------
@@ -51,6 +55,8 @@ def salvage(
     """
     with BagReader(source) as reader:
         topics = reader.topics()
+        if selection is not None:
+            topics = {name: topic for name, topic in topics.items() if selection.takes(name)}
         custom = dict(reader.metadata.custom_data) if reader.metadata else {}
         if reader.problems:
             custom["salvaged_from"] = str(source)
@@ -70,7 +76,7 @@ def salvage(
                 )
             for attachment in reader.attachments():
                 writer.attach(attachment.name, attachment.media_type, attachment.data)
-            for record in reader.records(progress=progress):
+            for record in reader.records(topics, progress=progress):
                 count += 1
                 if count % _BATCH == 0:
                     _drain(writer)

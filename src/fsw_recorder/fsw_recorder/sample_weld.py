@@ -36,7 +36,7 @@ TOPICS = {
 SCENARIO = b"name: made-up weld\n"
 
 
-class _Types:
+class SampleTypes:
     """Builds and serializes messages from their definitions, without message classes."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class _Types:
 
 def sample_messages(ticks: int) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time [ns] and serialized message of a made-up weld of ``ticks`` samples at 10 Hz."""
-    types = _Types()
+    types = SampleTypes()
 
     def message(topic: str, time_ns: int, values: dict[str, Any], delay_ns: int) -> tuple[str, int, bytes]:
         stamp = {"sec": time_ns // 1_000_000_000, "nanosec": time_ns % 1_000_000_000}

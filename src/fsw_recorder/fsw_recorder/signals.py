@@ -27,6 +27,8 @@ from fsw_recorder.weld_signals import (
 )
 
 RPM_PER_RAD_S = 1.0 / RAD_PER_S_PER_RPM
+#: a stamp further than this from the ticks around it comes from another clock, as `ReferenceQueue` sees it
+_OTHER_CLOCK_S = 36_000.0
 #: name of the field: topic, factor to the paper's unit
 _SENSORS = {
     "depth": ("/fsw/depth", 1e3),
@@ -153,11 +155,12 @@ class _Ticks:
         return result
 
     def times(self, topic: _Topic) -> FloatArray:
-        """Time of messages in seconds since the first tick: by stamp, and by receipt where the stamp is zero."""
+        """Seconds since the first tick: by stamp, and by receipt where the stamp is zero or of another clock."""
         by_stamp = (topic.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
         at = np.clip(np.searchsorted(self.log_ns[order], topic.log_ns, side="right") - 1, 0, order.size - 1)
-        return np.where(topic.stamp_ns == 0, self.time_s[order[at]], by_stamp)
+        by_receipt = self.time_s[order[at]]
+        return np.where((topic.stamp_ns == 0) | (np.abs(by_stamp - by_receipt) > _OTHER_CLOCK_S), by_receipt, by_stamp)
 
     def held(self, topic: _Topic) -> npt.NDArray[np.int64]:
         """Index of the message in force at every tick; -1 before the first."""
