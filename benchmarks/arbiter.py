@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+"""Latency of the arbiter hop: measurement to proposal and to applied command, real processes in real time.
+
+A measuring process publishes the sensors at 10 Hz and at 100 Hz; two small controllers and the supervisor answer.
+The hop is what the supervisor adds between the active controller's proposal and the command, both as they arrive
+at the measuring process.
+
+usage: arbiter.py [--quick] [--json FILE]
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+from _bootstrap import ensure
+
+ACTIVE, SHADOW = "decentral", "nmpc"
+
+
+def run_dummy(name, arguments):
+    """Run a controller that proposes what is applied, in this process."""
+    from fsw_control import Proposal, run_controller
+
+    class Dummy:
+        tolerated_sensors = ()
+
+        def __init__(self):
+            self.name = name
+
+        def step(self, measurement, reference, applied, dt_s):
+            return Proposal(applied)
+
+        def reset(self, applied):
+            pass
+
+    return run_controller(Dummy, name=name, args=["dummy", *arguments])
+
+
+class Meter:
+    """Publishes measurements at a rate and notes when proposals and commands come back."""
+
+    def __init__(self, domain, rate_hz):
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from sensor_msgs.msg import Temperature
+
+        from fsw_control import messages_ros as convert
+        from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+
+        rclpy.init(args=[], domain_id=domain)
+        self._convert, self._truth = convert, PlantState(axial_force=78.4e3, spindle_speed=42.68)
+        self.node = rclpy.create_node("meter")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._truths = self.node.create_publisher(PlantState, "fsw/plant/truth", 10)
+        self._depths = self.node.create_publisher(ShoulderDepth, "fsw/depth", 10)
+        self._torques = self.node.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
+        self._temperatures = self.node.create_publisher(Temperature, "fsw/thermocouple", 10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._references = self.node.create_publisher(WeldReference, "fsw/reference", latched)
+        self._references.publish(WeldReference(depth=2.66e-3, temperature=850.0))
+        self.sent, self.proposed, self.commanded, self.sources = {}, {}, {}, {}
+        self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
+        self.node.create_subscription(WeldCommand, "fsw/command", self._on_command, 10)
+        self._period_s = 1.0 / rate_hz
+
+    def ready(self):
+        """Whether both controllers and the supervisor hear the sensors, and this process hears them."""
+        self._executor.spin_once(timeout_sec=0.0)
+        heard = min(p.get_subscription_count() for p in (self._depths, self._torques, self._temperatures)) >= 3
+        return heard and self._truths.get_subscription_count() >= 1 and self.node.count_publishers("/fsw/command") >= 1
+
+    def run(self, ticks):
+        """Publish so many ticks at the rate."""
+        next_s = time.monotonic()
+        for _ in range(ticks):
+            while (left_s := next_s - time.monotonic()) > 0.0:
+                self._executor.spin_once(timeout_sec=left_s)
+            self._tick()
+            next_s += self._period_s
+        end_s = time.monotonic() + 0.2
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left_s)
+
+    def forget(self):
+        """Leave out the ticks so far."""
+        for record in (self.sent, self.proposed, self.commanded, self.sources):
+            record.clear()
+
+    def _tick(self):
+        convert, stamp = self._convert, time.time_ns()
+        self._truth.header = convert.header(stamp)
+        self.sent[stamp] = time.monotonic()
+        self._truths.publish(self._truth)
+        self._depths.publish(convert.depth_message(2.66, stamp))
+        self._torques.publish(convert.torque_message(1052.0, stamp))
+        self._temperatures.publish(convert.temperature_message(850.0, stamp))
+
+    def _on_proposal(self, message):
+        self.proposed.setdefault(self._convert.stamp_ns(message.header.stamp), time.monotonic())
+
+    def _on_command(self, message):
+        stamp = self._convert.stamp_ns(message.header.stamp)
+        self.commanded.setdefault(stamp, time.monotonic())
+        self.sources[stamp] = message.source
+
+    def close(self):
+        """Leave the graph."""
+        import rclpy
+
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def measure(rate_hz, ticks):
+    """Latencies [ms] at one rate as a flat dict."""
+    from fsw_experiment.launcher import Launcher, free_domain
+
+    period_s = 1.0 / rate_hz
+    supervisor = [f"tick_period_s:={period_s}", f"deadline_s:={0.8 * period_s}"]
+    controller = [f"period:={period_s}", f"deadline:={0.3 * period_s}"]
+    with tempfile.TemporaryDirectory() as folder, free_domain() as domain, Launcher(Path(folder), domain) as launcher:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        launcher.start("supervisor", "fsw_supervisor.supervisor_node", ["--ros-args", *_parameters(supervisor)])
+        for name in (ACTIVE, SHADOW):
+            arguments = ["--controller", name, "--ros-args", *_parameters(controller)]
+            launcher.start(name, "arbiter", arguments)
+        meter = Meter(domain, rate_hz)
+        try:
+            launcher.wait_until(meter.ready, 60.0, "the graph")
+            meter.run(round(rate_hz))
+            meter.forget()
+            meter.run(ticks)
+        finally:
+            meter.close()
+    both = [stamp for stamp in meter.sent if stamp in meter.commanded and stamp in meter.proposed]
+    series = {
+        "measurement_to_proposal": [meter.proposed[stamp] - meter.sent[stamp] for stamp in both],
+        "measurement_to_command": [meter.commanded[stamp] - meter.sent[stamp] for stamp in both],
+        "arbiter_hop": [meter.commanded[stamp] - meter.proposed[stamp] for stamp in both],
+    }
+    result = {}
+    for name, values in series.items():
+        hundredths = statistics.quantiles([1e3 * value for value in values], n=100, method="inclusive")
+        result |= {f"{name}_p50_ms_{rate_hz}hz": hundredths[49], f"{name}_p99_ms_{rate_hz}hz": hundredths[98]}
+    result[f"ticks_{rate_hz}hz"] = ticks
+    result[f"ticks_without_command_{rate_hz}hz"] = len(meter.sent) - len(meter.commanded)
+    result[f"ticks_not_by_active_{rate_hz}hz"] = sum(source != ACTIVE for source in meter.sources.values())
+    return result
+
+
+def _parameters(settings):
+    return [item for setting in settings for item in ("-p", setting)]
+
+
+def main():
+    """Measure, print a table, write JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="10 s and 5 s instead of 60 s and 30 s")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
+    parser.add_argument("--controller", help=argparse.SUPPRESS)
+    arguments, rest = parser.parse_known_args()
+    if arguments.controller:
+        return run_dummy(arguments.controller, rest)
+    if rest:
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    result = {"cpus": os.cpu_count(), "python": platform.python_version()}
+    for rate_hz, seconds in ((10, 10 if arguments.quick else 60), (100, 5 if arguments.quick else 30)):
+        result |= measure(rate_hz, rate_hz * seconds)
+    print(f"{'figure':<44}{'measured':>12}")
+    for key, value in result.items():
+        print(f"{key:<44}{value:>12.3f}" if isinstance(value, float) else f"{key:<44}{value:>12}")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    ensure()
+    sys.exit(main())
