@@ -228,16 +228,10 @@ class SensorGuard:
         values : dict of str to float
             Sample by sensor name (mm, N m, degC); absent where none came.
         """
-        readings = [self._sensors[name].update(time_s, values.get(name)) for name in SENSORS]
-        for name, reading in zip(SENSORS, readings, strict=True):
-            self.reasons[name] = reading.reason
-        depth, torque, temperature = readings
-        return Measurement(
-            time_s=time_s,
-            depth_mm=depth.value,
-            torque_nm=torque.value,
-            temperature_c=temperature.value,
-            depth_valid=depth.valid,
-            torque_valid=torque.valid,
-            temperature_valid=temperature.valid,
+        sensors, reasons = self._sensors, self.reasons
+        depth_mm, depth_valid, reasons["depth"] = sensors["depth"].update(time_s, values.get("depth"))
+        torque_nm, torque_valid, reasons["torque"] = sensors["torque"].update(time_s, values.get("torque"))
+        temperature_c, temperature_valid, reasons["thermocouple"] = sensors["thermocouple"].update(
+            time_s, values.get("thermocouple")
         )
+        return Measurement(time_s, depth_mm, torque_nm, temperature_c, depth_valid, torque_valid, temperature_valid)
