@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 from cyclonedds.core import DDSException, DDSStatus, WaitSet
-
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, RCLError
@@ -20,6 +19,7 @@ from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
 from rclpy.service import HEADER
 from rclpy.task import Future
+
 from rosidl_embedded.typesupport import service_type_support
 
 # A wait for a service looks at least this often whether the context is still up.
@@ -171,10 +171,15 @@ class Client:
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
         assert self.handle
-        requests = {self._service_id(self._writer.get_matched_subscription_data, handle) for handle in self._writer.get_matched_subscriptions()}
-        if not requests:
-            return False
-        replies = {self._service_id(self._reader.get_matched_publication_data, handle) for handle in self._reader.get_matched_publications()}
+        writer, reader = self._writer, self._reader
+        requests = {
+            self._service_id(writer.get_matched_subscription_data, handle)
+            for handle in writer.get_matched_subscriptions()
+        }
+        replies = {
+            self._service_id(reader.get_matched_publication_data, handle)
+            for handle in reader.get_matched_publications()
+        }
         return bool(requests & replies - {None})
 
     @staticmethod

@@ -9,7 +9,6 @@ from enum import IntEnum
 from typing import Any
 
 from cyclonedds.core import DDSException, DDSStatus, Entity
-
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import UnsupportedEventTypeError
 from rclpy.logging import get_logger
@@ -107,9 +106,7 @@ def _incompatible(status: Any) -> IncompatibleQoSInfo:
 
 
 def _matched(status: Any) -> MatchedInfo:
-    return MatchedInfo(
-        status.total_count, status.total_count_change, status.current_count, status.current_count_change
-    )
+    return MatchedInfo(status.total_count, status.total_count_change, status.current_count, status.current_count_change)
 
 
 def _liveliness(status: Any) -> LivelinessChangedInfo:

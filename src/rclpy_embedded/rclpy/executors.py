@@ -11,7 +11,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from cyclonedds.core import DDSException
-
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.guard_condition import GuardCondition
@@ -135,9 +134,7 @@ class Executor:
         """The context this executor belongs to."""
         return self._context
 
-    def create_task(
-        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
-    ) -> Task:
+    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
         """Have a function or coroutine run while spinning; the returned task is a future of its result."""
         task = Task(callback, args, kwargs, executor=self)
         self._tasks.append(task)
@@ -230,9 +227,7 @@ class Executor:
         """Wait for one callback and run it; None or negative waits for ever, 0 only looks."""
         raise NotImplementedError()
 
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | TimeoutObject | None = None
-    ) -> None:
+    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
         """Wait for one callback and run it, unless the future is done first."""
         raise NotImplementedError()
 
@@ -389,9 +384,7 @@ class SingleThreadedExecutor(Executor):
         """Wait for one callback and run it; an exception it raises comes out here."""
         self._spin_once(timeout_sec, lambda: False)
 
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | TimeoutObject | None = None
-    ) -> None:
+    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
         """Wait for one callback and run it, unless the future is done first."""
         future._add_waker(self.wake)
         self._spin_once(timeout_sec, future.done)

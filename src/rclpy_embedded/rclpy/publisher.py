@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from cyclonedds.core import DDSException
-
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -14,6 +13,7 @@ from rclpy.impl.dds import INFINITE_NS, raw_type
 from rclpy.impl.liveliness import assert_liveliness
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+
 from rosidl_embedded.typesupport import type_support
 
 # In between, Python gets the chance to handle a signal.

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from cyclonedds.core import DDSException
-
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import InvalidHandle, RCLError
 from rclpy.impl import faults
@@ -18,6 +17,7 @@ from rclpy.impl.dds import any_sample, delete, raw_type
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
+
 from rosidl_embedded.typesupport import service_type_support
 
 #: Header of requests and replies: the client's id and the number of the request.

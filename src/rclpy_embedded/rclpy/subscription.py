@@ -15,6 +15,7 @@ from rclpy.impl import faults
 from rclpy.impl.dds import any_sample, delete
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
+
 from rosidl_embedded.typesupport import type_support
 
 

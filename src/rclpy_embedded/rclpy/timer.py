@@ -183,7 +183,9 @@ class Timer:
                 missed = 1 + (now - self._next_call_ns - 1) // self._period_ns
                 self._next_call_ns += missed * self._period_ns
         clock_type = self._clock.clock_type
-        return TimerInfo(Time(nanoseconds=expected, clock_type=clock_type), Time(nanoseconds=now, clock_type=clock_type))
+        return TimerInfo(
+            Time(nanoseconds=expected, clock_type=clock_type), Time(nanoseconds=now, clock_type=clock_type)
+        )
 
     def _take(self) -> Callable[[], Any] | None:
         if self._destroyed or not self.is_ready():

@@ -49,7 +49,8 @@ class TypeDescriptionService:
             self.enabled = bool(parameter.value)
         elif parameter.type_ != Parameter.Type.NOT_SET:
             node.get_logger().error(
-                f"Invalid type for parameter '{START_TYPE_DESCRIPTION_SERVICE_PARAM}' {parameter.type_!r} should be bool"
+                f"Invalid type for parameter '{START_TYPE_DESCRIPTION_SERVICE_PARAM}' {parameter.type_!r} "
+                "should be bool"
             )
         if self.enabled:
             node.create_service(GetTypeDescription, f"{node.get_name()}/get_type_description", self._callback)
@@ -67,7 +68,9 @@ class TypeDescriptionService:
             response.type_description = _fill(TypeDescription(), type_description(request.type_name))
             if request.include_type_sources:
                 text = interface_definition(request.type_name)
-                response.type_sources = [TypeSource(type_name=request.type_name, encoding="msg", raw_file_contents=text)]
+                response.type_sources = [
+                    TypeSource(type_name=request.type_name, encoding="msg", raw_file_contents=text)
+                ]
             response.successful = True
         except (KeyError, LookupError, TypeError, ValueError) as error:
             response.successful = False

@@ -9,7 +9,6 @@ from rclpy.callback_groups import CallbackGroup
 
 if TYPE_CHECKING:
     from cyclonedds.core import Entity
-
     from rclpy.task import Future
 
 

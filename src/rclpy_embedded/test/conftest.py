@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import NotInitializedException, RCLError

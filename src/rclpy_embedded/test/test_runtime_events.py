@@ -6,8 +6,6 @@ import asyncio
 from typing import Any
 
 import pytest
-from std_msgs.msg import String
-
 from rclpy.duration import Duration
 from rclpy.event_handler import (
     EventHandler,
@@ -17,6 +15,7 @@ from rclpy.event_handler import (
     UnsupportedEventTypeError,
 )
 from rclpy.qos import QoSDurabilityPolicy, QoSLivelinessPolicy, QoSPolicyKind, QoSProfile, QoSReliabilityPolicy
+from std_msgs.msg import String
 
 RELIABLE = QoSProfile(depth=10)
 BEST_EFFORT = QoSProfile(depth=10, reliability=QoSReliabilityPolicy.BEST_EFFORT)
@@ -96,9 +95,7 @@ def test_kind_of_incompatibility(
     assert events[0].last_policy_kind == kind
 
 
-def test_incompatible_qos_is_logged_by_default(
-    node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_incompatible_qos_is_logged_by_default(node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]) -> None:
     node.create_publisher(String, "misfit", BEST_EFFORT)
     node.create_subscription(String, "misfit", _ignore, RELIABLE)
     output = ""
@@ -116,9 +113,7 @@ def test_incompatible_qos_is_logged_by_default(
     assert "requesting incompatible QoS. No messages will be sent to it." in output
 
 
-def test_default_callbacks_can_be_switched_off(
-    node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_default_callbacks_can_be_switched_off(node: Any, spinner: Any, capfd: pytest.CaptureFixture[str]) -> None:
     quiet_publisher = PublisherEventCallbacks(use_default_callbacks=False)
     quiet_subscription = SubscriptionEventCallbacks(use_default_callbacks=False)
     node.create_publisher(String, "misfit", BEST_EFFORT, event_callbacks=quiet_publisher)
@@ -187,6 +182,4 @@ def test_unsupported_event(node: Any) -> None:
             event_type=QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
             parent_impl=publisher.handle,
         )
-    node.create_publisher(
-        String, "typed", 10, event_callbacks=PublisherEventCallbacks(incompatible_type=_ignore)
-    )
+    node.create_publisher(String, "typed", 10, event_callbacks=PublisherEventCallbacks(incompatible_type=_ignore))

@@ -9,14 +9,13 @@ import weakref
 from typing import Any
 
 import pytest
-from std_msgs.msg import String
-
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.task import Future
+from std_msgs.msg import String
 
 
 def test_spin_once_runs_one_callback(node: Any, spinner: Any) -> None:

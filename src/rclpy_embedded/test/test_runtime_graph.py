@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from std_msgs.msg import Int32, String
-from std_srvs.srv import Trigger
-
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import NodeNameNonExistentError
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
+from std_msgs.msg import Int32, String
+from std_srvs.srv import Trigger
+
 from rosidl_embedded.typesupport import type_hash
 
 OTHER = """

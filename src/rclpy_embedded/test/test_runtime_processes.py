@@ -8,10 +8,9 @@ import time
 from typing import Any
 
 import pytest
-from std_msgs.msg import String
-
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from std_msgs.msg import String
 
 SPIN = """
 import sys
@@ -149,7 +148,6 @@ def test_parameters_of_another_process(node: Any, spinner: Any, run_program: Any
 
 def test_rosout_of_another_process(node: Any, spinner: Any, run_program: Any) -> None:
     from rcl_interfaces.msg import Log
-
     from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 
     got: list[Any] = []

@@ -6,8 +6,6 @@ import itertools
 from typing import Any
 
 import pytest
-from std_msgs.msg import Empty, String
-
 import rclpy
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, InvalidTopicNameException
@@ -23,6 +21,7 @@ from rclpy.qos import (
 )
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.wait_for_message import wait_for_message
+from std_msgs.msg import Empty, String
 
 PROFILES = [
     QoSProfile(depth=10, reliability=reliability, durability=durability)

@@ -12,13 +12,12 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from rcl_interfaces.msg import ParameterEvent
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
-
 from rclpy.impl import faults
 from rclpy.impl.dds import qos_to_dds, raw_type
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
 
 BAD_STRINGS = {
     "truncated length": bytes.fromhex("00010000 0500"),

@@ -7,13 +7,12 @@ import threading
 from typing import Any
 
 import pytest
-from std_srvs.srv import Empty, SetBool, Trigger
-
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle, InvalidServiceNameException
 from rclpy.service import RequestId
 from rclpy.task import Future
+from std_srvs.srv import Empty, SetBool, Trigger
 
 SERVER = """
 import rclpy

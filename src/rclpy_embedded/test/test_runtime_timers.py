@@ -7,8 +7,6 @@ import time
 from typing import Any
 
 import pytest
-from rosgraph_msgs.msg import Clock as ClockMsg
-
 from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
@@ -16,6 +14,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.time import Time
 from rclpy.timer import Timer, TimerInfo
+from rosgraph_msgs.msg import Clock as ClockMsg
 
 
 class ManualClock(ROSClock):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from cyclonedds.builtin import (
     BuiltinDataReader,
     BuiltinTopicDcpsParticipant,
@@ -19,9 +20,6 @@ from cyclonedds.core import Policy
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from std_srvs.srv import Trigger
-
-import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import NodeNameNonExistentError
 from rclpy.executors import SingleThreadedExecutor
@@ -29,6 +27,8 @@ from rclpy.impl.dds import qos_to_dds, raw_type
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
 from rosidl_embedded.typesupport import get_message, type_support
 
 GOLDEN = json.loads((Path(__file__).parent / "data" / "golden_wire.json").read_text())

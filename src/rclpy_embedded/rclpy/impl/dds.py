@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from cyclonedds.core import DDSException, Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
+from cyclonedds.core import Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import uint8
-
 from rclpy.qos import (
     QoSDurabilityPolicy,
     QoSHistoryPolicy,

@@ -14,7 +14,6 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsSubscription,
 )
 from cyclonedds.core import InstanceState, Policy, Qos
-
 from rclpy.exceptions import NodeNameNonExistentError
 from rclpy.impl import faults
 

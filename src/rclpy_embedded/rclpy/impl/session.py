@@ -13,10 +13,10 @@ from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
-
 from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
 from rclpy.impl.discovery import configuration
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
+
 from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from cyclonedds.core import DDSException, Entity, GuardCondition, WaitSet
-
 from rclpy.impl.dds import delete
 from rclpy.impl.session import Session
 
