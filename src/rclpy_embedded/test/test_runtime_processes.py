@@ -49,15 +49,19 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 rclpy.init()
 node = rclpy.create_node("threaded")
+def ready():
+    timer.cancel()
+    print("ready", flush=True)
 def spin():
     try:
         rclpy.spin(node)
     except ExternalShutdownException:
-        print("ended", flush=True)
+        pass
+    print("ended", flush=True)
+timer = node.create_timer(0.0, ready)
 thread = threading.Thread(target=spin)
-thread.start()
-print("ready", flush=True)
 try:
+    thread.start()
     thread.join()
 except KeyboardInterrupt:
     thread.join()
