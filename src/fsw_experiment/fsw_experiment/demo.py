@@ -29,8 +29,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     whole = argparse.ArgumentParser(
         prog="demo.py",
-        description="Run welds in closed loop over DDS, with plant, controllers, supervisor, recorder and scenario player "
-        "as processes. Leaves bags, figures of merit and figures.",
+        description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
+        "processes. Leaves bags, figures of merit and figures.",
     )
     whole.add_argument("--realtime", action="store_true", help="10 Hz on the wall clock instead of as fast as possible")
     whole.add_argument(

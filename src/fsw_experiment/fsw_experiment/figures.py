@@ -217,7 +217,9 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
             axis.axvline(time_s[tick], label="other source of the command", **_SWAP)
     top = axes[0].get_xaxis_transform()
     for tick in (0, *changes):
-        axes[0].text(time_s[tick], 0.98, f" {source[tick]}", transform=top, va="top", fontsize=8.0, color="dimgray")
+        axes[0].text(
+            time_s[tick], 0.98, source[tick], transform=top, va="top", rotation=90, fontsize=8.0, color="dimgray"
+        )
 
 
 def _draw_reference(axis: Axes, panel: _Panel, signals: WeldSignals) -> list[FloatArray]:

@@ -58,7 +58,8 @@ def load_runs(bags: list[Path]) -> list[Any]:
 
 def _labels(bags: list[Path]) -> list[str]:
     """Shortest path ends that tell the bags apart."""
-    parts = [path.resolve().parts for path in bags]
+    named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
+    parts = [path.parts for path in named]
     for length in range(1, max(map(len, parts)) + 1):
         labels = ["/".join(part[-length:]) for part in parts]
         if len(set(labels)) == len(labels):

@@ -6,6 +6,8 @@ import sys
 import time
 
 _WIDTH = 40
+#: Elsewhere than on a terminal a line is written so often at most.
+_QUIET_S = 3.0
 
 
 class ProgressBar:
@@ -18,19 +20,19 @@ class ProgressBar:
 
     def __init__(self, title: str) -> None:
         self._title = title
-        self._began = time.monotonic()
+        self._began = self._written_s = time.monotonic()
         self._shown = -1
         self._terminal = sys.stderr.isatty()
 
     def __call__(self, share: float) -> None:
         """Show the share done, 0 to 1."""
         percent = int(100 * min(max(share, 0.0), 1.0))
-        if percent <= self._shown or (not self._terminal and percent < min(self._shown + 25, 100)):
+        now_s = time.monotonic()
+        if percent <= self._shown or (not self._terminal and now_s < self._written_s + _QUIET_S):
             return
-        self._shown = percent
-        elapsed = time.monotonic() - self._began
+        self._shown, self._written_s = percent, now_s
         filled = _WIDTH * percent // 100
-        bar = f"{self._title} [{'#' * filled}{'.' * (_WIDTH - filled)}] {percent:3d} %  {elapsed:5.1f} s"
+        bar = f"{self._title} [{'#' * filled}{'.' * (_WIDTH - filled)}] {percent:3d} %  {now_s - self._began:5.1f} s"
         print(f"\r{bar}" if self._terminal else bar, end="" if self._terminal else "\n", file=sys.stderr, flush=True)
 
     def done(self) -> None:

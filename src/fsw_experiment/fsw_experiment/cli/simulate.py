@@ -70,7 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
         for other in chosen.controllers:
             if other not in controllers:
                 controllers[other] = make(other)
-        loops["open loop" if scenario.open_loop else label] = ClosedLoop(chosen, controllers)
+        if scenario.open_loop:
+            label = "open loop"
+        elif len(labels) == 1 and len(controllers) > 1:
+            label = " and ".join(controllers)
+        loops[label] = ClosedLoop(chosen, controllers)
     folder = new_folder(arguments.out, scenario.name)
     runs: list[Run] = []
     for title, loop in loops.items():
