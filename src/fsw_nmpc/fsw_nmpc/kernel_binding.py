@@ -158,9 +158,9 @@ class Kernel:
             raise FloatingPointError("kernel: the prediction is not finite")
         return self.depth_mm.copy(), self.temperature_c.copy(), by_depth, by_temperature
 
-    def solve(self, call: KernelCall, moves: Vector) -> KernelResult:
+    def solve(self, call: KernelCall, moves: ctypes._Pointer[ctypes.c_double]) -> KernelResult:
         """One real-time iteration; the solution replaces ``moves``, its outputs :attr:`depth_mm`, :attr:`temperature_c`."""
         self._lib.fsw_nmpc_solve(
-            self._model_ref, ctypes.byref(call), doubles(moves), *self._outputs, self._result_ref, self._workspace_ref
+            self._model_ref, ctypes.byref(call), moves, *self._outputs, self._result_ref, self._workspace_ref
         )
         return self.result

@@ -21,7 +21,7 @@ import tempfile
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "kernel"
-SOURCES = ("solve.c", "predict.c", "torque.c")
+SOURCES = ("solve.c", "factor.c", "rows.c", "predict.c", "torque.c")
 # no contraction: the same results on every machine, whatever the width of its vectors
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
 #: for a library that stays on this machine; done without where the compiler does not know it

@@ -8,13 +8,28 @@
 #define FSW_CAP 1
 #define FSW_FAILED 2
 
-/* Rows with an L1 dead-band cost: depth and temperature at every output point, then every move. */
-#define FSW_MAX_SOFT (2 * FSW_MAX_OUT + FSW_MAX_VARS)
-/* Rows with a hard limit: every move, then both inputs at the end of every block. */
-#define FSW_MAX_HARD (2 * FSW_MAX_VARS)
+#define FSW_PAD 8                                    /* rows of matrices are padded with zeros to a multiple of this */
+#define FSW_STRIDE ((FSW_MAX_VARS + FSW_PAD - 1) / FSW_PAD * FSW_PAD)
+#define FSW_MAX_ROWS (2 * FSW_MAX_OUT)               /* depth and temperature at every output point */
+#define FSW_MAX_SOFT (2 * FSW_MAX_ROWS + FSW_MAX_VARS) /* above and below the dead-bands; the moves */
+#define FSW_MAX_HARD (4 * FSW_MAX_VARS)              /* moves above, below; inputs at the end of every block above, below */
 
-typedef struct { double t, pi, s, lambda, dt, ds, dlambda, residual, shift, pivot, per_pi, per_lambda; } fsw_soft; /* one side of a soft row */
-typedef struct { double s, lambda, ds, dlambda, residual, shift, pivot, per_lambda; } fsw_hard; /* one side of a hard row */
+/* Soft sides: e = t - s, the violation t >= 0 costs `weight` each (dual pi), the slack s >= 0 has the dual lambda, and
+ * lambda + pi = weight. */
+typedef struct {
+  double e[FSW_MAX_SOFT], weight[FSW_MAX_SOFT];
+  double t[FSW_MAX_SOFT], pi[FSW_MAX_SOFT], s[FSW_MAX_SOFT], lambda[FSW_MAX_SOFT];
+  double dt[FSW_MAX_SOFT], ds[FSW_MAX_SOFT], dlambda[FSW_MAX_SOFT];
+  double per_t[FSW_MAX_SOFT], per_pi[FSW_MAX_SOFT], per_s[FSW_MAX_SOFT], per_lambda[FSW_MAX_SOFT];
+  double residual[FSW_MAX_SOFT], pivot[FSW_MAX_SOFT], shift[FSW_MAX_SOFT], work[FSW_MAX_SOFT];
+} fsw_soft;
+
+/* Hard sides: e = -s, s >= 0 with dual lambda. */
+typedef struct {
+  double e[FSW_MAX_HARD], s[FSW_MAX_HARD], lambda[FSW_MAX_HARD], ds[FSW_MAX_HARD], dlambda[FSW_MAX_HARD];
+  double per_s[FSW_MAX_HARD], per_lambda[FSW_MAX_HARD];
+  double residual[FSW_MAX_HARD], pivot[FSW_MAX_HARD], shift[FSW_MAX_HARD], work[FSW_MAX_HARD];
+} fsw_hard;
 
 typedef struct {
   /* prediction */
@@ -23,23 +38,40 @@ typedef struct {
   int width[FSW_MAX_STEPS];
   double d_creep[FSW_MAX_VARS], d_slow[FSW_MAX_VARS], d_fast[FSW_MAX_VARS];
   double d_thermal[FSW_MAX_VARS], d_temp[FSW_MAX_VARS], d_depth[FSW_MAX_VARS], count[FSW_MAX_BLOCKS];
-  double depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
-  double by_depth[FSW_MAX_OUT][FSW_MAX_VARS], by_temp[FSW_MAX_OUT][FSW_MAX_VARS];
+  double output[FSW_MAX_ROWS];                       /* depth, then temperature; in the QP: without moves */
+  double by[FSW_MAX_ROWS][FSW_STRIDE];               /* their sensitivities; in the QP: by scaled moves */
   /* quadratic program in scaled moves */
-  double scale[FSW_MAX_VARS], size[FSW_MAX_VARS]; /* largest move; intervals in the block */
-  double hessian[FSW_MAX_VARS][FSW_MAX_VARS], gradient[FSW_MAX_VARS];
-  double factor[FSW_MAX_VARS][FSW_MAX_VARS], per_diagonal[FSW_MAX_VARS];
-  double z[FSW_MAX_VARS], step[FSW_MAX_VARS], rhs[FSW_MAX_VARS], dual[FSW_MAX_VARS];
-  double value[FSW_MAX_SOFT], change[FSW_MAX_SOFT]; /* a'z and a'dz of the soft rows */
-  double low[FSW_MAX_SOFT], high[FSW_MAX_SOFT], weight[FSW_MAX_SOFT];
-  fsw_soft soft[FSW_MAX_SOFT][2];
-  double hard_value[FSW_MAX_HARD], hard_change[FSW_MAX_HARD], hard_low[FSW_MAX_HARD], hard_high[FSW_MAX_HARD];
-  fsw_hard hard[FSW_MAX_HARD][2];
-  double suffix[FSW_MAX_BLOCKS + 1][2];
+  int nv, n_rows, n_moves;                           /* variables, rows in use, moves with an L1 weight */
+  int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS];    /* rows in use: which output, leading variables it depends on */
+  int n_depth;                                       /* how many of them are of the depth; they come first */
+  int move[FSW_MAX_VARS];                            /* variables of the moves with an L1 weight */
+  double scale[FSW_MAX_VARS], size[FSW_MAX_VARS];    /* largest move; largest change of the input within the block */
+  double diagonal[FSW_MAX_VARS], gradient[FSW_MAX_VARS];
+  double low[FSW_MAX_ROWS], high[FSW_MAX_ROWS], square[FSW_MAX_ROWS], is_soft[FSW_MAX_ROWS];
+  double input_low[FSW_MAX_VARS], input_high[FSW_MAX_VARS];
+  double factor[FSW_STRIDE][FSW_STRIDE], per_diagonal[FSW_MAX_VARS];
+  double weighted[FSW_MAX_ROWS][FSW_STRIDE];         /* rows times their pivots */
+  double z[FSW_STRIDE], step[FSW_STRIDE], dual[FSW_STRIDE];
+  double value[FSW_MAX_ROWS], change[FSW_MAX_ROWS];  /* a'z and a'dz of the rows in use */
+  double input[FSW_MAX_VARS], input_change[FSW_MAX_VARS];
+  double row_force[FSW_MAX_ROWS], input_force[FSW_MAX_VARS], row_pivot[FSW_MAX_ROWS];
+  fsw_soft soft;
+  fsw_hard hard;
 } fsw_workspace;
 
 static inline int is_finite(double x) { return x - x == 0.0; }
 
+/* predict.c */
 int fsw_predict_into(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w);
+
+/* rows.c */
+double fsw_dot(const double *a, const double *b, int n);
+void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w);
+void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input);
+void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *out);
+
+/* factor.c */
+int fsw_factorise(fsw_workspace *w);
+void fsw_substitute(const fsw_workspace *w, double *x);
 
 #endif

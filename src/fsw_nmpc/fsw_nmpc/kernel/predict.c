@@ -95,10 +95,11 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const doub
         power_node(torque_at(m, c->torque_scale, force + c->force_offset_kn, depth), speed, w->count, w->d_depth, width, right);
     sum += w->power[k][0] + w->power[k][1] + depth + temp;
     while (out < m->n_out && m->out_step[out] == k) {
-      w->depth[out] = depth + c->depth_offset_mm;
-      w->temp[out] = temp + c->temp_offset_c;
-      for (int j = 0; j < m->depth_width[out]; j++) w->by_depth[out][j] = w->d_depth[j];
-      for (int j = 0; j < m->temp_width[out]; j++) w->by_temp[out][j] = w->d_temp[j];
+      const int below = m->n_out + out;
+      w->output[out] = depth + c->depth_offset_mm;
+      w->output[below] = temp + c->temp_offset_c;
+      for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = w->d_depth[j];
+      for (int j = 0; j < m->temp_width[out]; j++) w->by[below][j] = w->d_temp[j];
       out++;
     }
   }
@@ -111,12 +112,12 @@ int fsw_nmpc_predict(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const doub
   const int nv = 2 * m->n_blocks;
   const int status = fsw_predict_into(m, c, v, w);
   for (int i = 0; i < m->n_out; i++) {
-    depth[i] = w->depth[i];
-    temp[i] = w->temp[i];
+    depth[i] = w->output[i];
+    temp[i] = w->output[m->n_out + i];
     if (by_depth == 0 || by_temp == 0) continue;
     for (int j = 0; j < nv; j++) {
-      by_depth[(long)i * nv + j] = j < m->depth_width[i] ? w->by_depth[i][j] : 0.0;
-      by_temp[(long)i * nv + j] = j < m->temp_width[i] ? w->by_temp[i][j] : 0.0;
+      by_depth[(long)i * nv + j] = j < m->depth_width[i] ? w->by[i][j] : 0.0;
+      by_temp[(long)i * nv + j] = j < m->temp_width[i] ? w->by[m->n_out + i][j] : 0.0;
     }
   }
   return status;

@@ -1,440 +1,274 @@
 /* Condensed QP with L1 dead-band costs, solved by Mehrotra's predictor-corrector method.
  *
- * min  1/2 z'Hz + g'z + sum_r w_r (max(0, a_r'z - high_r) + max(0, low_r - a_r'z))   s.t.  |z_j| <= 1, input bounds
+ * min  1/2 z'Dz + g'z + sum_r w_r (max(0, a_r'z - high_r) + max(0, low_r - a_r'z)) + 1/2 q_r (a_r'z - centre_r)^2
+ * s.t. |z_j| <= 1 and bounds on the inputs at the end of every block.
  *
- * in moves z scaled by their largest value. Every side of a soft row has a violation t >= 0 with dual pi and a slack
- * s >= 0 with dual lambda, lambda + pi = w; t, s and the duals are eliminated, so each iteration factors one dense
- * matrix of the size of z. A row's width says how many leading variables it depends on. */
+ * Violations, slacks and duals are eliminated, so each iteration factors one dense matrix of the size of z. */
 #include <math.h>
 
 #include "internal.h"
 
 #define STEP_TO_BOUNDARY 0.995
-#define RANK 4
 
-/* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
-static double dot(const double *restrict a, const double *restrict b, int n) {
+static double sum_of(const double *x, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
-  int j = 0;
-  for (; j + 4 <= n; j += 4)
-    for (int i = 0; i < 4; i++) sum[i] += a[j + i] * b[j + i];
-  for (; j < n; j++) sum[0] += a[j] * b[j];
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int i = 0; i < 4; i++) sum[i] += x[k + i];
+  for (; k < n; k++) sum[0] += x[k];
   return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-static const double *output_row(const fsw_nmpc_model *m, const fsw_workspace *w, int r, int *width) {
-  if (r < m->n_out) {
-    *width = m->depth_width[r];
-    return w->by_depth[r];
-  }
-  *width = m->temp_width[r - m->n_out];
-  return w->by_temp[r - m->n_out];
+static double largest_of(const double *x, int n) {
+  double top[4] = {0.0, 0.0, 0.0, 0.0};
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int i = 0; i < 4; i++) top[i] = x[k + i] > top[i] ? x[k + i] : top[i];
+  for (; k < n; k++) top[0] = x[k] > top[0] ? x[k] : top[0];
+  top[0] = top[0] > top[1] ? top[0] : top[1];
+  top[2] = top[2] > top[3] ? top[2] : top[3];
+  return top[0] > top[2] ? top[0] : top[2];
 }
 
-/* value[] = a'z of every soft row, hard_value[] = of every hard row */
-static void row_products(const fsw_nmpc_model *m, const fsw_workspace *w, const double *z, double *value, double *hard) {
-  const int nv = 2 * m->n_blocks, n_rows = 2 * m->n_out;
-  for (int r = 0; r < n_rows; r++) {
-    int width;
-    const double *a = output_row(m, w, r, &width);
-    value[r] = dot(a, z, width);
+static double largest_size(const double *x, int n) {
+  double top = 0.0;
+  for (int k = 0; k < n; k++) {
+    const double size = fabs(x[k]);
+    top = size > top ? size : top;
   }
-  double sum[2] = {0.0, 0.0};
-  for (int j = 0; j < nv; j++) {
-    value[n_rows + j] = z[j];
-    hard[j] = z[j];
-    sum[j & 1] += w->size[j] * w->scale[j] * z[j];
-    hard[nv + j] = sum[j & 1];
-  }
+  return top;
 }
 
-/* out += sum over rows of a * soft_coefficient and a * hard_coefficient */
-static void add_transposed(const fsw_nmpc_model *m, const fsw_workspace *w, const double *soft, const double *hard, double *out) {
-  const int nv = 2 * m->n_blocks, n_rows = 2 * m->n_out;
-  for (int r = 0; r < n_rows; r++) {
-    int width;
-    const double *a = output_row(m, w, r, &width);
-    const double f = soft[r];
-    for (int j = 0; j < width; j++) out[j] += f * a[j];
-  }
-  double sum[2] = {0.0, 0.0};
-  for (int j = nv - 1; j >= 0; j--) {
-    sum[j & 1] += hard[nv + j];
-    out[j] += soft[n_rows + j] + hard[j] + w->size[j] * w->scale[j] * sum[j & 1];
-  }
-}
+static int n_soft(const fsw_workspace *w) { return 2 * w->n_rows + w->n_moves; }
 
-static void build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
-  const int nv = 2 * m->n_blocks, n_out = m->n_out;
+/* e[] of all sides, at z */
+static void sides(fsw_workspace *w) {
+  const int n = w->n_rows, nv = w->nv;
+  double *e = w->soft.e, *h = w->hard.e;
+  for (int r = 0; r < n; r++) {
+    const double value = w->is_soft[r] * w->value[r];
+    e[r] = value - w->high[r];
+    e[n + r] = w->low[r] - value;
+  }
+  for (int k = 0; k < w->n_moves; k++) e[2 * n + k] = w->z[w->move[k]];
   for (int j = 0; j < nv; j++) {
-    w->scale[j] = c->move_max[j & 1];
-    w->size[j] = 0.0;
-    w->gradient[j] = 0.0;
-    for (int i = 0; i <= j; i++) w->hessian[j][i] = 0.0;
-  }
-  for (int i = 0; i < n_out; i++) {
-    w->size[2 * m->interval_block[i]] += 1.0;
-    w->size[2 * m->interval_block[i] + 1] += 1.0;
-  }
-  for (int j = 0; j < nv; j++) {
-    const double limit = 0.95;
-    const double z = v[j] / w->scale[j];
-    w->z[j] = z > limit ? limit : (z < -limit ? -limit : z);
-    w->hessian[j][j] = c->move_square[j & 1] * w->scale[j] * w->scale[j] * w->size[j] + 1e-9;
-    w->low[2 * n_out + j] = w->high[2 * n_out + j] = 0.0;
-    w->weight[2 * n_out + j] = c->move_weight[j & 1] * w->scale[j] * w->size[j];
-  }
-  for (int r = 0; r < 2 * n_out; r++) {
-    int width;
-    double *a = (double *)output_row(m, w, r, &width);
-    const int is_temp = r >= n_out, i = is_temp ? r - n_out : r;
-    double at_zero = is_temp ? w->temp[i] : w->depth[i]; /* the linear model's output without moves */
-    for (int j = 0; j < width; j++) {
-      at_zero -= a[j] * v[j];
-      a[j] *= w->scale[j];
-    }
-    for (int j = width; j < nv; j++) a[j] = 0.0;
-    if (is_temp) w->temp[i] = at_zero;
-    else w->depth[i] = at_zero;
-    w->low[r] = (is_temp ? c->temp_low[i] : c->depth_low[i]) - at_zero;
-    w->high[r] = (is_temp ? c->temp_high[i] : c->depth_high[i]) - at_zero;
-    w->weight[r] = width ? (is_temp ? c->temp_weight[i] : c->depth_weight[i]) : 0.0;
-    const double q = is_temp ? c->temp_square[i] : c->depth_square[i];
-    if (q <= 0.0) continue;
-    const double centre = 0.5 * (w->low[r] + w->high[r]);
-    for (int j = 0; j < width; j++) {
-      const double qa = q * a[j];
-      w->gradient[j] -= qa * centre;
-      for (int l = 0; l <= j; l++) w->hessian[j][l] += qa * a[l];
-    }
-  }
-  double reach[2] = {0.0, 0.0};
-  const double now[2] = {c->force_kn, c->speed_rpm};
-  for (int j = 0; j < nv; j++) {
-    const int q = j & 1;
-    w->hard_low[j] = -1.0;
-    w->hard_high[j] = 1.0;
-    reach[q] += 0.98 * w->size[j] * w->scale[j]; /* an input outside its bounds must come back as fast as it may */
-    const double low = c->input_min[q] - now[q], high = c->input_max[q] - now[q];
-    w->hard_low[nv + j] = low < reach[q] ? low : reach[q];
-    w->hard_high[nv + j] = high > -reach[q] ? high : -reach[q];
+    h[j] = w->z[j] - 1.0;
+    h[nv + j] = -1.0 - w->z[j];
+    h[2 * nv + j] = w->input[j] - w->input_high[j];
+    h[3 * nv + j] = w->input_low[j] - w->input[j];
   }
 }
 
-static void start(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_hard) {
-  row_products(m, w, w->z, w->value, w->hard_value);
+static double cost_of(const fsw_workspace *w) {
   double cost = 0.0;
-  for (int r = 0; r < n_soft; r++) {
-    const double over = w->value[r] - w->high[r], under = w->low[r] - w->value[r];
-    cost += w->weight[r] * ((over > 0.0 ? over : 0.0) + (under > 0.0 ? under : 0.0));
+  for (int k = 0; k < n_soft(w); k++) {
+    const int is_cost = k >= 2 * w->n_rows || w->is_soft[k < w->n_rows ? k : k - w->n_rows] > 0.0;
+    if (is_cost && w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
   }
-  const double mu = 0.02 + 0.1 * cost / n_soft;
-  for (int r = 0; r < n_soft; r++) {
-    for (int side = 0; side < 2; side++) {
-      fsw_soft *f = &w->soft[r][side];
-      if (w->weight[r] <= 0.0) continue;
-      const double e = side ? w->low[r] - w->value[r] : w->value[r] - w->high[r];
-      f->lambda = f->pi = 0.5 * w->weight[r];
-      const double margin = mu / f->lambda;
-      f->t = (e > 0.0 ? e : 0.0) + margin;
-      f->s = f->t - e;
-    }
+  for (int r = 0; r < w->n_rows; r++) /* without the constant of the square */
+    cost += w->square[r] * w->value[r] * (0.5 * w->value[r] - 0.5 * (w->low[r] + w->high[r]));
+  for (int j = 0; j < w->nv; j++) cost += w->z[j] * (w->gradient[j] + 0.5 * w->diagonal[j] * w->z[j]);
+  return cost;
+}
+
+/* Start with every soft dual in the middle of its range: it has the shortest way, wherever the solution is. Duals of
+ * the last solve save less than one iteration in ten, and would let one bad solve spoil the next. */
+static void start(fsw_workspace *w) {
+  const int n = n_soft(w);
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
+  fsw_row_products(w, w->z, w->value, w->input);
+  sides(w);
+  double cost = 0.0;
+  for (int k = 0; k < n; k++) cost += f->weight[k] * (f->e[k] > 0.0 ? f->e[k] : 0.0);
+  const double mu = 0.02 + 0.1 * cost / n;
+  for (int k = 0; k < n; k++) {
+    f->lambda[k] = f->pi[k] = 0.5 * f->weight[k];
+    const double margin = mu / f->lambda[k];
+    f->t[k] = (f->e[k] > 0.0 ? f->e[k] : 0.0) + margin;
+    f->s[k] = f->t[k] - f->e[k];
   }
-  for (int r = 0; r < n_hard; r++) {
-    for (int side = 0; side < 2; side++) {
-      fsw_hard *f = &w->hard[r][side];
-      const double e = side ? w->hard_low[r] - w->hard_value[r] : w->hard_value[r] - w->hard_high[r];
-      f->s = -e > 0.05 ? -e : 0.05;
-      f->lambda = mu / f->s;
-    }
+  for (int k = 0; k < 4 * w->nv; k++) {
+    h->s[k] = -h->e[k] > 0.05 ? -h->e[k] : 0.05;
+    h->lambda[k] = mu / h->s[k];
   }
 }
 
-/* Residuals of the rows, their pivots, their complementarity and the stationarity residual (in dual[]). */
-static double residuals(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_hard, double *primal, double *dual) {
-  const int nv = 2 * m->n_blocks;
-  double gap = 0.0, coefficient[FSW_MAX_SOFT], hard_coefficient[FSW_MAX_HARD];
-  *primal = *dual = 0.0;
-  for (int r = 0; r < n_soft; r++) {
-    coefficient[r] = 0.0;
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      fsw_soft *f = &w->soft[r][side];
-      const double e = side ? w->low[r] - w->value[r] : w->value[r] - w->high[r];
-      f->residual = e - f->t + f->s;
-      if (fabs(f->residual) > *primal) *primal = fabs(f->residual);
-      gap += f->s * f->lambda + f->t * f->pi;
-      f->per_pi = 1.0 / f->pi;
-      f->per_lambda = 1.0 / f->lambda;
-      f->pivot = 1.0 / (f->t * f->per_pi + f->s * f->per_lambda);
-      coefficient[r] += side ? -f->lambda : f->lambda;
-    }
+/* Residuals of the sides, their pivots, their complementarity and the stationarity residual (in dual[]). */
+static double residuals(fsw_workspace *w, double *primal, double *dual) {
+  const int n = n_soft(w), nv = w->nv, n_rows = w->n_rows;
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
+  sides(w);
+  for (int k = 0; k < n; k++) {
+    const double sl = f->s[k] * f->lambda[k], tp = f->t[k] * f->pi[k];
+    const double per_sl = 1.0 / sl, per_tp = 1.0 / tp;
+    f->per_s[k] = f->lambda[k] * per_sl;
+    f->per_lambda[k] = f->s[k] * per_sl;
+    f->per_t[k] = f->pi[k] * per_tp;
+    f->per_pi[k] = f->t[k] * per_tp;
+    f->pivot[k] = 1.0 / (f->t[k] * f->per_pi[k] + f->s[k] * f->per_lambda[k]);
+    f->residual[k] = f->e[k] - f->t[k] + f->s[k];
+    f->work[k] = sl + tp;
   }
-  for (int r = 0; r < n_hard; r++) {
-    hard_coefficient[r] = 0.0;
-    for (int side = 0; side < 2; side++) {
-      fsw_hard *f = &w->hard[r][side];
-      const double e = side ? w->hard_low[r] - w->hard_value[r] : w->hard_value[r] - w->hard_high[r];
-      f->residual = e + f->s;
-      if (fabs(f->residual) > *primal) *primal = fabs(f->residual);
-      gap += f->s * f->lambda;
-      f->per_lambda = 1.0 / f->lambda;
-      f->pivot = f->lambda / f->s;
-      hard_coefficient[r] += side ? -f->lambda : f->lambda;
-    }
+  for (int k = 0; k < 4 * nv; k++) {
+    const double sl = h->s[k] * h->lambda[k], per_sl = 1.0 / sl;
+    h->per_s[k] = h->lambda[k] * per_sl;
+    h->per_lambda[k] = h->s[k] * per_sl;
+    h->pivot[k] = h->lambda[k] * h->per_s[k];
+    h->residual[k] = h->e[k] + h->s[k];
+    h->work[k] = sl;
   }
-  for (int j = 0; j < nv; j++) w->dual[j] = w->gradient[j];
+  const double gap = sum_of(f->work, n) + sum_of(h->work, 4 * nv);
+  const double soft_residual = largest_size(f->residual, n), hard_residual = largest_size(h->residual, 4 * nv);
+  *primal = soft_residual > hard_residual ? soft_residual : hard_residual;
+  for (int r = 0; r < n_rows; r++) {
+    const double centre = 0.5 * (w->low[r] + w->high[r]);
+    w->row_force[r] = w->is_soft[r] * (f->lambda[r] - f->lambda[n_rows + r]) + w->square[r] * (w->value[r] - centre);
+    w->row_pivot[r] = w->is_soft[r] * (f->pivot[r] + f->pivot[n_rows + r]) + w->square[r];
+  }
   for (int j = 0; j < nv; j++) {
-    for (int l = 0; l < j; l++) {
-      w->dual[j] += w->hessian[j][l] * w->z[l];
-      w->dual[l] += w->hessian[j][l] * w->z[j];
-    }
-    w->dual[j] += w->hessian[j][j] * w->z[j];
+    w->input_force[j] = h->lambda[2 * nv + j] - h->lambda[3 * nv + j];
+    w->dual[j] = w->gradient[j] + w->diagonal[j] * w->z[j] + h->lambda[j] - h->lambda[nv + j];
   }
-  add_transposed(m, w, coefficient, hard_coefficient, w->dual);
-  for (int j = 0; j < nv; j++)
-    if (fabs(w->dual[j]) > *dual) *dual = fabs(w->dual[j]);
+  for (int k = 0; k < w->n_moves; k++) w->dual[w->move[k]] += f->lambda[2 * n_rows + k];
+  fsw_add_transposed(w, w->row_force, w->input_force, w->dual);
+  *dual = largest_size(w->dual, nv);
   return gap;
 }
 
-/* Cholesky factor of the lower triangle in place, RANK columns at a time; also 1 / diagonal. */
-static int cholesky(double (*k)[FSW_MAX_VARS], double *per_diagonal, int n) {
-  double column[RANK][FSW_MAX_VARS];
-  for (int p = 0; p < n; p += RANK) {
-    const int size = n - p < RANK ? n - p : RANK;
-    for (int q = 0; q < size; q++) { /* the panel's columns, one after the other */
-      const int c = p + q;
-      for (int e = 0; e < q; e++) {
-        const double f = column[e][c];
-        for (int j = c; j < n; j++) k[j][c] -= column[e][j] * f;
-      }
-      const double pivot = k[c][c];
-      if (!(pivot > 0.0) || !is_finite(pivot)) return FSW_FAILED;
-      const double root = sqrt(pivot);
-      per_diagonal[c] = 1.0 / root;
-      for (int j = c; j < n; j++) column[q][j] = k[j][c] = k[j][c] * per_diagonal[c];
-    }
-    if (size < RANK) break;
-    const double *restrict a0 = column[0], *restrict a1 = column[1], *restrict a2 = column[2], *restrict a3 = column[3];
-    for (int j = p + RANK; j < n; j++) {
-      double *restrict row = k[j];
-      const double f0 = a0[j], f1 = a1[j], f2 = a2[j], f3 = a3[j];
-      for (int l = p + RANK; l <= j; l++) row[l] -= f0 * a0[l] + f1 * a1[l] + f2 * a2[l] + f3 * a3[l];
-    }
+/* Newton direction for a centring target mu; `second` (0 or 1) adds the second-order terms of the direction held now.
+ * Returns the longest step that keeps everything positive, and the complementarity at its end. */
+static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
+  const int n = n_soft(w), nv = w->nv, n_rows = w->n_rows;
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
+  for (int k = 0; k < n; k++) {
+    const double c1 = mu - f->s[k] * f->lambda[k] - second * f->ds[k] * f->dlambda[k];
+    const double c2 = mu - f->t[k] * f->pi[k] + second * f->dt[k] * f->dlambda[k];
+    f->shift[k] = f->residual[k] - c2 * f->per_pi[k] + c1 * f->per_lambda[k];
+    f->ds[k] = c1;
+    f->dt[k] = c2;
+    f->work[k] = f->pivot[k] * f->shift[k];
   }
-  return FSW_OK;
-}
-
-/* Normal matrix H + sum D a a', factored in place (Cholesky, lower triangle). */
-static int factorise(const fsw_nmpc_model *m, fsw_workspace *w) {
-  const int nv = 2 * m->n_blocks, n_rows = 2 * m->n_out;
-  double(*k)[FSW_MAX_VARS] = w->factor;
-  for (int j = 0; j < nv; j++)
-    for (int l = 0; l <= j; l++) k[j][l] = w->hessian[j][l];
-  for (int r = 0; r < n_rows; r += RANK) { /* several rows at a time: fewer passes over the matrix */
-    const double *a[RANK];
-    double d[RANK];
-    int widest = 0;
-    for (int i = 0; i < RANK; i++) {
-      const int row = r + i < n_rows ? r + i : r;
-      int width;
-      a[i] = output_row(m, w, row, &width);
-      d[i] = r + i < n_rows && w->weight[row] > 0.0 ? w->soft[row][0].pivot + w->soft[row][1].pivot : 0.0;
-      if (d[i] > 0.0 && width > widest) widest = width;
-    }
-    for (int j = 0; j < widest; j++) {
-      const double d0 = d[0] * a[0][j], d1 = d[1] * a[1][j], d2 = d[2] * a[2][j], d3 = d[3] * a[3][j];
-      const double *restrict a0 = a[0], *restrict a1 = a[1], *restrict a2 = a[2], *restrict a3 = a[3];
-      double *restrict row = k[j];
-      for (int l = 0; l <= j; l++) row[l] += d0 * a0[l] + d1 * a1[l] + d2 * a2[l] + d3 * a3[l];
-    }
-  }
-  w->suffix[m->n_blocks][0] = w->suffix[m->n_blocks][1] = 0.0;
-  for (int b = m->n_blocks - 1; b >= 0; b--)
-    for (int q = 0; q < 2; q++) {
-      const fsw_hard *f = w->hard[nv + 2 * b + q];
-      w->suffix[b][q] = w->suffix[b + 1][q] + f[0].pivot + f[1].pivot;
-    }
-  for (int j = 0; j < nv; j++) {
-    const fsw_hard *box = w->hard[j];
-    k[j][j] += box[0].pivot + box[1].pivot;
-    if (w->weight[n_rows + j] > 0.0)
-      k[j][j] += w->soft[n_rows + j][0].pivot + w->soft[n_rows + j][1].pivot;
-    const double f = w->size[j] * w->scale[j] * w->suffix[j >> 1][j & 1];
-    for (int l = j & 1; l <= j; l += 2) k[j][l] += f * w->size[l] * w->scale[l];
-  }
-  return cholesky(k, w->per_diagonal, nv);
-}
-
-/* Newton direction for a centring target mu; `second` adds the second-order terms of the direction held now. */
-static void direction(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_hard, double mu, int second) {
-  const int nv = 2 * m->n_blocks;
-  double coefficient[FSW_MAX_SOFT], hard_coefficient[FSW_MAX_HARD];
-  for (int r = 0; r < n_soft; r++) {
-    coefficient[r] = 0.0;
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      fsw_soft *f = &w->soft[r][side];
-      const double c1 = mu - f->s * f->lambda - (second ? f->ds * f->dlambda : 0.0);
-      const double c2 = mu - f->t * f->pi + (second ? f->dt * f->dlambda : 0.0);
-      f->shift = f->residual - c2 * f->per_pi + c1 * f->per_lambda;
-      f->ds = c1;
-      f->dt = c2;
-      const double g = f->pivot * f->shift;
-      coefficient[r] -= side ? -g : g;
-    }
-  }
-  for (int r = 0; r < n_hard; r++) {
-    hard_coefficient[r] = 0.0;
-    for (int side = 0; side < 2; side++) {
-      fsw_hard *f = &w->hard[r][side];
-      const double c1 = mu - f->s * f->lambda - (second ? f->ds * f->dlambda : 0.0);
-      f->shift = f->residual + c1 * f->per_lambda;
-      f->ds = c1;
-      const double g = f->pivot * f->shift;
-      hard_coefficient[r] -= side ? -g : g;
-    }
+  for (int k = 0; k < 4 * nv; k++) {
+    const double c1 = mu - h->s[k] * h->lambda[k] - second * h->ds[k] * h->dlambda[k];
+    h->shift[k] = h->residual[k] + c1 * h->per_lambda[k];
+    h->ds[k] = c1;
+    h->work[k] = h->pivot[k] * h->shift[k];
   }
   double *x = w->step;
-  for (int j = 0; j < nv; j++) x[j] = -w->dual[j];
-  add_transposed(m, w, coefficient, hard_coefficient, x);
-  for (int j = 0; j < nv; j++) x[j] = (x[j] - dot(w->factor[j], x, j)) * w->per_diagonal[j];
-  for (int j = nv - 1; j >= 0; j--) {
-    x[j] *= w->per_diagonal[j];
-    const double xj = x[j];
-    for (int l = 0; l < j; l++) x[l] -= w->factor[j][l] * xj;
+  for (int r = 0; r < n_rows; r++) w->row_force[r] = w->is_soft[r] * (f->work[n_rows + r] - f->work[r]);
+  for (int j = 0; j < nv; j++) {
+    w->input_force[j] = h->work[3 * nv + j] - h->work[2 * nv + j];
+    x[j] = h->work[nv + j] - h->work[j] - w->dual[j];
   }
-  row_products(m, w, x, w->change, w->hard_change);
-  for (int r = 0; r < n_soft; r++) {
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      fsw_soft *f = &w->soft[r][side];
-      const double de = side ? -w->change[r] : w->change[r];
-      f->dlambda = f->pivot * (de + f->shift);
-      f->ds = (f->ds - f->s * f->dlambda) * f->per_lambda;
-      f->dt = (f->dt + f->t * f->dlambda) * f->per_pi;
-    }
+  for (int k = 0; k < w->n_moves; k++) x[w->move[k]] -= f->work[2 * n_rows + k];
+  fsw_add_transposed(w, w->row_force, w->input_force, x);
+  fsw_substitute(w, x);
+  fsw_row_products(w, x, w->change, w->input_change);
+  for (int r = 0; r < n_rows; r++) {
+    f->work[r] = w->is_soft[r] * w->change[r];
+    f->work[n_rows + r] = -f->work[r];
   }
-  for (int r = 0; r < n_hard; r++)
-    for (int side = 0; side < 2; side++) {
-      fsw_hard *f = &w->hard[r][side];
-      const double de = side ? -w->hard_change[r] : w->hard_change[r];
-      f->dlambda = f->pivot * (de + f->shift);
-      f->ds = (f->ds - f->s * f->dlambda) * f->per_lambda;
-    }
-}
-
-static double shorten(double alpha, double value, double change) {
-  return change < 0.0 && -value / change < alpha ? -value / change : alpha;
-}
-
-/* Longest step (at most 1) that keeps everything positive, and the complementarity at its end. */
-static double longest_step(const fsw_workspace *w, int n_soft, int n_hard, double *gap) {
-  double alpha = 1.0;
-  for (int r = 0; r < n_soft; r++) {
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      const fsw_soft *f = &w->soft[r][side];
-      alpha = shorten(shorten(alpha, f->s, f->ds), f->t, f->dt);
-      alpha = shorten(shorten(alpha, f->lambda, f->dlambda), f->pi, -f->dlambda);
-    }
+  for (int k = 0; k < w->n_moves; k++) f->work[2 * n_rows + k] = x[w->move[k]];
+  for (int j = 0; j < nv; j++) {
+    h->work[j] = x[j];
+    h->work[nv + j] = -x[j];
+    h->work[2 * nv + j] = w->input_change[j];
+    h->work[3 * nv + j] = -w->input_change[j];
   }
-  for (int r = 0; r < n_hard; r++)
-    for (int side = 0; side < 2; side++) {
-      const fsw_hard *f = &w->hard[r][side];
-      alpha = shorten(shorten(alpha, f->s, f->ds), f->lambda, f->dlambda);
-    }
-  *gap = 0.0;
-  for (int r = 0; r < n_soft; r++) {
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      const fsw_soft *f = &w->soft[r][side];
-      *gap += (f->s + alpha * f->ds) * (f->lambda + alpha * f->dlambda) + (f->t + alpha * f->dt) * (f->pi - alpha * f->dlambda);
-    }
+  for (int k = 0; k < n; k++) {
+    const double dl = f->pivot[k] * (f->work[k] + f->shift[k]);
+    const double ds = (f->ds[k] - f->s[k] * dl) * f->per_lambda[k], dt = (f->dt[k] + f->t[k] * dl) * f->per_pi[k];
+    const double by_s = -ds * f->per_s[k], by_t = -dt * f->per_t[k];
+    const double by_lambda = -dl * f->per_lambda[k], by_pi = dl * f->per_pi[k];
+    const double primal = by_s > by_t ? by_s : by_t, dual = by_lambda > by_pi ? by_lambda : by_pi;
+    f->dlambda[k] = dl;
+    f->ds[k] = ds;
+    f->dt[k] = dt;
+    f->work[k] = primal > dual ? primal : dual;
   }
-  for (int r = 0; r < n_hard; r++)
-    for (int side = 0; side < 2; side++) {
-      const fsw_hard *f = &w->hard[r][side];
-      *gap += (f->s + alpha * f->ds) * (f->lambda + alpha * f->dlambda);
-    }
+  for (int k = 0; k < 4 * nv; k++) {
+    const double dl = h->pivot[k] * (h->work[k] + h->shift[k]);
+    const double ds = (h->ds[k] - h->s[k] * dl) * h->per_lambda[k];
+    const double by_s = -ds * h->per_s[k], by_lambda = -dl * h->per_lambda[k];
+    h->dlambda[k] = dl;
+    h->ds[k] = ds;
+    h->work[k] = by_s > by_lambda ? by_s : by_lambda;
+  }
+  const double soft_ratio = largest_of(f->work, n), hard_ratio = largest_of(h->work, 4 * nv);
+  const double ratio = soft_ratio > hard_ratio ? soft_ratio : hard_ratio;
+  const double alpha = ratio > 1.0 ? 1.0 / ratio : 1.0;
+  if (gap_there) {
+    for (int k = 0; k < n; k++)
+      f->work[k] = (f->s[k] + alpha * f->ds[k]) * (f->lambda[k] + alpha * f->dlambda[k]) +
+                   (f->t[k] + alpha * f->dt[k]) * (f->pi[k] - alpha * f->dlambda[k]);
+    for (int k = 0; k < 4 * nv; k++) h->work[k] = (h->s[k] + alpha * h->ds[k]) * (h->lambda[k] + alpha * h->dlambda[k]);
+    *gap_there = sum_of(f->work, n) + sum_of(h->work, 4 * nv);
+  }
   return alpha;
 }
 
-static void advance(const fsw_nmpc_model *m, fsw_workspace *w, int n_soft, int n_hard, double alpha) {
-  const int nv = 2 * m->n_blocks;
-  for (int j = 0; j < nv; j++) w->z[j] += alpha * w->step[j];
-  for (int r = 0; r < n_soft; r++) {
-    w->value[r] += alpha * w->change[r];
-    if (w->weight[r] <= 0.0) continue;
-    for (int side = 0; side < 2; side++) {
-      fsw_soft *f = &w->soft[r][side];
-      f->s += alpha * f->ds;
-      f->t += alpha * f->dt;
-      f->lambda += alpha * f->dlambda;
-      f->pi -= alpha * f->dlambda;
-    }
+static void advance(fsw_workspace *w, double alpha) {
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
+  for (int j = 0; j < w->nv; j++) {
+    w->z[j] += alpha * w->step[j];
+    w->input[j] += alpha * w->input_change[j];
   }
-  for (int r = 0; r < n_hard; r++) {
-    w->hard_value[r] += alpha * w->hard_change[r];
-    for (int side = 0; side < 2; side++) {
-      fsw_hard *f = &w->hard[r][side];
-      f->s += alpha * f->ds;
-      f->lambda += alpha * f->dlambda;
-    }
+  for (int r = 0; r < w->n_rows; r++) w->value[r] += alpha * w->change[r];
+  for (int k = 0; k < n_soft(w); k++) {
+    f->s[k] += alpha * f->ds[k];
+    f->t[k] += alpha * f->dt[k];
+    f->lambda[k] += alpha * f->dlambda[k];
+    f->pi[k] -= alpha * f->dlambda[k];
+  }
+  for (int k = 0; k < 4 * w->nv; k++) {
+    h->s[k] += alpha * h->ds[k];
+    h->lambda[k] += alpha * h->dlambda[k];
   }
 }
 
-static double cost_of(const fsw_nmpc_model *m, const fsw_workspace *w, int n_soft) {
-  const int nv = 2 * m->n_blocks;
-  double cost = 0.0;
-  for (int r = 0; r < n_soft; r++) {
-    const double over = w->value[r] - w->high[r], under = w->low[r] - w->value[r];
-    cost += w->weight[r] * ((over > 0.0 ? over : 0.0) + (under > 0.0 ? under : 0.0));
+/* Outputs of the linear model at the solution. */
+static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *depth, double *temp) {
+  for (int r = 0; r < 2 * m->n_out; r++) {
+    const int is_temp = r >= m->n_out, i = is_temp ? r - m->n_out : r;
+    const double value = w->output[r] + fsw_dot(w->by[r], w->z, is_temp ? m->temp_width[i] : m->depth_width[i]);
+    if (is_temp) temp[i] = value;
+    else depth[i] = value;
   }
-  for (int j = 0; j < nv; j++) {
-    cost += w->gradient[j] * w->z[j] + 0.5 * w->hessian[j][j] * w->z[j] * w->z[j];
-    cost += w->z[j] * dot(w->hessian[j], w->z, j);
-  }
-  return cost;
 }
 
 int fsw_nmpc_solve(const fsw_nmpc_model *m, const fsw_nmpc_call *c, double *v, double *depth, double *temp,
                    fsw_nmpc_result *result, void *workspace) {
   fsw_workspace *w = workspace;
-  const int nv = 2 * m->n_blocks, n_soft = 2 * m->n_out + nv, n_hard = 2 * nv;
   fsw_nmpc_result r = {FSW_FAILED, 0, 0.0, 0.0, 0.0, 0.0};
   *result = r;
   if (fsw_predict_into(m, c, v, w) != FSW_OK) return result->status;
-  build(m, c, v, w);
-  start(m, w, n_soft, n_hard);
-  int pairs = 2 * n_hard;
-  for (int i = 0; i < n_soft; i++)
-    if (w->weight[i] > 0.0) pairs += 4;
+  fsw_build(m, c, v, w);
+  start(w);
+  const double pairs = 2.0 * n_soft(w) + 4.0 * w->nv;
   r.status = FSW_CAP;
   for (r.iterations = 0;; r.iterations++) {
-    r.gap = residuals(m, w, n_soft, n_hard, &r.primal_residual, &r.dual_residual);
-    r.cost = cost_of(m, w, n_soft);
+    r.gap = residuals(w, &r.primal_residual, &r.dual_residual);
+    r.cost = cost_of(w);
     if (!is_finite(r.gap + r.cost)) { r.status = FSW_FAILED; break; }
     if (r.gap <= c->tolerance * (1.0 + fabs(r.cost)) && r.primal_residual <= 1e-7 && r.dual_residual <= 1e-6) {
       r.status = FSW_OK;
       break;
     }
     if (r.iterations >= c->max_iterations) break;
-    if (factorise(m, w) != FSW_OK) { r.status = FSW_FAILED; break; }
+    if (fsw_factorise(w) != FSW_OK) { r.status = FSW_FAILED; break; }
     double reached;
-    direction(m, w, n_soft, n_hard, 0.0, 0);
-    longest_step(w, n_soft, n_hard, &reached);
+    direction(w, 0.0, 0.0, &reached);
     const double ratio = reached / r.gap;
-    direction(m, w, n_soft, n_hard, ratio * ratio * ratio * r.gap / pairs, 1);
-    const double alpha = longest_step(w, n_soft, n_hard, &reached);
-    advance(m, w, n_soft, n_hard, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
+    const double alpha = direction(w, ratio * ratio * ratio * r.gap / pairs, 1.0, 0);
+    advance(w, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
   }
   if (r.status != FSW_FAILED) {
-    for (int j = 0; j < nv; j++) v[j] = w->z[j] * w->scale[j];
-    for (int i = 0; i < m->n_out; i++) { /* outputs of the linear model at the solution */
-      depth[i] = w->depth[i] + w->value[i];
-      temp[i] = w->temp[i] + w->value[m->n_out + i];
-    }
+    for (int j = 0; j < w->nv; j++) v[j] = w->z[j] * w->scale[j];
+    outputs(m, w, depth, temp);
   }
   *result = r;
   return r.status;

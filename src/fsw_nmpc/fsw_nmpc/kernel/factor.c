@@ -1,0 +1,95 @@
+/* The normal matrix of an iteration and its Cholesky factor; only the upper triangle is used. */
+#include <math.h>
+
+#include "internal.h"
+
+#define BLOCK 4
+
+/* From `begin` on, the first row in use that depends on variable j; widths do not fall before `end`. */
+static int first_wider(const fsw_workspace *w, int begin, int end, int j) {
+  while (begin < end && w->row_width[begin] <= j) begin++;
+  return begin;
+}
+
+/* acc += sum over rows of weighted[j..j+BLOCK) by[l..l+PAD) */
+static void accumulate(const fsw_workspace *w, int begin, int end, int j, int l, double (*restrict acc)[FSW_PAD]) {
+  for (int r = begin; r < end; r++) {
+    const double *restrict a = w->by[w->row[r]] + l, *restrict d = w->weighted[r] + j;
+    for (int i = 0; i < BLOCK; i++)
+      for (int q = 0; q < FSW_PAD; q++) acc[i][q] += d[i] * a[q];
+  }
+}
+
+static void assemble(fsw_workspace *w) {
+  const int nv = w->nv;
+  double suffix[FSW_MAX_BLOCKS + 1][2];
+  for (int r = 0; r < w->n_rows; r++) {
+    const double *restrict a = w->by[w->row[r]];
+    double *restrict d = w->weighted[r];
+    for (int j = 0; j < (w->row_width[r] + FSW_PAD - 1) / FSW_PAD * FSW_PAD; j++) d[j] = w->row_pivot[r] * a[j];
+  }
+  int depth_from = 0, temp_from = w->n_depth;
+  for (int l = 0; l < nv; l += FSW_PAD) {
+    depth_from = first_wider(w, depth_from, w->n_depth, l);
+    temp_from = first_wider(w, temp_from, w->n_rows, l);
+    for (int j = 0; j < l + FSW_PAD && j < nv; j += BLOCK) {
+      double acc[BLOCK][FSW_PAD] = {{0.0}};
+      accumulate(w, depth_from, w->n_depth, j, l, acc);
+      accumulate(w, temp_from, w->n_rows, j, l, acc);
+      for (int i = 0; i < BLOCK; i++)
+        for (int q = 0; q < FSW_PAD; q++) w->factor[j + i][l + q] = acc[i][q];
+    }
+  }
+  const double *input_above = w->hard.pivot + 2 * nv, *input_below = w->hard.pivot + 3 * nv;
+  suffix[nv / 2][0] = suffix[nv / 2][1] = 0.0;
+  for (int j = nv - 1; j >= 0; j--) suffix[j >> 1][j & 1] = suffix[(j >> 1) + 1][j & 1] + input_above[j] + input_below[j];
+  for (int j = 0; j < nv; j++) {
+    double *k = w->factor[j];
+    k[j] += w->diagonal[j] + w->hard.pivot[j] + w->hard.pivot[nv + j];
+    for (int l = j; l < nv; l += 2) k[l] += w->size[j] * w->size[l] * suffix[l >> 1][l & 1];
+  }
+  for (int k = 0; k < w->n_moves; k++) w->factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_rows + k];
+}
+
+/* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. */
+static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
+  for (int p = 0; p < n; p += BLOCK) {
+    const int end = p + BLOCK < n ? p + BLOCK : n;
+    for (int c = p; c < end; c++) { /* the block's rows, one after the other */
+      double *restrict row = k[c];
+      for (int e = p; e < c; e++) {
+        const double *restrict above = k[e];
+        const double f = above[c];
+        for (int l = c; l < n; l++) row[l] -= f * above[l];
+      }
+      if (!(row[c] > 0.0) || !is_finite(row[c])) return FSW_FAILED;
+      const double per = per_diagonal[c] = 1.0 / sqrt(row[c]);
+      for (int l = c; l < n; l++) row[l] *= per;
+    }
+    if (end - p < BLOCK) break;
+    const double *restrict a0 = k[p], *restrict a1 = k[p + 1], *restrict a2 = k[p + 2], *restrict a3 = k[p + 3];
+    for (int j = end; j < n; j++) {
+      double *restrict row = k[j];
+      const double f0 = a0[j], f1 = a1[j], f2 = a2[j], f3 = a3[j];
+      for (int l = j / BLOCK * BLOCK; l < n; l++) row[l] -= (f0 * a0[l] + f1 * a1[l]) + (f2 * a2[l] + f3 * a3[l]);
+    }
+  }
+  return FSW_OK;
+}
+
+/* diagonal + sum of pivot a a' over all rows, factored into w->factor. */
+int fsw_factorise(fsw_workspace *w) {
+  assemble(w);
+  return cholesky(w->factor, w->per_diagonal, w->nv);
+}
+
+/* x = matrix^-1 x */
+void fsw_substitute(const fsw_workspace *w, double *restrict x) {
+  const int nv = w->nv;
+  for (int j = 0; j < nv; j++) {
+    const double *restrict row = w->factor[j];
+    const double xj = x[j] *= w->per_diagonal[j];
+    for (int l = j + 1; l < nv; l++) x[l] -= row[l] * xj;
+  }
+  for (int j = nv - 1; j >= 0; j--) x[j] = (x[j] - fsw_dot(w->factor[j] + j + 1, x + j + 1, nv - j - 1)) * w->per_diagonal[j];
+}

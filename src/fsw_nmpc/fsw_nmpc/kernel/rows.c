@@ -1,0 +1,112 @@
+/* The rows of the QP: built from a prediction, and multiplied by vectors.
+ *
+ * Variables are the moves divided by their largest value. Rows in use are the outputs with a weight that moves can
+ * reach; the moves' own rows and the inputs at the ends of the blocks (sums of moves) need no matrix. */
+#include "internal.h"
+
+/* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
+double fsw_dot(const double *restrict a, const double *restrict b, int n) {
+  double sum[4] = {0.0, 0.0, 0.0, 0.0};
+  int j = 0;
+  for (; j + 4 <= n; j += 4)
+    for (int i = 0; i < 4; i++) sum[i] += a[j + i] * b[j + i];
+  for (; j < n; j++) sum[0] += a[j] * b[j];
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
+
+static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
+  const int nv = w->nv = 2 * m->n_blocks;
+  double intervals[FSW_MAX_BLOCKS], reach[2] = {0.0, 0.0};
+  const double now[2] = {c->force_kn, c->speed_rpm};
+  for (int b = 0; b < m->n_blocks; b++) intervals[b] = 0.0;
+  for (int i = 0; i < m->n_out; i++) intervals[m->interval_block[i]] += 1.0;
+  w->n_moves = 0;
+  for (int j = 0; j < nv; j++) {
+    const int q = j & 1;
+    const double limit = 0.95, scale = c->move_max[q], z = v[j] / scale;
+    w->scale[j] = scale;
+    w->size[j] = intervals[j >> 1] * scale;
+    w->z[j] = z > limit ? limit : (z < -limit ? -limit : z);
+    w->diagonal[j] = c->move_square[q] * scale * w->size[j] + 1e-9;
+    /* L1 of a move: weight |z| = 2 weight max(0, z) - weight z, one side instead of two */
+    const double weight = c->move_weight[q] * w->size[j];
+    w->gradient[j] = -weight;
+    if (weight > 0.0) {
+      w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
+      w->move[w->n_moves++] = j;
+    }
+    reach[q] += 0.98 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
+    const double low = c->input_min[q] - now[q], high = c->input_max[q] - now[q];
+    w->input_low[j] = low < reach[q] ? low : reach[q];
+    w->input_high[j] = high > -reach[q] ? high : -reach[q];
+  }
+  for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
+}
+
+void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
+  const int n_out = m->n_out;
+  double weight[FSW_MAX_ROWS];
+  int n = 0;
+  build_variables(m, c, v, w);
+  w->n_depth = 0;
+  for (int r = 0; r < 2 * n_out; r++) {
+    const int is_temp = r >= n_out, i = is_temp ? r - n_out : r;
+    const int width = is_temp ? m->temp_width[i] : m->depth_width[i];
+    double *a = w->by[r], at_zero = w->output[r]; /* the linear model's output without moves */
+    for (int j = 0; j < width; j++) {
+      at_zero -= a[j] * v[j];
+      a[j] *= w->scale[j];
+    }
+    for (int j = width; j < padded(w->nv); j++) a[j] = 0.0;
+    w->output[r] = at_zero;
+    const double l1 = is_temp ? c->temp_weight[i] : c->depth_weight[i];
+    const double square = is_temp ? c->temp_square[i] : c->depth_square[i];
+    if (width == 0 || !(l1 > 0.0 || square > 0.0)) continue;
+    w->row[n] = r;
+    w->row_width[n] = width;
+    w->low[n] = (is_temp ? c->temp_low[i] : c->depth_low[i]) - at_zero;
+    w->high[n] = (is_temp ? c->temp_high[i] : c->depth_high[i]) - at_zero;
+    w->square[n] = square > 0.0 ? square : 0.0;
+    w->is_soft[n] = l1 > 0.0 ? 1.0 : 0.0;
+    weight[n++] = l1 > 0.0 ? l1 : 1.0;
+    if (!is_temp) w->n_depth = n;
+  }
+  w->n_rows = n;
+  for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * n + k] = w->soft.weight[k];
+  for (int r = 0; r < n; r++) w->soft.weight[r] = w->soft.weight[n + r] = weight[r];
+}
+
+/* value[] = a'z of every row in use, input[] = change of the inputs at the ends of the blocks */
+void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input) {
+  for (int r = 0; r < w->n_rows; r++) value[r] = fsw_dot(w->by[w->row[r]], z, (w->row_width[r] + 3) / 4 * 4);
+  double sum[2] = {0.0, 0.0};
+  for (int j = 0; j < w->nv; j++) {
+    sum[j & 1] += w->size[j] * z[j];
+    input[j] = sum[j & 1];
+  }
+}
+
+/* out += sum over rows of a * row_force, and of the inputs' rows * input_force */
+void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *restrict out) {
+  int r = 0;
+  for (; r + 4 <= w->n_rows; r += 4) {
+    const double *restrict a0 = w->by[w->row[r]], *restrict a1 = w->by[w->row[r + 1]];
+    const double *restrict a2 = w->by[w->row[r + 2]], *restrict a3 = w->by[w->row[r + 3]];
+    const double f0 = row_force[r], f1 = row_force[r + 1], f2 = row_force[r + 2], f3 = row_force[r + 3];
+    int width = w->row_width[r];
+    for (int i = 1; i < 4; i++)
+      if (w->row_width[r + i] > width) width = w->row_width[r + i];
+    for (int j = 0; j < width; j++) out[j] += (f0 * a0[j] + f1 * a1[j]) + (f2 * a2[j] + f3 * a3[j]);
+  }
+  for (; r < w->n_rows; r++) {
+    const double *restrict a = w->by[w->row[r]];
+    for (int j = 0; j < w->row_width[r]; j++) out[j] += row_force[r] * a[j];
+  }
+  double sum[2] = {0.0, 0.0};
+  for (int j = w->nv - 1; j >= 0; j--) {
+    sum[j & 1] += input_force[j];
+    out[j] += w->size[j] * sum[j & 1];
+  }
+}
