@@ -10,16 +10,17 @@ from collections import deque
 from math import isfinite
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.units import kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard
 from fsw_supervisor.checks import ProposalInput, same
 from fsw_supervisor.desk import Desk
 from fsw_supervisor.events import Level
-from fsw_supervisor.interlocks import Interlocks, Severity
+from fsw_supervisor.interlocks import Interlocks
 from fsw_supervisor.machine import Machine
 from fsw_supervisor.modes import Mode, Trigger
+from fsw_supervisor.process import judge
 from fsw_supervisor.proposals import Proposals
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.takeover import Takeover
 from fsw_supervisor.tick import NANOSECONDS, Decision, Stamps, Tick
 
 #: name under which the drives' feedback of force and speed takes part in the making of ticks
@@ -28,7 +29,6 @@ DRIVES = "drives"
 _GAP_S = 1.0
 #: for so long a foreign command is remembered [s]
 _FOREIGN_S = 5.0
-_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 
 
 class Arbiter:
@@ -83,12 +83,8 @@ class Arbiter:
         self._stamps = Stamps(silence_s=2.5 * settings.tick_period_s if not lockstep else _GAP_S)
         self._tick: Tick | None = None
         self._now_s = 0.0
-        self._started_s: float | None = None
+        self._takeover = Takeover()
         self._failure = ""
-        self._was_active = ""
-        #: until the first command nobody can have seen one of this arbiter: "selected" means the one before it
-        self._asking = True
-        self._seen: Command | None = None
         self._drives: tuple[int, Command] | None = None
         self._outbox: list[Decision] = []
         self._sent: deque[Decision] = deque(maxlen=50)
@@ -141,8 +137,7 @@ class Arbiter:
         if record is not None:
             record.tolerated_sensors = tuple(sensor for sensor in tolerated_sensors if sensor in SENSORS)
             record.status_seen = True
-            if selected and self._asking:
-                self._was_active = name
+            self._takeover.hear_status(name, selected)
         self._advance()
         return self._take()
 
@@ -164,8 +159,7 @@ class Arbiter:
                 self._sent.remove(sent)
                 return
         self.foreign_commands += 1
-        if self._asking and isfinite(command.force_kn) and isfinite(command.speed_rpm):
-            self._seen = command
+        self._takeover.hear_command(command)
         if not self.foreign_writer:
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
@@ -184,8 +178,9 @@ class Arbiter:
             times.append(tick.started_s + self._grace_s)
         if self.lockstep:
             times.append(tick.started_s + self.settings.lockstep_shadow_wait_s)
-        if self._asking and self._started_s is not None:
-            times.append(self._started_s + self.settings.takeover_wait_s)
+        listening_s = self._takeover.ends_s(self.settings.takeover_wait_s)
+        if listening_s is not None:
+            times.append(listening_s)
         return min((time for time in times if time > self._now_s), default=tick.deadline_s)
 
     @property
@@ -247,8 +242,7 @@ class Arbiter:
             self.machine.log(Level.WARN, "clock", "time went back: counting on from there")
             self.guard.reset()
             self.proposals.forget_time()
-        if self._started_s is None:
-            self._started_s = now_s
+        self._takeover.begin(now_s)
         self._silent = False
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
         self._tick = Tick(stamp_ns, now_s, now_s + period_s, self.applied)
@@ -259,8 +253,8 @@ class Arbiter:
 
     def _interrupt(self) -> None:
         """The plant was away: whatever acts now must be found out anew."""
-        self._seen, self.applied = self.applied or self._seen, None
-        self._was_active, self._asking = self.machine.active, False
+        self._takeover.interrupt(self.applied, self.machine.active)
+        self.applied = None
         assert self._tick is not None
         self._tick.before = None
         self.machine.log(Level.WARN, "sensors", "measurements are back after a gap")
@@ -309,7 +303,11 @@ class Arbiter:
 
     def _decide(self, tick: Tick, final: bool) -> None:
         if not tick.evaluated:
-            self._evaluate(tick)
+            tick.evaluated = True
+            before = self.proposals.invalid_sensors
+            self.proposals.invalid_sensors = judge(
+                tick, self.applied, self.guard, self.interlocks, self.machine, before
+            )
         if self.applied is None and not self._take_over(tick, final):
             if final:
                 self._lose(tick)
@@ -321,41 +319,15 @@ class Arbiter:
         if not tick.decided and self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP):
             self._rule_alone(tick)
 
-    def _evaluate(self, tick: Tick) -> None:
-        """Judge the tick's sensors and the process."""
-        tick.evaluated = True
-        measurement = self.guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples)
-        invalid, before = measurement.invalid_sensors(), self.proposals.invalid_sensors
-        for name in invalid:
-            if name not in before:
-                self.machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {self.guard.reasons[name]}")
-        for name in before:
-            if name not in invalid:
-                self.machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
-        self.proposals.invalid_sensors = invalid
-        values = {
-            "depth_mm": measurement.depth_mm,
-            "torque_nm": measurement.torque_nm,
-            "temperature_c": measurement.temperature_c,
-        }
-        acting = tick.drives if tick.drives is not None else self.applied
-        if acting is not None:
-            values["force_kn"] = acting.force_kn
-            values["power_kw"] = kw_from_w(measurement.torque_nm * rad_s_from_rpm(acting.speed_rpm))
-        for change in self.interlocks.update(values):
-            self.machine.log(_LEVELS[change.level], "interlock", change.text())
-            if change.level is Severity.TRIP:
-                self.machine.fire(Trigger.INTERLOCK_TRIP, change.text(), "interlock")
-
     def _take_over(self, tick: Tick, final: bool) -> bool:
         """Find out what is applied at present, so that the first command is no bump; False: not known yet."""
         verdict = tick.verdicts.get(self.machine.target)
         if tick.drives is not None:
             found, origin = tick.drives, "the drives' feedback"
-        elif not final or not self._informed:
+        elif not final or not self._informed():
             return False
-        elif self._seen is not None:
-            found, origin = self._seen, "the last command seen"
+        elif self._takeover.seen is not None:
+            found, origin = self._takeover.seen, "the last command seen"
         elif verdict is not None and verdict.ok:
             found, origin = verdict.command, f"the proposal of {self.machine.target}"
         elif self.machine.mode is Mode.MANUAL and self.desk.manual is not None:
@@ -367,30 +339,20 @@ class Arbiter:
         self.machine.log(Level.INFO, "start", text)
         return True
 
-    @property
-    def _waited(self) -> bool:
-        return self._started_s is not None and self._now_s - self._started_s >= self.settings.takeover_wait_s
-
-    @property
     def _informed(self) -> bool:
-        """Whether the controllers had the time to tell who of them was selected."""
-        return not self._asking or self._waited
-
-    def _all_told(self) -> bool:
-        present = [record for record in self.proposals.roster if record.present]
-        return bool(present) and all(record.status_seen for record in present)
+        return self._takeover.informed(self._now_s, self.settings.takeover_wait_s)
 
     def _rule_start(self, tick: Tick, final: bool) -> None:
         """Begin with the controller that was active before, else with the configured one."""
-        machine = self.machine
-        name = self._was_active or machine.target
+        machine, before = self.machine, self._takeover
+        name = before.was_active or machine.target
         verdict = tick.verdicts.get(name)
-        informed = self._informed or (final and self._all_told())
+        informed = self._informed() or (final and before.all_told(self.proposals.roster))
         if not final and (verdict is None or not informed):
             return
         if verdict is not None and verdict.ok and informed:
-            reason = f"{name} was active before" if self._was_active else f"{name} is configured to start with"
-            machine.target, self._was_active = name, ""
+            reason = f"{name} was active before" if before.was_active else f"{name} is configured to start with"
+            machine.target, before.was_active = name, ""
             machine.fire(Trigger.READY, reason, "start", name)
             return
         assert self.applied is not None
@@ -398,8 +360,8 @@ class Arbiter:
             # A command now would make every controller say that it is not selected.
             self._lose(tick)
             return
-        if self._was_active and machine.ticks_in_mode > self.settings.warm_ticks:
-            self._was_active = ""
+        if before.was_active and machine.ticks_in_mode > self.settings.warm_ticks:
+            before.was_active = ""
             machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
             return
         substitute = self._patient_substitute()
@@ -476,6 +438,11 @@ class Arbiter:
             if name == machine.active or self.proposals.obstacle(name):
                 continue
             verdict = tick.verdicts.get(name)
+            if verdict is None and self.lockstep and final and not (tick.extended or tick.stalled):
+                # The plant waits: a slow fallback is given the time that the active controller had.
+                tick.extended = True
+                tick.deadline_s = self._now_s + self.settings.lockstep_deadline_s
+                return
             if verdict is None and not final:
                 return
             if verdict is not None and verdict.ok:
@@ -501,7 +468,7 @@ class Arbiter:
         """Send the tick's one command, in limits and in rate whoever wants it."""
         self.applied = self.settings.limits.clip(wanted, self.applied)
         tick.decided = True
-        self._asking = False
+        self._takeover.asking = False
         self.commands += 1
         latency_s = max(0.0, self._now_s - tick.started_s)
         self.last = Decision(tick.stamp_ns, self.applied, source, reason, latency_s)

@@ -34,6 +34,8 @@ class Tick:
         Whether sensors and interlocks have been judged.
     failed : bool
         Whether the active controller has failed in this tick.
+    extended : bool
+        Whether lockstep gives a slow fallback more time.
     stalled : bool
         Whether the arbiter itself was held up, so that nobody can be blamed.
     decided : bool
@@ -51,6 +53,7 @@ class Tick:
     conflicts: set[str] = field(default_factory=set)
     evaluated: bool = False
     failed: bool = False
+    extended: bool = False
     stalled: bool = False
     decided: bool = False
 
