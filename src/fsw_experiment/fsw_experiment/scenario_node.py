@@ -14,6 +14,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
@@ -73,7 +74,7 @@ class ScenarioNode(Node):
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._listening = False
-        self._extra_subscriptions: list[object] = []
+        self._extra_subscriptions: list[Subscription] = []
 
     def _on_watch(self) -> None:
         if not self._listening and self._setpoints.get_subscription_count() >= self._controllers:
