@@ -29,6 +29,7 @@ def salvage(
     options: WriterOptions | None = None,
     progress: Callable[[float], None] | None = None,
     selection: TopicSelection | None = None,
+    keep_attachment: Callable[[str], bool] = lambda _: True,
 ) -> SalvageResult:
     """Copy all readable messages and attachments of a bag into a new bag.
 
@@ -47,6 +48,8 @@ def salvage(
         Called now and then with the fraction done, 0 to 1.
     selection : TopicSelection, optional
         Topics to copy; all by default.
+    keep_attachment : callable, optional
+        Says by name which attachments are copied; all by default.
 
     Raises
     ------
@@ -75,7 +78,8 @@ def salvage(
                     )
                 )
             for attachment in reader.attachments():
-                writer.attach(attachment.name, attachment.media_type, attachment.data)
+                if keep_attachment(attachment.name):
+                    writer.attach(attachment.name, attachment.media_type, attachment.data)
             for record in reader.records(topics, progress=progress):
                 count += 1
                 if count % _BATCH == 0:

@@ -1,0 +1,65 @@
+"""Recorded welds stay what they were: their figures of merit, and the proposals of the controllers that run on them.
+
+When a change of plant or controllers is meant, record the bags anew with ``scripts/record_golden_bags.py``.
+"""
+
+import json
+import math
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fsw_experiment import kpi
+from fsw_experiment.controllers import KNOWN
+from fsw_experiment.weld_events import cut_to_scenario
+from fsw_recorder.signals import load_weld
+from fsw_recorder.verify import recorded_controllers, verify
+
+GOLDEN = Path(__file__).parent / "golden"
+SCENARIOS = sorted(folder.name for folder in GOLDEN.iterdir() if folder.is_dir())
+CLOSED_LOOP = [name for name in SCENARIOS if not name.startswith("open_loop")]
+#: equal bit by bit on the machine of the recording; elsewhere the last digits of exp() and the like may differ
+TOLERANCE_KN_RPM = 1e-9
+
+
+def numbers(value: Any, path: str = "") -> dict[str, float]:
+    """All numbers in nested JSON by their path; NaN where there is none."""
+    if isinstance(value, dict):
+        return {key: one for name, part in value.items() for key, one in numbers(part, f"{path}/{name}").items()}
+    if isinstance(value, list):
+        return {key: one for index, part in enumerate(value) for key, one in numbers(part, f"{path}/{index}").items()}
+    if value is None:
+        return {path: math.nan}
+    return {path: value} if isinstance(value, int | float) else {}
+
+
+def test_every_paper_scenario_has_one() -> None:
+    assert len(SCENARIOS) == 5 and len(CLOSED_LOOP) == 3
+    for name in SCENARIOS:
+        assert sum(file.stat().st_size for file in (GOLDEN / name).iterdir()) < 1_000_000
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_figures_of_merit(name: str) -> None:
+    signals = load_weld(GOLDEN / name)
+    assert signals.problems == []
+    expected = numbers(json.loads((GOLDEN / name / "kpi.json").read_text(encoding="utf-8")))
+    found = numbers(json.loads(json.dumps(kpi.compute(cut_to_scenario(signals), name))))
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
+    assert len(found) > 10
+
+
+@pytest.mark.parametrize("name", CLOSED_LOOP)
+@pytest.mark.parametrize("controller", ["decentral"])
+def test_controllers_propose_what_they_proposed(name: str, controller: str) -> None:
+    assert controller in recorded_controllers(GOLDEN / name)
+    module, kind, file, _ = KNOWN[controller]
+    result = verify(GOLDEN / name, controller, getattr(import_module(module), kind), (module, file))
+    assert result.notes == []
+    worst = max(
+        [max(abs(one.force_kn), abs(one.speed_rpm)) if not one.text else float("inf") for one in result.differences],
+        default=0.0,
+    )
+    assert worst <= TOLERANCE_KN_RPM, "\n".join(result.lines())
