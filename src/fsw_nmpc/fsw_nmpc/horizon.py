@@ -29,6 +29,20 @@ def default_block_lengths() -> tuple[int, ...]:
     return (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 6, 7, 8, 2, 1, 1)
 
 
+def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
+    """The paper's grid with 20 blocks of ramps, or with a move in every interval (54).
+
+    Raises
+    ------
+    ValueError
+        If ``blocks`` is neither.
+    """
+    choices = {20: None, len(paper_grid()) - 1: (1,) * (len(paper_grid()) - 1)}
+    if blocks not in choices:
+        raise ValueError(f"horizon: {blocks} blocks; known: {', '.join(map(str, choices))}")
+    return make_horizon(parameters, block_lengths=choices[blocks])
+
+
 @dataclass(frozen=True, slots=True)
 class Horizon:
     """Grid, blocks and the tables that a prediction needs.

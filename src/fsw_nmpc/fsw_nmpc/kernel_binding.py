@@ -159,7 +159,7 @@ class Kernel:
         return self.depth_mm.copy(), self.temperature_c.copy(), by_depth, by_temperature
 
     def solve(self, call: KernelCall, moves: ctypes._Pointer[ctypes.c_double]) -> KernelResult:
-        """One real-time iteration; the solution replaces ``moves``, its outputs :attr:`depth_mm`, :attr:`temperature_c`."""
+        """One real-time iteration: the solution replaces ``moves``, its outputs those in ``depth_mm`` and so on."""
         self._lib.fsw_nmpc_solve(
             self._model_ref, ctypes.byref(call), moves, *self._outputs, self._result_ref, self._workspace_ref
         )

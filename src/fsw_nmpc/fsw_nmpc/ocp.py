@@ -54,6 +54,19 @@ class Problem:
     temperature_high_c: Vector
     weights: Weights
 
+    def objective(self, horizon: Horizon, moves: Vector, depth_mm: Vector, temperature_c: Vector) -> float:
+        """Cost (28) of moves (2 n_blocks,) and the outputs (n_out,) that they lead to."""
+        w, total = self.weights, 0.0
+        for output, low, high, weight, square in (
+            (depth_mm, self.depth_low_mm, self.depth_high_mm, w.depth, w.depth_square),
+            (temperature_c, self.temperature_low_c, self.temperature_high_c, w.temperature, w.temperature_square),
+        ):
+            outside = np.maximum(output - high, 0.0) + np.maximum(low - output, 0.0)
+            total += float(weight @ outside + 0.5 * square @ (output - 0.5 * (low + high)) ** 2)
+        pairs = np.abs(moves.reshape(-1, 2))
+        each = pairs @ np.array(w.move) + 0.5 * pairs**2 @ np.array(w.move_square)
+        return total + float(horizon.block_sizes @ each)
+
 
 @dataclass(slots=True)
 class Weights:

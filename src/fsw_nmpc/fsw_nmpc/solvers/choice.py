@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from fsw_model import ModelParameters
 from fsw_nmpc import kernel_build
-from fsw_nmpc.horizon import Horizon, make_horizon, paper_grid
+from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.ocp import Solver
 
 SOLVERS = ("auto", "rti", "casadi", "reference")
-
-
-def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
-    """The paper's grid with 20 blocks of ramps, or with a move in every interval (54)."""
-    intervals = len(paper_grid()) - 1
-    return make_horizon(parameters, block_lengths=(1,) * intervals if blocks == intervals else None)
 
 
 def make_solver(kind: str, parameters: ModelParameters, blocks: int, max_iterations: int) -> tuple[Solver, str]:
