@@ -45,7 +45,7 @@ class NmpcController:
     """
 
     name = "nmpc"
-    tolerated_sensors = ("depth", "torque", "thermocouple")
+    tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
     def __init__(
         self,
@@ -74,12 +74,14 @@ class NmpcController:
     def configure(self, tuning: Tuning) -> None:
         """Change the tuning at runtime, without a bump: estimator and filtered set-points go on."""
         time_s = self.solver.horizon.time_s
-        continuing = tuning.corridor == "continuing"
-        depth = Corridor(time_s, tuning.corridor_depth_s, tuning.dead_band_depth_mm, continuing)
-        temperature = Corridor(time_s, tuning.corridor_temperature_s, tuning.dead_band_temperature_c, continuing)
+        kind = tuning.corridor
+        depth = Corridor(time_s, tuning.corridor_depth_s, tuning.dead_band_depth_mm, kind, tuning.depth_shape)
+        temperature = Corridor(
+            time_s, tuning.corridor_temperature_s, tuning.dead_band_temperature_c, kind, tuning.temperature_shape
+        )
         if self._depth is not None and self._temperature is not None:
-            depth.start_at(self._depth.centre)
-            temperature.start_at(self._temperature.centre)
+            depth.follow(self._depth)
+            temperature.follow(self._temperature)
         self.tuning, self._depth, self._temperature = tuning, depth, temperature
         self._weights = Weights.from_tuning(tuning, self.solver.horizon, self.limits)
 
@@ -97,6 +99,11 @@ class NmpcController:
         self._late_s = 0.0
         self._applied = applied
         self._reference: Reference | None = None
+        self._proposed: Command | None = None
+        self._restart_corridors()
+
+    def _restart_corridors(self) -> None:
+        """Let the corridors begin at the outputs."""
         assert self._depth is not None and self._temperature is not None
         self._depth.start_at(None)
         self._temperature.start_at(None)
@@ -113,6 +120,9 @@ class NmpcController:
             return Proposal(applied, False, f"waiting for valid sensors: {_needed(measurement)}")
         if self._reference is None:
             return Proposal(applied, False, f"no usable reference: {reference}")
+        if self._proposed is not None and _differ(applied, self._proposed):
+            # someone else is in command: when this controller takes over it begins where the outputs are
+            self._restart_corridors()
         problem = self._problem(self._reference, applied, dt_s)
         solution = self.solver.solve(problem, self._plan.moves)
         refusal = self._plan.refusal(solution, problem)
@@ -136,6 +146,7 @@ class NmpcController:
             if self.estimator.is_started:
                 return True
             self._plan.clear()
+        self._restart_corridors()
         self._late_s = 0.0
         return self.estimator.start(measurement, applied)
 
@@ -147,8 +158,10 @@ class NmpcController:
             estimator.estimate(),
             applied,
             self.limits,
-            *self._depth.bands(reference.depth_mm, estimator.depth_mm, elapsed_s),
-            *self._temperature.bands(reference.temperature_c, estimator.temperature_c, elapsed_s),
+            *self._depth.bands(reference.depth_mm, estimator.depth_mm, elapsed_s, estimator.depth_offset_mm),
+            *self._temperature.bands(
+                reference.temperature_c, estimator.temperature_c, elapsed_s, estimator.temperature_offset_c
+            ),
             self._weights,
         )
 
@@ -167,6 +180,7 @@ class NmpcController:
         if blind:
             healthy, reason = False, f"no valid {', '.join(blind)} for {self.estimator.tuning.blind_limit_s:g} s"
         command = self.limits.clip(Command(applied.force_kn + move[0], applied.speed_rpm + move[1]), applied)
+        self._proposed = command
         plan = self._plan.seen_from(applied)
         self._plan.shift()
         diagnosis = Diagnosis(
@@ -181,6 +195,11 @@ class NmpcController:
             plan=plan,
         )
         return Proposal(command, healthy, reason, diagnosis)
+
+
+def _differ(one: Command, other: Command) -> bool:
+    """Whether two commands are more apart than by rounding."""
+    return abs(one.force_kn - other.force_kn) > 1e-6 or abs(one.speed_rpm - other.speed_rpm) > 1e-6
 
 
 def _needed(measurement: Measurement) -> str:

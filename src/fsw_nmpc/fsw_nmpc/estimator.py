@@ -1,9 +1,11 @@
 """State and disturbance estimation on the same model, with the delay line.
 
-An extended Kalman filter on the linear blocks and four disturbances: of the axial force, of the temperature, of the
-depth (an offset of the depth shown that the tool does not feel) and the scale of the process torque. The depth sensor
-sees contact depth plus offset, the torque sensor feels the contact depth alone; together they make the closed loop free
-of offset and keep the power history right when the depth sensor jumps.
+An extended Kalman filter on the linear blocks and five disturbances: of the axial force, of the temperature, of the
+depth (an offset of the depth shown that the tool does not feel), the scale of the process torque and the heat that comes
+of the power. The depth sensor sees contact depth plus offset, the torque sensor feels the contact depth alone; together
+they make the closed loop free of offset and keep the power history right when the depth sensor jumps. An output that
+jumps is told from one that creeps by the size of the innovation: its excess over the usual size widens the variance of
+the output's offset for this one update.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS, torque_function
 from fsw_nmpc.ocp import Estimate
 
 Vector = NDArray[np.float64]
-FORCE, TEMPERATURE_OFFSET, DEPTH_OFFSET, SCALE = 5, 6, 7, 8
-N = 9
-CONTACT_DEPTH = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+FORCE, TEMPERATURE_OFFSET, DEPTH_OFFSET, SCALE, HEAT = 5, 6, 7, 8, 9
+N = 10
+CONTACT_DEPTH = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 DEPTH_SHOWN = CONTACT_DEPTH + np.eye(N)[DEPTH_OFFSET]
 TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
 
@@ -33,6 +35,7 @@ TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
 _DEEPEST_MM, _COLDEST_C, _HOTTEST_C = 20.0, 0.0, 2000.0
 #: keeps an update defined where tuning and covariance are zero
 _LEAST_VARIANCE = 1e-18
+_LEAST_SCALE, _LARGEST_SCALE = 0.5, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,8 @@ class EstimatorTuning:
     force_walk_kn: float = 2e-2
     temperature_offset_walk_c: float = 5e-2
     torque_scale_walk: float = 2e-4
+    heat_scale_walk: float = 2e-4
+    jump_sigmas: float = 4.0
     blind_limit_s: float = 3.0
 
 
@@ -93,7 +98,7 @@ class Estimator:
         walk = np.zeros(N)
         walk[[0, 3, 4]] = t.creep_walk_mm, t.thermal_depth_walk_mm, t.temperature_walk_c
         walk[FORCE], walk[TEMPERATURE_OFFSET] = t.force_walk_kn, t.temperature_offset_walk_c
-        walk[DEPTH_OFFSET], walk[SCALE] = t.depth_offset_walk_mm, t.torque_scale_walk
+        walk[DEPTH_OFFSET], walk[SCALE], walk[HEAT] = t.depth_offset_walk_mm, t.torque_scale_walk, t.heat_scale_walk
         self._walk = np.diag(walk**2)
 
     def start(self, measurement: Measurement, applied: Command) -> bool:
@@ -105,11 +110,19 @@ class Estimator:
             return False
         thermal = p.softening_gain_mm_per_c * (measurement.temperature_c - p.operating_temperature_c)
         creep = measurement.depth_mm - p.operating_depth_mm - thermal
-        self._x[:] = creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0, 0.0, 1.0
-        self._p[:] = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-3, 0.2, 0.2, 0.2, 1e-3, 0.1]))
+        torque = self._model_torque(applied.force_kn, measurement.depth_mm)[0]
+        scale = 1.0
+        if measurement.torque_valid and isfinite(measurement.torque_nm):
+            friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
+            scale = min(max((measurement.torque_nm - friction) / torque, _LEAST_SCALE), _LARGEST_SCALE)
+        power = scale * torque * applied.speed_rpm * RAD_PER_S_PER_RPM * 1e-3
+        needed = (measurement.temperature_c - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
+        heat = min(max(needed / max(power, 1.0), _LEAST_SCALE), _LARGEST_SCALE)
+        self._x[:] = creep, 0.0, 0.0, thermal, measurement.temperature_c, 0.0, 0.0, 0.0, scale, heat
+        self._p[:] = np.diag(np.square([5e-3, 1e-3, 1e-4, 1e-3, 0.2, 0.2, 0.2, 1e-3, 5e-3, 5e-3]))
         self._last_speed = applied.speed_rpm
         self._blind = dict.fromkeys(self._blind, 0.0)
-        self._history_kw[:] = (measurement.temperature_c - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
+        self._history_kw[:] = needed / heat
         self.is_started = True
         return True
 
@@ -140,16 +153,19 @@ class Estimator:
     def _predict(self, applied: Command) -> None:
         p = self.parameters
         creep_gain, e1, g1, e2, g2, p_tt, p_tc, p_cc, c_t, c_c = self._mode
-        creep, slow, fast, thermal, temperature, force_offset, _, _, scale = self._x.tolist()
+        creep, slow, fast, thermal, temperature, force_offset, _, _, scale, heat = self._x.tolist()
         force = applied.force_kn + force_offset
         pushed = force - p.operating_force_kn
         before = p.operating_depth_mm + creep + slow + fast + thermal
         history = self._history_kw
         left, right = float(history[0]), float(history[1])
         w = self._weight
+        to_thermal, to_temperature = w[0] * left + w[1] * right, w[2] * left + w[3] * right
+        self._a[3, HEAT], self._a[4, HEAT] = to_thermal, to_temperature
+        self._a_transposed[HEAT, 3], self._a_transposed[HEAT, 4] = to_thermal, to_temperature
         thermal, temperature = (
-            p_tt * thermal + p_tc * temperature + c_t + w[0] * left + w[1] * right,
-            p_cc * temperature + c_c + w[2] * left + w[3] * right,
+            p_tt * thermal + p_tc * temperature + c_t + heat * to_thermal,
+            p_cc * temperature + c_c + heat * to_temperature,
         )
         creep, slow, fast = creep + creep_gain * pushed, e1 * slow + g1 * pushed, e2 * fast + g2 * pushed
         after = p.operating_depth_mm + creep + slow + fast + thermal
@@ -177,21 +193,36 @@ class Estimator:
         blind["thermocouple"] = 0.0 if temperature_valid else blind["thermocouple"] + STEP_S
         if torque_valid:
             friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
-            acceleration = abs(applied.speed_rpm - self._last_speed) / STEP_S
-            # the inertia spike has no use here: the more the spindle accelerates, the less the sample counts
-            noise = t.torque_noise_nm + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
+            acceleration = (applied.speed_rpm - self._last_speed) / STEP_S
+            spike = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
+            # the drive's lag smears the spike over two ticks: the more acceleration, the less a sample counts
+            noise = t.torque_noise_nm + 0.3 * abs(spike)
             force = applied.force_kn + float(self._x[FORCE])
             torque, by_force, by_depth = self._model_torque(force, self.contact_depth_mm)
             scale = float(self._x[SCALE])
             row = self._torque_row
             row[:4] = scale * by_depth
             row[FORCE], row[SCALE] = scale * by_force, torque
-            self._update(row, m.torque_nm - friction - scale * torque, noise)
+            self._update(row, m.torque_nm - friction - spike - scale * torque, noise)
         if depth_valid:
-            self._update(DEPTH_SHOWN, m.depth_mm - self.depth_mm, t.depth_noise_mm)
+            innovation = m.depth_mm - self.depth_mm
+            self._expect_jump(DEPTH_OFFSET, DEPTH_SHOWN, innovation, t.depth_noise_mm)
+            self._update(DEPTH_SHOWN, innovation, t.depth_noise_mm)
         if temperature_valid:
-            self._update(TEMPERATURE_SHOWN, m.temperature_c - self.temperature_c, t.temperature_noise_c)
-        self._x[SCALE] = min(max(float(self._x[SCALE]), 0.5), 2.0)
+            innovation = m.temperature_c - self.temperature_c
+            self._expect_jump(TEMPERATURE_OFFSET, TEMPERATURE_SHOWN, innovation, t.temperature_noise_c)
+            self._update(TEMPERATURE_SHOWN, innovation, t.temperature_noise_c)
+        for i in (SCALE, HEAT):
+            self._x[i] = min(max(float(self._x[i]), _LEAST_SCALE), _LARGEST_SCALE)
+
+    def _expect_jump(self, offset: int, row: Vector, innovation: float, noise: float) -> None:
+        """An innovation beyond its usual size widens the variance of the output's disturbance by the excess."""
+        if self.tuning.jump_sigmas <= 0.0:
+            return
+        usual = float(row @ self._p @ row) + noise * noise
+        excess = innovation * innovation - self.tuning.jump_sigmas**2 * usual
+        if excess > 0.0:
+            self._p[offset, offset] += excess
 
     def _update(self, row: Vector, innovation: float, noise: float) -> None:
         """Scalar Kalman update with the measurement's linearisation ``row``."""
@@ -217,6 +248,16 @@ class Estimator:
         return float(self._x[4]) + float(self._x[TEMPERATURE_OFFSET])
 
     @property
+    def depth_offset_mm(self) -> float:
+        """Estimated disturbance of the depth shown."""
+        return float(self._x[DEPTH_OFFSET])
+
+    @property
+    def temperature_offset_c(self) -> float:
+        """Estimated disturbance of the temperature shown."""
+        return float(self._x[TEMPERATURE_OFFSET])
+
+    @property
     def depth_deviation_mm(self) -> float:
         """Standard deviation of the depth estimate."""
         return sqrt(max(float(DEPTH_SHOWN @ self._p @ DEPTH_SHOWN), 0.0))
@@ -233,15 +274,16 @@ class Estimator:
             "temperature [degC]": float(self._x[TEMPERATURE_OFFSET]),
             "depth [mm]": float(self._x[DEPTH_OFFSET]),
             "torque scale [1]": float(self._x[SCALE]),
+            "heat scale [1]": float(self._x[HEAT]),
         }
 
     def estimate(self) -> Estimate:
         """Starting point of a prediction."""
         return Estimate(
             x=self._x[:5].copy(),
-            history_kw=self._history_kw.copy(),
+            history_kw=self._history_kw * self._x[HEAT],
             force_offset_kn=float(self._x[FORCE]),
-            torque_scale=float(self._x[SCALE]),
+            torque_scale=float(self._x[SCALE] * self._x[HEAT]),
             depth_offset_mm=float(self._x[DEPTH_OFFSET]),
             temperature_offset_c=float(self._x[TEMPERATURE_OFFSET]),
         )

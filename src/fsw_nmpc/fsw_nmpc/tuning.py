@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from math import isfinite
 
+from fsw_nmpc.corridor import KINDS
+from fsw_nmpc.shape import Shape
+
 PRESETS: dict[str, dict[str, float | str]] = {
     # (28)-(37) of the paper
     "paper": {
@@ -25,6 +28,12 @@ PRESETS: dict[str, dict[str, float | str]] = {
     "default": {},
 }
 
+_POSITIVE = tuple(
+    f"{output}_{name}"
+    for output in ("depth", "temperature")
+    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "pass_speed")
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
@@ -33,10 +42,11 @@ class Tuning:
     Attributes
     ----------
     corridor : str
-        ``continuing``: the filtered set-point goes on by itself, so a disturbance is met at once; ``recentred``: as in
-        the paper, the corridor starts at the measurement in every cycle.
+        ``shaped``: jumps are worked off as fast as the handles can follow, see ``fsw_nmpc.shape``; ``continuing``: the
+        filtered set-point goes on by itself, so a disturbance is met at once; ``recentred``: as in the paper, the
+        corridor starts at the measurement in every cycle.
     corridor_depth_s, corridor_temperature_s : float
-        Time constants of the first-order set-point corridors.
+        Time constants of the first-order set-point corridors (``continuing`` and ``recentred``).
     dead_band_depth_mm, dead_band_temperature_c : float
         Half widths of the dead-bands.
     weight_depth_per_mm, weight_temperature_per_c : float
@@ -50,9 +60,14 @@ class Tuning:
     interval_weighting : float
         0: every output point counts the same, as in the paper; 1: in proportion to its interval's length over 0.1 s;
         between: the length to this power.
+    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_pass_speed : float
+        Shape of the depth's corridor, in mm and s, see :class:`fsw_nmpc.shape.Shape`.
+    temperature_acceleration, temperature_slow_speed, temperature_time_s, temperature_top_speed, temperature_pass_speed,
+    temperature_delay_s : float
+        Shape of the temperature's corridor, in degC and s; the delay is the dead time.
     """
 
-    corridor: str = "continuing"
+    corridor: str = "shaped"
     corridor_depth_s: float = 5.0
     corridor_temperature_s: float = 5.0
     dead_band_depth_mm: float = 3e-4
@@ -66,14 +81,51 @@ class Tuning:
     move_force_square: float = 0.3
     move_speed_square: float = 0.3
     interval_weighting: float = 0.0
+    depth_acceleration: float = 0.014
+    depth_slow_speed: float = 0.028
+    depth_time_s: float = 8.0
+    depth_top_speed: float = 0.052
+    depth_pass_speed: float = 0.04
+    temperature_acceleration: float = 0.9
+    temperature_slow_speed: float = 1.0
+    temperature_time_s: float = 12.0
+    temperature_top_speed: float = 2.1
+    temperature_pass_speed: float = 1.0
+    temperature_delay_s: float = 2.8
 
     def __post_init__(self) -> None:
-        if self.corridor not in ("continuing", "recentred"):
-            raise ValueError(f"tuning 'corridor' is {self.corridor!r}: must be 'continuing' or 'recentred'")
+        if self.corridor not in KINDS:
+            raise ValueError(f"tuning 'corridor' is {self.corridor!r}: must be {', '.join(KINDS[:-1])} or {KINDS[-1]}")
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name != "corridor" and not (isfinite(value) and value >= 0.0):
                 raise ValueError(f"tuning {field.name!r} is {value!r}: must be a finite number >= 0")
+        for name in _POSITIVE:
+            if getattr(self, name) <= 0.0:
+                raise ValueError(f"tuning {name!r} is {getattr(self, name)!r}: must be positive")
+
+    @property
+    def depth_shape(self) -> Shape:
+        """How a jump of the depth's set-point or disturbance is worked off."""
+        return Shape(
+            self.depth_acceleration,
+            self.depth_slow_speed,
+            self.depth_time_s,
+            self.depth_top_speed,
+            self.depth_pass_speed,
+        )
+
+    @property
+    def temperature_shape(self) -> Shape:
+        """How a jump of the temperature's set-point or disturbance is worked off."""
+        return Shape(
+            self.temperature_acceleration,
+            self.temperature_slow_speed,
+            self.temperature_time_s,
+            self.temperature_top_speed,
+            self.temperature_pass_speed,
+            self.temperature_delay_s,
+        )
 
     @classmethod
     def preset(cls, name: str) -> Tuning:
