@@ -25,7 +25,6 @@ def _with_network(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_subnet_is_the_default() -> None:
     text = discovery.configuration(0, {})
     assert _element(text, "General/AllowMulticast") is None
-    assert _element(text, "Compatibility/IgnoreTypeInformation") == "1.16"
     assert _peers(text) == []
 
 

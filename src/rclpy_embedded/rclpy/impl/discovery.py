@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-# Type information of peers built on plain Cyclone DDS (vendor 1.16) is ignored: as with rmw, types match by name.
-_BY_NAME = "<Compatibility><IgnoreTypeInformation>1.16</IgnoreTypeInformation></Compatibility>"
 # rmw uses 32, which is also the limit of processes on a machine; this leaves room for more and fits the port range.
 _MAX_PARTICIPANTS = 119
 _RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
@@ -81,7 +79,7 @@ def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
     # An explicit interface in CYCLONEDDS_URI would add to ours instead of replacing it.
     if "<Interfaces>" in user.replace(" ", "") or "NetworkInterfaceAddress" in user:
         general = general if "Interfaces" not in general else ""
-    elements = f"{_BY_NAME}<General>{general}</General><Discovery>{discovery}</Discovery>"
+    elements = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
     return f"<CycloneDDS><Domain>{elements}</Domain></CycloneDDS>" + ("," + user if user else "")
 
 

@@ -15,6 +15,7 @@ from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
 from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
 from rclpy.impl.discovery import configuration
+from rclpy.impl.type_information import hidden
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
 
 from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
@@ -72,8 +73,9 @@ class Session:
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
         topic = self.topic("ros_discovery_info", self.info_support)
         hash_data = type_hash_data(self.info_support)
-        self._info_writer = DataWriter(self.publisher, topic, qos_to_dds(_INFO_WRITER, hash_data, writer=True))
-        self.info_reader = DataReader(self.subscriber, topic, qos_to_dds(_INFO_READER, hash_data, writer=False))
+        with hidden(topic):
+            self._info_writer = DataWriter(self.publisher, topic, qos_to_dds(_INFO_WRITER, hash_data, writer=True))
+            self.info_reader = DataReader(self.subscriber, topic, qos_to_dds(_INFO_READER, hash_data, writer=False))
         _sessions.add(self)
 
     @property
@@ -93,12 +95,16 @@ class Session:
     def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataWriter:
         """Create a writer; `prefix` goes before the type hash in its USER_DATA."""
         qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=True)
-        return DataWriter(self.publisher, self.topic(dds_topic, support), qos)
+        topic = self.topic(dds_topic, support)
+        with hidden(topic):
+            return DataWriter(self.publisher, topic, qos)
 
     def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataReader:
         """Create a reader; `prefix` goes before the type hash in its USER_DATA."""
         qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=False)
-        return DataReader(self.subscriber, self.topic(dds_topic, support), qos)
+        topic = self.topic(dds_topic, support)
+        with hidden(topic):
+            return DataReader(self.subscriber, topic, qos)
 
     def next_id(self) -> str:
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""

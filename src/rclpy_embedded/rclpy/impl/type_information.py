@@ -1,0 +1,75 @@
+"""Keeps XTypes information off the wire: rmw sends none, so that types match by name alone.
+
+The cyclonedds package always announces the structure of its Python type, which here is a mere carrier of CDR, and peers
+that know the real structure would refuse to match. There is no switch for it, so the size of the topic's information is
+set to zero in memory while a reader or writer is made of the topic, and back afterwards. Everything is checked first:
+where the memory does not look as expected (another version of the package), nothing is touched, and only peers that
+send type information themselves are affected.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+_WORD = ctypes.sizeof(ctypes.c_void_p)
+#: the sertype's head (of the C library) is shorter than this many words
+_SEARCHED_WORDS = 48
+_lock = threading.Lock()
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """Return the loaded C library, None if it cannot be found."""
+    try:
+        with open("/proc/self/maps") as maps:
+            path = next(line.split(maxsplit=5)[5].strip() for line in maps if "libddsc" in line)
+        library = ctypes.CDLL(path)
+        library.dds_get_entity_sertype.argtypes = [ctypes.c_int32, ctypes.POINTER(ctypes.c_void_p)]
+        library.dds_get_entity_sertype.restype = ctypes.c_int32
+    except (OSError, StopIteration, AttributeError):
+        return None
+    return library
+
+
+def _size_in_memory(topic: Any) -> ctypes.c_uint32 | None:
+    """Return the size field of a topic's type information, None where it is not found for sure."""
+    library = _library()
+    sample_type = topic.data_type
+    information = sample_type.__idl__._xt_bytedata[0]
+    sertype = ctypes.c_void_p()
+    if library is None or not information or library.dds_get_entity_sertype(topic._ref, ctypes.byref(sertype)) != 0:
+        return None
+    base = sertype.value or 0
+    words = (ctypes.c_size_t * _SEARCHED_WORDS).from_address(base)
+    for i in range(_SEARCHED_WORDS - 3):
+        if words[i] == id(sample_type):
+            # behind the Python type: flags, pointer to the information, its size
+            size = ctypes.c_uint32.from_address(base + (i + 3) * _WORD)
+            found = size.value == len(information) and ctypes.string_at(words[i + 2], size.value) == information
+            return size if found else None
+    return None
+
+
+@contextmanager
+def hidden(topic: Any) -> Iterator[None]:
+    """Readers and writers of the topic that are made in this context announce no type information.
+
+    Parameters
+    ----------
+    topic : cyclonedds.topic.Topic
+    """
+    with _lock:
+        size = _size_in_memory(topic)
+        if size is None:
+            yield
+            return
+        whole, size.value = size.value, 0
+        try:
+            yield
+        finally:
+            size.value = whole
