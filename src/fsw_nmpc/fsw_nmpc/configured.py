@@ -36,9 +36,9 @@ class ConfiguredNmpc:
     """
 
     name = NmpcController.name
-    tolerated_sensors = NmpcController.tolerated_sensors
+    tolerated_sensors: tuple[str, ...] = NmpcController.tolerated_sensors
 
-    def __init__(self, values: Mapping[str, Any] | None = None, log: Callable[[str], None] | None = None) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None, log: Callable[[str], object] | None = None) -> None:
         self._log = log or (lambda text: None)
         self._values = defaults(load("fsw_nmpc", "nmpc.yaml")) | dict(values or {})
         self.settings = s = Settings.of(self._values)

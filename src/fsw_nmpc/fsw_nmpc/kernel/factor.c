@@ -62,8 +62,9 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
         const double f = above[c];
         for (int l = c; l < n; l++) row[l] -= f * above[l];
       }
-      if (!(row[c] > 0.0) || !is_finite(row[c])) return FSW_FAILED;
-      const double per = per_diagonal[c] = 1.0 / sqrt(row[c]);
+      if (!is_finite(row[c])) return FSW_FAILED;
+      /* lost to rounding near the solution, where pivots differ by many decades: this variable stays where it is */
+      const double per = per_diagonal[c] = row[c] > 0.0 ? 1.0 / sqrt(row[c]) : 0.0;
       for (int l = c; l < n; l++) row[l] *= per;
     }
     if (end - p < BLOCK) break;

@@ -9,6 +9,7 @@
 #include "internal.h"
 
 #define STEP_TO_BOUNDARY 0.995
+#define SHORT_STEP 0.3
 
 static double sum_of(const double *x, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
@@ -65,8 +66,10 @@ static double cost_of(const fsw_workspace *w) {
     const int is_cost = k >= 2 * w->n_rows || w->is_soft[k < w->n_rows ? k : k - w->n_rows] > 0.0;
     if (is_cost && w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
   }
-  for (int r = 0; r < w->n_rows; r++) /* without the constant of the square */
-    cost += w->square[r] * w->value[r] * (0.5 * w->value[r] - 0.5 * (w->low[r] + w->high[r]));
+  for (int r = 0; r < w->n_rows; r++) {
+    const double off = w->value[r] - 0.5 * (w->low[r] + w->high[r]);
+    cost += 0.5 * w->square[r] * off * off;
+  }
   for (int j = 0; j < w->nv; j++) cost += w->z[j] * (w->gradient[j] + 0.5 * w->diagonal[j] * w->z[j]);
   return cost;
 }
@@ -137,7 +140,8 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
   return gap;
 }
 
-/* Newton direction for a centring target mu; `second` (0 or 1) adds the second-order terms of the direction held now.
+/* Newton direction for a centring target mu; `second` (0 to 1) is the share of the second-order terms
+ * of the direction held now.
  * Returns the longest step that keeps everything positive, and the complementarity at its end. */
 static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_rows;
@@ -254,16 +258,19 @@ int fsw_nmpc_solve(const fsw_nmpc_model *m, const fsw_nmpc_call *c, double *v, d
     r.gap = residuals(w, &r.primal_residual, &r.dual_residual);
     r.cost = cost_of(w);
     if (!is_finite(r.gap + r.cost)) { r.status = FSW_FAILED; break; }
-    if (r.gap <= c->tolerance * (1.0 + fabs(r.cost)) && r.primal_residual <= 1e-7 && r.dual_residual <= 1e-6) {
+    /* |z| <= 1, so a stationarity residual is worth at most nv times itself of cost */
+    const double loss = c->tolerance * (1.0 + fabs(r.cost)), stationary = loss / w->nv;
+    if (r.gap <= loss && r.primal_residual <= 1e-7 && r.dual_residual <= (stationary > 1e-6 ? stationary : 1e-6)) {
       r.status = FSW_OK;
       break;
     }
     if (r.iterations >= c->max_iterations) break;
     if (fsw_factorise(w) != FSW_OK) { r.status = FSW_FAILED; break; }
     double reached;
-    direction(w, 0.0, 0.0, &reached);
-    const double ratio = reached / r.gap;
-    const double alpha = direction(w, ratio * ratio * ratio * r.gap / pairs, 1.0, 0);
+    const double ahead = direction(w, 0.0, 0.0, &reached);
+    const double ratio = reached / r.gap, wanted = ratio * ratio * ratio * r.gap, least = 0.02 * loss;
+    /* full second-order terms of a short step would let it cycle; less complementarity than needed, lose rank */
+    const double alpha = direction(w, (wanted > least ? wanted : least) / pairs, ahead > SHORT_STEP ? 1.0 : ahead, 0);
     advance(w, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
   }
   if (r.status != FSW_FAILED) {

@@ -37,7 +37,7 @@ class CasadiSolver:
         self,
         parameters: ModelParameters,
         horizon: Horizon | None = None,
-        max_iterations: int = 40,
+        max_iterations: int = 50,
         tolerance: float = 1e-6,
     ) -> None:
         self.horizon = h = horizon or make_horizon(parameters)

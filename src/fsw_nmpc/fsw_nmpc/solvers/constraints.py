@@ -27,7 +27,7 @@ def start_vector(problem: Problem) -> Vector:
 def cumulation(horizon: Horizon) -> Vector:
     """Matrix (2 n_blocks, 2 n_blocks) from moves to the inputs' change at the end of every block."""
     lower = np.tril(np.ones((horizon.n_blocks, horizon.n_blocks))) * horizon.block_sizes[None, :]
-    return np.kron(lower, np.eye(2))
+    return np.asarray(np.kron(lower, np.eye(2)), dtype=np.float64)
 
 
 def move_bounds(problem: Problem, horizon: Horizon) -> Vector:

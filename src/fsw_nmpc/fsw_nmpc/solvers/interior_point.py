@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 Vector = NDArray[np.float64]
-_STEP_TO_BOUNDARY = 0.995
+_STEP_TO_BOUNDARY, _SHORT_STEP = 0.995, 0.3
 _PRIMAL_TOLERANCE, _DUAL_TOLERANCE = 1e-7, 1e-6
 
 
@@ -46,10 +46,10 @@ class QuadraticProgram:
     input_high: Vector
 
     def cost(self, z: Vector) -> float:
-        """Objective at ``z``, without the constant of the squares."""
+        """Objective at ``z``."""
         value = self.rows @ z
         outside = np.maximum(value - self.high, 0.0) + np.maximum(self.low - value, 0.0)
-        bent = self.square * value * (0.5 * value - 0.5 * (self.low + self.high))
+        bent = 0.5 * self.square * (value - 0.5 * (self.low + self.high)) ** 2
         moves = self.move_weight * np.abs(z) + 0.5 * self.diagonal * z * z
         return float(self.weight @ outside + bent.sum() + moves.sum())
 
@@ -135,10 +135,11 @@ class _Iteration:
             if not np.isfinite(gap + cost):
                 status = "not finite"
                 break
+            loss = tolerance * (1.0 + abs(cost))
             if (
-                gap <= tolerance * (1.0 + abs(cost))
+                gap <= loss
                 and np.abs(residual).max() <= _PRIMAL_TOLERANCE
-                and np.abs(dual).max() <= _DUAL_TOLERANCE
+                and np.abs(dual).max() <= max(_DUAL_TOLERANCE, loss / len(self.z))
             ):
                 status = "solved"
                 break
@@ -156,9 +157,10 @@ class _Iteration:
             _, ds, dt, dl = ahead
             there = (self.s + alpha * ds) @ (self.lam + alpha * dl)
             there += (self.t + alpha * dt) @ (self.pi - alpha * dl[:n])
-            ratio = float(there) / gap
-            mu = ratio**3 * gap / self.pairs
-            found = self._direction(factor, pivot, residual, dual, mu - sl - ds * dl, mu - tp + dt * dl[:n])
+            mu = max((float(there) / gap) ** 3 * gap, 0.02 * loss) / self.pairs
+            second = 1.0 if alpha > _SHORT_STEP else alpha
+            c1, c2 = mu - sl - second * ds * dl, mu - tp + second * dt * dl[:n]
+            found = self._direction(factor, pivot, residual, dual, c1, c2)
             alpha = self._longest_step(*found)
             self._advance(_STEP_TO_BOUNDARY * alpha if alpha < 1.0 else 1.0, *found)
             iteration += 1
