@@ -14,7 +14,7 @@ static int first_wider(const fsw_workspace *w, int begin, int end, int j) {
 /* acc += sum over rows of weighted[j..j+BLOCK) by[l..l+PAD) */
 static void accumulate(const fsw_workspace *w, int begin, int end, int j, int l, double (*restrict acc)[FSW_PAD]) {
   for (int r = begin; r < end; r++) {
-    const double *restrict a = w->by[w->row[r]] + l, *restrict d = w->weighted[r] + j;
+    const double *restrict a = w->by[w->row[r]] + l, *restrict d = w->scratch.matrices.weighted[r] + j;
     for (int i = 0; i < BLOCK; i++)
       for (int q = 0; q < FSW_PAD; q++) acc[i][q] += d[i] * a[q];
   }
@@ -25,7 +25,7 @@ static void assemble(fsw_workspace *w) {
   double suffix[FSW_MAX_BLOCKS + 1][2];
   for (int r = 0; r < w->n_rows; r++) {
     const double *restrict a = w->by[w->row[r]];
-    double *restrict d = w->weighted[r];
+    double *restrict d = w->scratch.matrices.weighted[r];
     for (int j = 0; j < (w->row_width[r] + FSW_PAD - 1) / FSW_PAD * FSW_PAD; j++) d[j] = w->row_pivot[r] * a[j];
   }
   int depth_from = 0, temp_from = w->n_depth;
@@ -37,18 +37,18 @@ static void assemble(fsw_workspace *w) {
       accumulate(w, depth_from, w->n_depth, j, l, acc);
       accumulate(w, temp_from, w->n_rows, j, l, acc);
       for (int i = 0; i < BLOCK; i++)
-        for (int q = 0; q < FSW_PAD; q++) w->factor[j + i][l + q] = acc[i][q];
+        for (int q = 0; q < FSW_PAD; q++) w->scratch.matrices.factor[j + i][l + q] = acc[i][q];
     }
   }
   const double *input_above = w->hard.pivot + 2 * nv, *input_below = w->hard.pivot + 3 * nv;
   suffix[nv / 2][0] = suffix[nv / 2][1] = 0.0;
   for (int j = nv - 1; j >= 0; j--) suffix[j >> 1][j & 1] = suffix[(j >> 1) + 1][j & 1] + input_above[j] + input_below[j];
   for (int j = 0; j < nv; j++) {
-    double *k = w->factor[j];
+    double *k = w->scratch.matrices.factor[j];
     k[j] += w->diagonal[j] + w->hard.pivot[j] + w->hard.pivot[nv + j];
     for (int l = j; l < nv; l += 2) k[l] += w->size[j] * w->size[l] * suffix[l >> 1][l & 1];
   }
-  for (int k = 0; k < w->n_moves; k++) w->factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_rows + k];
+  for (int k = 0; k < w->n_moves; k++) w->scratch.matrices.factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_rows + k];
 }
 
 /* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. */
@@ -78,19 +78,19 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   return FSW_OK;
 }
 
-/* diagonal + sum of pivot a a' over all rows, factored into w->factor. */
+/* diagonal + sum of pivot a a' over all rows, factored into the workspace. */
 int fsw_factorise(fsw_workspace *w) {
   assemble(w);
-  return cholesky(w->factor, w->per_diagonal, w->nv);
+  return cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);
 }
 
 /* x = matrix^-1 x */
 void fsw_substitute(const fsw_workspace *w, double *restrict x) {
   const int nv = w->nv;
   for (int j = 0; j < nv; j++) {
-    const double *restrict row = w->factor[j];
+    const double *restrict row = w->scratch.matrices.factor[j];
     const double xj = x[j] *= w->per_diagonal[j];
     for (int l = j + 1; l < nv; l++) x[l] -= row[l] * xj;
   }
-  for (int j = nv - 1; j >= 0; j--) x[j] = (x[j] - fsw_dot(w->factor[j] + j + 1, x + j + 1, nv - j - 1)) * w->per_diagonal[j];
+  for (int j = nv - 1; j >= 0; j--) x[j] = (x[j] - fsw_dot(w->scratch.matrices.factor[j] + j + 1, x + j + 1, nv - j - 1)) * w->per_diagonal[j];
 }

@@ -31,13 +31,21 @@ typedef struct {
   double residual[FSW_MAX_HARD], pivot[FSW_MAX_HARD], shift[FSW_MAX_HARD], work[FSW_MAX_HARD];
 } fsw_hard;
 
-typedef struct {
-  /* prediction */
+typedef struct { /* of use during the prediction only */
   double power[FSW_MAX_STEPS][2];
   double d_power[FSW_MAX_STEPS][2][FSW_MAX_VARS];
   int width[FSW_MAX_STEPS];
   double d_creep[FSW_MAX_VARS], d_slow[FSW_MAX_VARS], d_fast[FSW_MAX_VARS];
   double d_thermal[FSW_MAX_VARS], d_temp[FSW_MAX_VARS], d_depth[FSW_MAX_VARS], count[FSW_MAX_BLOCKS];
+} fsw_path;
+
+typedef struct { /* of use after it only */
+  double factor[FSW_STRIDE][FSW_STRIDE];
+  double weighted[FSW_MAX_ROWS][FSW_STRIDE];         /* rows times their pivots */
+} fsw_matrices;
+
+typedef struct {
+  union { fsw_path path; fsw_matrices matrices; } scratch;
   double output[FSW_MAX_ROWS];                       /* depth, then temperature; in the QP: without moves */
   double by[FSW_MAX_ROWS][FSW_STRIDE];               /* their sensitivities; in the QP: by scaled moves */
   /* quadratic program in scaled moves */
@@ -49,8 +57,7 @@ typedef struct {
   double diagonal[FSW_MAX_VARS], gradient[FSW_MAX_VARS];
   double low[FSW_MAX_ROWS], high[FSW_MAX_ROWS], square[FSW_MAX_ROWS], is_soft[FSW_MAX_ROWS];
   double input_low[FSW_MAX_VARS], input_high[FSW_MAX_VARS];
-  double factor[FSW_STRIDE][FSW_STRIDE], per_diagonal[FSW_MAX_VARS];
-  double weighted[FSW_MAX_ROWS][FSW_STRIDE];         /* rows times their pivots */
+  double per_diagonal[FSW_MAX_VARS];
   double z[FSW_STRIDE], step[FSW_STRIDE], dual[FSW_STRIDE];
   double value[FSW_MAX_ROWS], change[FSW_MAX_ROWS];  /* a'z and a'dz of the rows in use */
   double input[FSW_MAX_VARS], input_change[FSW_MAX_VARS];
