@@ -1,8 +1,8 @@
 """State and disturbance estimation on the same model, with the delay line.
 
 An extended Kalman filter on the linear blocks and five disturbances: of the axial force, of the temperature, of the
-depth (an offset of the depth shown that the tool does not feel), the scale of the process torque and the heat that comes
-of the power. The depth sensor sees contact depth plus offset, the torque sensor feels the contact depth alone; together
+depth (an offset of the depth shown that the tool does not feel), the scale of the process torque and the heat that
+comes of the power. The depth sensor sees contact depth plus offset, the torque sensor the contact depth alone; together
 they make the closed loop free of offset and keep the power history right when the depth sensor jumps. An output that
 jumps is told from one that creeps by the size of the innovation: its excess over the usual size widens the variance of
 the output's offset for this one update.
@@ -44,15 +44,15 @@ class EstimatorTuning:
 
     depth_noise_mm: float = 2e-3
     temperature_noise_c: float = 0.1
-    torque_noise_nm: float = 3.0
+    torque_noise_nm: float = 0.7
     creep_walk_mm: float = 2e-5
-    depth_offset_walk_mm: float = 1e-3
+    depth_offset_walk_mm: float = 7e-4
     thermal_depth_walk_mm: float = 1e-5
-    temperature_walk_c: float = 5e-3
-    force_walk_kn: float = 2e-2
-    temperature_offset_walk_c: float = 5e-2
-    torque_scale_walk: float = 2e-4
-    heat_scale_walk: float = 2e-4
+    temperature_walk_c: float = 3e-3
+    force_walk_kn: float = 1e-2
+    temperature_offset_walk_c: float = 1.5e-2
+    torque_scale_walk: float = 9e-5
+    heat_scale_walk: float = 1e-4
     jump_sigmas: float = 4.0
     blind_limit_s: float = 3.0
 

@@ -32,11 +32,13 @@ class Shape:
     acceleration : float
         Largest change of the speed, per s^2.
     slow_speed, time_s : float
-        The speed is at most ``slow_speed + distance / time_s``: larger jumps are taken faster.
+        The speed is at most ``slow_speed + jump / time_s``: larger jumps are taken faster.
     top_speed : float
         And never more than this.
     pass_speed : float
         Changes no faster than this are no jump.
+    haste : float
+        Factor on the speed (but not beyond ``top_speed``) when it is the disturbance that jumps.
     delay_s : float
         Nothing can be done for so long.
     """
@@ -46,17 +48,17 @@ class Shape:
     time_s: float
     top_speed: float
     pass_speed: float
+    haste: float = 1.0
     delay_s: float = 0.0
 
-    def advance(self, distance: float, speed: float, dt_s: float) -> tuple[float, float]:
-        """Distance from the set-point and its speed after ``dt_s``."""
+    def speed_for(self, jump: float, haste: float = 1.0) -> float:
+        """Largest speed at which a jump is worked off."""
+        return min(haste * (self.slow_speed + abs(jump) / self.time_s), self.top_speed)
+
+    def advance(self, distance: float, speed: float, top_speed: float, dt_s: float) -> tuple[float, float]:
+        """Distance from the set-point and its speed after ``dt_s``, with a speed of at most ``top_speed``."""
         size = abs(distance)
-        wanted = min(
-            sqrt(2.0 * self.acceleration * size),
-            self.slow_speed + size / self.time_s,
-            self.top_speed,
-            size / max(dt_s, 2.0 * STEP_S),
-        )
+        wanted = min(sqrt(2.0 * self.acceleration * size), top_speed, size / max(dt_s, 2.0 * STEP_S))
         change = (-wanted if distance > 0.0 else wanted) - speed
         largest = self.acceleration * dt_s
         speed += min(max(change, -largest), largest)
@@ -81,7 +83,7 @@ class ShapedPath:
         self._shape = shape
         self._rest = np.zeros(len(time_s))
         self._waiting: deque[float] = deque([0.0] * round(shape.delay_s / STEP_S))
-        self._speed = self._error = 0.0
+        self._speed = self._error = self._top_speed = 0.0
         self._before: tuple[float, float] | None = None
 
     @property
@@ -97,6 +99,7 @@ class ShapedPath:
     def forget(self, distance: float) -> None:
         """Begin anew, at rest and so far from the set-point."""
         self._error, self._speed, self._before = distance, 0.0, None
+        self._top_speed = self._shape.speed_for(distance)
         for i in range(len(self._waiting)):
             self._waiting[i] = 0.0
 
@@ -109,6 +112,7 @@ class ShapedPath:
             for i, jump in enumerate(list(other._waiting)[-n:]):
                 self._waiting[i - n] = jump
         self._error += other.distance - self.distance
+        self._top_speed = self._shape.speed_for(self._error)
 
     def step(self, set_point: float, disturbance: float, dt_s: float) -> Vector:
         """Advance by ``dt_s`` to the present set-point and disturbance; distance over the horizon (n,)."""
@@ -117,29 +121,35 @@ class ShapedPath:
         else:
             for _ in range(min(max(round(dt_s / STEP_S) - 1, 0), _LONGEST_GAP)):
                 self._take(0.0)
-            change = disturbance - self._before[1] - (set_point - self._before[0])
+            disturbed, wanted = disturbance - self._before[1], set_point - self._before[0]
             self._before = set_point, disturbance
-            passed = self._shape.pass_speed * dt_s
-            self._take(change - min(max(change, -passed), passed))
+            change, passed = disturbed - wanted, self._shape.pass_speed * dt_s
+            jump = change - min(max(change, -passed), passed)
+            self._take(jump)
+            if jump:
+                haste = self._shape.haste if abs(disturbed) > abs(wanted) else 1.0
+                self._top_speed = max(self._top_speed, self._shape.speed_for(self.distance, haste))
         if self._error == 0.0 and self._speed == 0.0 and not any(self._waiting):
             return self._rest
         return self._ahead()
 
     def _take(self, jump: float) -> None:
         """One tick with a jump at its end."""
-        self._error, self._speed = self._shape.advance(self._error, self._speed, STEP_S)
+        self._error, self._speed = self._shape.advance(self._error, self._speed, self._top_speed, STEP_S)
         self._waiting.append(jump)
         self._error += self._waiting.popleft()
+        if self._error == 0.0 and self._speed == 0.0 and not any(self._waiting):
+            self._top_speed = 0.0
 
     def _ahead(self) -> Vector:
-        advance, waiting = self._shape.advance, list(self._waiting)
+        advance, top_speed, waiting = self._shape.advance, self._top_speed, list(self._waiting)
         distance, speed, pending = self._error, self._speed, sum(waiting)
         path: list[float] = []
         now_s = 0.0
         for i, time_s in enumerate(self._time_s):
-            while now_s < time_s - 1e-9 and (i < len(waiting) or distance != 0.0 or speed != 0.0):
+            while now_s < time_s - 1e-9 and (distance != 0.0 or speed != 0.0):
                 dt_s = min(time_s - now_s, STEP_S if time_s - now_s < 1.5 * STEP_S else _TAIL_STEP_S)
-                distance, speed = advance(distance, speed, dt_s)
+                distance, speed = advance(distance, speed, top_speed, dt_s)
                 now_s += dt_s
             now_s = time_s
             if i < len(waiting):

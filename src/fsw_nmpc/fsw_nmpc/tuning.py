@@ -31,7 +31,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
 _POSITIVE = tuple(
     f"{output}_{name}"
     for output in ("depth", "temperature")
-    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "pass_speed")
+    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "pass_speed", "haste")
 )
 
 
@@ -60,10 +60,11 @@ class Tuning:
     interval_weighting : float
         0: every output point counts the same, as in the paper; 1: in proportion to its interval's length over 0.1 s;
         between: the length to this power.
-    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_pass_speed : float
+    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_pass_speed,
+    depth_haste : float
         Shape of the depth's corridor, in mm and s, see :class:`fsw_nmpc.shape.Shape`.
     temperature_acceleration, temperature_slow_speed, temperature_time_s, temperature_top_speed, temperature_pass_speed,
-    temperature_delay_s : float
+    temperature_haste, temperature_delay_s : float
         Shape of the temperature's corridor, in degC and s; the delay is the dead time.
     """
 
@@ -72,25 +73,27 @@ class Tuning:
     corridor_temperature_s: float = 5.0
     dead_band_depth_mm: float = 3e-4
     dead_band_temperature_c: float = 0.02
-    weight_depth_per_mm: float = 55.0
-    weight_temperature_per_c: float = 1.0
-    square_depth_per_mm2: float = 0.0
-    square_temperature_per_c2: float = 0.0
-    move_force_per_kn: float = 0.3
-    move_speed_per_rpm: float = 0.01
-    move_force_square: float = 0.3
-    move_speed_square: float = 0.3
+    weight_depth_per_mm: float = 58.0
+    weight_temperature_per_c: float = 0.87
+    square_depth_per_mm2: float = 3000.0
+    square_temperature_per_c2: float = 0.2
+    move_force_per_kn: float = 0.5
+    move_speed_per_rpm: float = 0.024
+    move_force_square: float = 0.75
+    move_speed_square: float = 0.5
     interval_weighting: float = 0.0
-    depth_acceleration: float = 0.014
-    depth_slow_speed: float = 0.028
-    depth_time_s: float = 8.0
-    depth_top_speed: float = 0.052
-    depth_pass_speed: float = 0.04
-    temperature_acceleration: float = 0.9
-    temperature_slow_speed: float = 1.0
-    temperature_time_s: float = 12.0
-    temperature_top_speed: float = 2.1
-    temperature_pass_speed: float = 1.0
+    depth_acceleration: float = 0.016
+    depth_slow_speed: float = 0.004
+    depth_time_s: float = 5.5
+    depth_top_speed: float = 0.06
+    depth_pass_speed: float = 0.02
+    depth_haste: float = 1.7
+    temperature_acceleration: float = 0.93
+    temperature_slow_speed: float = 0.4
+    temperature_time_s: float = 7.3
+    temperature_top_speed: float = 2.6
+    temperature_pass_speed: float = 0.5
+    temperature_haste: float = 1.0
     temperature_delay_s: float = 2.8
 
     def __post_init__(self) -> None:
@@ -113,6 +116,7 @@ class Tuning:
             self.depth_time_s,
             self.depth_top_speed,
             self.depth_pass_speed,
+            self.depth_haste,
         )
 
     @property
@@ -124,6 +128,7 @@ class Tuning:
             self.temperature_time_s,
             self.temperature_top_speed,
             self.temperature_pass_speed,
+            self.temperature_haste,
             self.temperature_delay_s,
         )
 
