@@ -33,5 +33,5 @@ setup(
     description="Nonlinear model predictive control of depth and temperature of the weld, in real time.",
     license="Apache-2.0",
     tests_require=["pytest"],
-    entry_points={"console_scripts": ["run_nmpc = fsw_nmpc.nmpc_node:main"]},
+    entry_points={"console_scripts": ["nmpc = fsw_nmpc.nmpc_node:main"]},
 )

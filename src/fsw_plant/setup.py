@@ -18,4 +18,5 @@ setup(
     description="Plant emulator: process, drives, sensors, disturbances, faults and watchdog, and its node.",
     license="Apache-2.0",
     tests_require=["pytest"],
+    entry_points={"console_scripts": ["plant = fsw_plant.plant_node:main"]},
 )

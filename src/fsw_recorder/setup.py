@@ -13,7 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "mcap", "rosbags", "zstandard", "numpy", "PyYAML"],
+    install_requires=["setuptools"],
     zip_safe=True,
     maintainer="FSW Control maintainers",
     maintainer_email="maintainers@fsw-control.invalid",

@@ -87,7 +87,7 @@ class WeldGraph:
         scenario_file = self.folder / "scenario.yaml"
         scenario_file.write_text(self.scenario.text, encoding="utf-8")
         parameter_file = self.folder / "parameters.yaml"
-        parameter_file.write_text(yaml.safe_dump(self._parameters(scenario_file), sort_keys=False), encoding="utf-8")
+        parameter_file.write_text(yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False), encoding="utf-8")
         ros_args = ["--ros-args", "--params-file", str(parameter_file)]
         if self.record:
             launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
@@ -97,7 +97,8 @@ class WeldGraph:
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
         return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
 
-    def _parameters(self, scenario_file: Path) -> dict[str, Any]:
+    def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
+        """Content of the parameter file: what each node needs to play its part in the scenario."""
         start: Command = plant_of(self.scenario).applied
         names = self.all_controllers
         selected = names[0]

@@ -1,0 +1,84 @@
+"""Plays a bag into the graph; controllers named as shadows compute along, and nobody obeys them.
+
+A shadow sees the recorded measurements, references and commands. What it publishes goes to shadow/<name>/proposal,
+status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+SENSORS = ["/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"]
+OWN_TOPICS = ("proposal", "status", "prediction")
+ARGUMENTS = {
+    "bag": (None, "Bag to play: folder or file"),
+    "rate": ("1.0", "Bag time per wall time; 2 plays twice as fast"),
+    "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
+    "controllers": ("", "Controllers to run as shadows, parted by commas, e.g. nmpc"),
+    "params_file": ("", "Parameter file that overrides config/weld.yaml"),
+    "log_level": ("info", "Log level of all nodes"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments; the nodes follow from them."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=replay)])
+
+
+def replay(context: LaunchContext) -> list[Any]:
+    """Make the nodes, now that the arguments are known.
+
+    Raises
+    ------
+    RuntimeError
+        When there is no such bag or parameter file.
+    """
+    given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
+    bag = Path(given["bag"]).expanduser()
+    if not bag.exists():
+        raise RuntimeError(f"bag: there is nothing at {bag}")
+    files = [str(Path(get_package_share_directory("fsw_bringup")) / "config" / "weld.yaml")]
+    if given["params_file"]:
+        if not Path(given["params_file"]).expanduser().is_file():
+            raise RuntimeError(f"params_file: there is no file {given['params_file']}")
+        files.append(str(Path(given["params_file"]).expanduser()))
+    shadows = list(dict.fromkeys(name.strip() for name in given["controllers"].split(",") if name.strip()))
+    common = {"output": "screen", "ros_arguments": ["--log-level", given["log_level"]]}
+    actions = [
+        Node(
+            package=f"fsw_{name}",
+            executable=name,
+            parameters=[*files, {"use_sim_time": True}],
+            remappings=[(f"fsw/{name}/{topic}", f"shadow/{name}/{topic}") for topic in OWN_TOPICS],
+            **common,
+        )
+        for name in shadows
+    ]
+    player = {
+        "bag": ParameterValue(str(bag), value_type=str),
+        "rate": ParameterValue(given["rate"], value_type=float),
+        "start_paused": ParameterValue(given["start_paused"], value_type=bool),
+        **({"wait_for": SENSORS} if shadows else {}),
+    }
+    actions.append(
+        Node(
+            package="fsw_recorder",
+            executable="replay",
+            parameters=[*files, player],
+            on_exit=[Shutdown(reason="the player has ended")],
+            **common,
+        )
+    )
+    return actions

@@ -1,0 +1,174 @@
+"""Starts a weld: plant, controllers, supervisor and, if wanted, recorder and scenario player.
+
+With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
+Controllers, supervisor and recorder are started again when they die. The plant is not: a weld cannot be begun anew
+half-way, so its end is the end of the launch.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
+from launch.logging import launch_config
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from fsw_experiment.graph import CONTROLLER_MODULES, WeldGraph
+from fsw_experiment.scenario import Scenario, ScenarioError
+from fsw_experiment.scenario_file import load, shipped
+
+RESPAWN = {"respawn": True, "respawn_delay": 0.5}
+#: package and program of controllers that are not the program <name> of the package fsw_<name>
+OTHER_PROGRAMS = {"open_loop": ("fsw_experiment", "open_loop")}
+ARGUMENTS = {
+    "controllers": (
+        "decentral,nmpc",
+        "Controllers that run, parted by commas; the first is applied at the start, unless the scenario swaps itself",
+    ),
+    "scenario": ("", f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: steer by hand"),
+    "record": ("false", "Whether a recorder runs"),
+    "bag_dir": (
+        "",
+        "Folder of the bag, must not exist; empty: out/weld_<date>-<time> here, and a recorder that died begins another",
+    ),
+    "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
+    "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
+    "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
+    "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
+    "log_level": ("info", "Log level of all nodes"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments; the nodes follow from them."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=weld)])
+
+
+def weld(context: LaunchContext) -> list[Any]:
+    """Make the nodes, now that the arguments are known.
+
+    Raises
+    ------
+    RuntimeError
+        When an argument is wrong.
+    """
+    given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
+    controllers = list(dict.fromkeys(name.strip() for name in given["controllers"].split(",") if name.strip()))
+    if not controllers:
+        raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
+    record = _flag("record", given["record"])
+    speed = _speed(_flag("realtime", given["realtime"]), given["speed"])
+    folder = Path(launch_config.log_dir)
+    scenario = _scenario(given["scenario"], controllers[0])
+    if scenario is None:
+        parameters = _parameters_by_hand(controllers, record, speed)
+    else:
+        simulated = {} if speed is None else {"fsw_plant": {"speed": speed}}
+        graph = WeldGraph(scenario, folder, controllers, speed is None, record, simulated)
+        controllers = graph.all_controllers
+        (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
+        parameters = graph.parameter_file(folder / "scenario.yaml")
+        parameters["fsw_recorder"]["ros__parameters"].pop("output")
+    unknown = [name for name in controllers if name not in CONTROLLER_MODULES]
+    if unknown:
+        raise RuntimeError(f"controllers: no {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")
+    if given["bag_dir"]:
+        parameters["fsw_recorder"]["ros__parameters"]["output"] = str(Path(given["bag_dir"]).expanduser())
+    node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
+
+    actions = []
+    if record:
+        actions.append(node("fsw_recorder", "recorder", **({} if given["bag_dir"] else RESPAWN)))
+    actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
+    for name in controllers:
+        actions.append(node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **RESPAWN))
+    actions.append(node("fsw_supervisor", "supervisor", **RESPAWN))
+    if scenario is not None:
+        actions.append(node("fsw_experiment", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
+    return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+class _Nodes:
+    """Makes node actions that share arguments and parameter files."""
+
+    def __init__(self, given: dict[str, str], parameters: Path) -> None:
+        self._namespace = given["namespace"] or None
+        self._log_level = given["log_level"]
+        share = Path(get_package_share_directory("fsw_bringup"))
+        self._files = [str(share / "config" / "weld.yaml"), str(parameters)]
+        if given["params_file"]:
+            file = Path(given["params_file"]).expanduser()
+            if not file.is_file():
+                raise RuntimeError(f"params_file: there is no file {file}")
+            self._files.append(str(file))
+
+    def __call__(self, package: str, program: str, **options: Any) -> Node:
+        return Node(
+            package=package,
+            executable=program,
+            namespace=self._namespace,
+            parameters=self._files,
+            ros_arguments=["--log-level", self._log_level],
+            output="screen",
+            **options,
+        )
+
+
+def _scenario(source: str, controller: str) -> Scenario | None:
+    if not source:
+        return None
+    try:
+        scenario = load(Path(source).expanduser() if "/" in source else source)
+        if scenario.open_loop or len(scenario.controllers) > 1:
+            return scenario
+        return load(Path(source).expanduser() if "/" in source else source, [f"controller={controller}"])
+    except ScenarioError as error:
+        raise RuntimeError(f"scenario: {error}") from None
+
+
+def _parameters_by_hand(controllers: list[str], record: bool, speed: float | None) -> dict[str, Any]:
+    """Parameters without a scenario; the first tick waits for controllers, supervisor and recorder."""
+    nodes: dict[str, dict[str, Any]] = {
+        "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + record},
+        "fsw_supervisor": {"controller": controllers[0]},
+        "fsw_recorder": {},
+    } | {f"fsw_{name}": {} for name in controllers}
+    if speed is not None:
+        for name, values in nodes.items():
+            values |= {"clock": "simulated", "speed": speed} if name == "fsw_plant" else {"use_sim_time": True}
+    return {name: {"ros__parameters": values} for name, values in nodes.items()}
+
+
+def _write(path: Path, parameters: dict[str, Any]) -> Path:
+    """Write a parameter file that fits its nodes in any namespace."""
+    content = {f"/**/{name}": section for name, section in parameters.items() if section["ros__parameters"]}
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def _flag(name: str, text: str) -> bool:
+    if text.lower() not in ("true", "false"):
+        raise RuntimeError(f"{name}: {text!r} is neither true nor false")
+    return text.lower() == "true"
+
+
+def _speed(realtime: bool, text: str) -> float | None:
+    """Pace of simulated time; None: the wall clock."""
+    if not text:
+        return None if realtime else 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = -1.0
+    if not 0.0 <= speed <= 1000.0:
+        raise RuntimeError(f"speed: {text!r} is no number from 0 to 1000")
+    return None if realtime and speed == 1.0 else speed
