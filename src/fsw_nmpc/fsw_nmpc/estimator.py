@@ -32,7 +32,8 @@ DEPTH_SHOWN = CONTACT_DEPTH + np.eye(N)[DEPTH_OFFSET]
 TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
 
 #: beyond these an estimate is not of this process
-_DEEPEST_MM, _COLDEST_C, _HOTTEST_C = 20.0, 0.0, 2000.0
+_DEEPEST_MM, _COLDEST_C, _HOTTEST_C, _LARGEST_OFFSET_KN = 20.0, 0.0, 2000.0, 50.0
+_LARGEST_TORQUE_NM = 1e4
 #: keeps an update defined where tuning and covariance are zero
 _LEAST_VARIANCE = 1e-18
 _LEAST_SCALE, _LARGEST_SCALE = 0.5, 2.0
@@ -44,7 +45,7 @@ class EstimatorTuning:
 
     depth_noise_mm: float = 2e-3
     temperature_noise_c: float = 0.1
-    torque_noise_nm: float = 0.7
+    torque_noise_nm: float = 1.0
     creep_walk_mm: float = 2e-5
     depth_offset_walk_mm: float = 7e-4
     thermal_depth_walk_mm: float = 1e-5
@@ -146,6 +147,7 @@ class Estimator:
             _plausible_depth(self.parameters, self.contact_depth_mm)
             and isfinite(float(self._x.sum()))
             and _plausible_temperature(float(self._x[4]))
+            and abs(float(self._x[FORCE])) < _LARGEST_OFFSET_KN
             and isfinite(float(self._p.sum()))
             and float(self._p.diagonal().min()) >= 0.0
         )
@@ -184,9 +186,9 @@ class Estimator:
 
     def _correct(self, m: Measurement, applied: Command) -> None:
         p, t = self.parameters, self.tuning
-        depth_valid = m.depth_valid and isfinite(m.depth_mm)
-        torque_valid = m.torque_valid and isfinite(m.torque_nm)
-        temperature_valid = m.temperature_valid and isfinite(m.temperature_c)
+        depth_valid = m.depth_valid and _plausible_depth(p, m.depth_mm)
+        torque_valid = m.torque_valid and abs(m.torque_nm) < _LARGEST_TORQUE_NM
+        temperature_valid = m.temperature_valid and _plausible_temperature(m.temperature_c)
         blind = self._blind
         blind["depth"] = 0.0 if depth_valid else blind["depth"] + STEP_S
         blind["torque"] = 0.0 if torque_valid else blind["torque"] + STEP_S

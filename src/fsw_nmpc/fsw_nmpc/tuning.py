@@ -82,12 +82,12 @@ class Tuning:
     move_force_square: float = 0.75
     move_speed_square: float = 0.5
     interval_weighting: float = 0.0
-    depth_acceleration: float = 0.016
+    depth_acceleration: float = 0.0148
     depth_slow_speed: float = 0.004
     depth_time_s: float = 5.5
     depth_top_speed: float = 0.06
     depth_pass_speed: float = 0.02
-    depth_haste: float = 1.7
+    depth_haste: float = 1.8
     temperature_acceleration: float = 0.93
     temperature_slow_speed: float = 0.4
     temperature_time_s: float = 7.3

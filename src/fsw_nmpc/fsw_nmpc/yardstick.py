@@ -1,14 +1,15 @@
 """The physical limit: what no controller can beat, by an offline optimisation with full knowledge.
 
 One nonlinear program per event, on the process model itself (the same step function, dead time and limits as the
-plant), every move free, with the joint cost ``weight * |depth error| + |temperature error|`` and no move penalty to speak
-of. An event is known from the moment it begins, with its whole further course (a ramp, a sine); with ``preview_s`` it is
-known so much earlier. The next event takes over from the state that the last one has left.
+plant), every move free, with the joint cost ``weight * |depth error| + |temperature error|`` and next to no move
+penalty. An event is known from the moment it begins, with its whole further course (a ramp, a sine); with ``preview_s``
+it is known so much earlier. The next event takes over from the state that the last one has left.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -88,7 +89,8 @@ class Yardstick:
     window_s : float
         How far each program looks.
     largest_temperature_error_c : float, optional
-        Bound on the temperature error, as far as it can be kept (its excess costs 100 per degC).
+        Bound on the temperature error in events that leave the temperature's set-point alone, as far as it can be
+        kept (its excess costs 100 per degC).
     preview_s : float
         How much earlier than it begins an event is known.
     """
@@ -150,6 +152,11 @@ class Yardstick:
         self, ticks: int, state: Vector, power: list[Vector], inputs: Vector, targets: Vector, loads: Vector
     ) -> _Optimum:
         function, bounds = self._program(ticks)
+        if self._bound is not None and np.abs(targets[1] - state[4]).max() > self._bound:
+            # the temperature has to change: there is nothing to bound
+            high = bounds["ubg"].reshape(ticks, -1).copy()
+            high[:, -1] = np.inf
+            bounds = bounds | {"ubg": high.ravel()}
         p = np.concatenate([state, np.concatenate(power), inputs, targets.ravel(order="F"), loads.ravel(order="F")])
         guess = np.full((ticks, _WIDTH), 0.01)
         guess[:, :2], guess[:, 2:7], guess[:, 7:10] = inputs, state, power[-1]
@@ -202,8 +209,8 @@ class Yardstick:
         high_x[:, :2] = lim.force_max_kn, lim.speed_max_rpm
         low_x[:, 10:] = 0.0
         parameters = ca.vertcat(x0, ca.vec(delayed), before, ca.vec(targets), ca.vec(loads))
-        program = {"x": ca.vec(v), "p": parameters, "f": cost, "g": ca.vec(rows)}
-        options = {
+        program: dict[str, Any] = {"x": ca.vec(v), "p": parameters, "f": cost, "g": ca.vec(rows)}
+        options: dict[str, Any] = {
             "print_time": False,
             "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 400, "tol": 1e-6, "mu_strategy": "adaptive"},
         }
