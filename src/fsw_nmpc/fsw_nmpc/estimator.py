@@ -33,7 +33,6 @@ TEMPERATURE_SHOWN = np.eye(N)[4] + np.eye(N)[TEMPERATURE_OFFSET]
 
 #: beyond these an estimate is not of this process
 _DEEPEST_MM, _COLDEST_C, _HOTTEST_C, _LARGEST_OFFSET_KN = 20.0, 0.0, 2000.0, 50.0
-_LARGEST_TORQUE_NM = 1e4
 #: keeps an update defined where tuning and covariance are zero
 _LEAST_VARIANCE = 1e-18
 _LEAST_SCALE, _LARGEST_SCALE = 0.5, 2.0
@@ -187,25 +186,25 @@ class Estimator:
     def _correct(self, m: Measurement, applied: Command) -> None:
         p, t = self.parameters, self.tuning
         depth_valid = m.depth_valid and _plausible_depth(p, m.depth_mm)
-        torque_valid = m.torque_valid and abs(m.torque_nm) < _LARGEST_TORQUE_NM
+        force = applied.force_kn + float(self._x[FORCE])
+        torque, by_force, by_depth = self._model_torque(force, self.contact_depth_mm)
+        friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
+        spike = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * (applied.speed_rpm - self._last_speed) / STEP_S
+        process_torque = m.torque_nm - friction - spike
+        torque_valid = m.torque_valid and _LEAST_SCALE * torque < process_torque < _LARGEST_SCALE * torque
         temperature_valid = m.temperature_valid and _plausible_temperature(m.temperature_c)
         blind = self._blind
         blind["depth"] = 0.0 if depth_valid else blind["depth"] + STEP_S
         blind["torque"] = 0.0 if torque_valid else blind["torque"] + STEP_S
         blind["thermocouple"] = 0.0 if temperature_valid else blind["thermocouple"] + STEP_S
         if torque_valid:
-            friction = p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * applied.speed_rpm
-            acceleration = (applied.speed_rpm - self._last_speed) / STEP_S
-            spike = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
             # the drive's lag smears the spike over two ticks: the more acceleration, the less a sample counts
             noise = t.torque_noise_nm + 0.3 * abs(spike)
-            force = applied.force_kn + float(self._x[FORCE])
-            torque, by_force, by_depth = self._model_torque(force, self.contact_depth_mm)
             scale = float(self._x[SCALE])
             row = self._torque_row
             row[:4] = scale * by_depth
             row[FORCE], row[SCALE] = scale * by_force, torque
-            self._update(row, m.torque_nm - friction - spike - scale * torque, noise)
+            self._update(row, process_torque - scale * torque, noise)
         if depth_valid:
             innovation = m.depth_mm - self.depth_mm
             self._expect_jump(DEPTH_OFFSET, DEPTH_SHOWN, innovation, t.depth_noise_mm)
