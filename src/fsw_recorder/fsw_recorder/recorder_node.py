@@ -22,7 +22,7 @@ from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
-from fsw_recorder.parameter_snapshot import ParameterSnapshots
+from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.qos_ros import offered_by, profile_of
 from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions_text
 from fsw_recorder.sequence_gaps import SequenceGaps
