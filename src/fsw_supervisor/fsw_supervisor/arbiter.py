@@ -6,7 +6,7 @@ comes back as a list of decisions. The modes and their transitions are the table
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Mapping
 from math import isfinite
 
 from fsw_control.contract import SENSORS, Command
@@ -16,19 +16,18 @@ from fsw_supervisor.desk import Desk
 from fsw_supervisor.events import Level
 from fsw_supervisor.interlocks import Interlocks
 from fsw_supervisor.machine import Machine
-from fsw_supervisor.modes import Mode, Trigger
+from fsw_supervisor.modes import OPERATOR_TRIGGERS, Mode, Trigger
 from fsw_supervisor.process import judge
 from fsw_supervisor.proposals import Proposals
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.takeover import Takeover
 from fsw_supervisor.tick import NANOSECONDS, Decision, Stamps, Tick
+from fsw_supervisor.writers import CommandWatch
 
 #: name under which the drives' feedback of force and speed takes part in the making of ticks
 DRIVES = "drives"
 #: without measurements for so long, what is applied must be found out anew [s]
 _GAP_S = 1.0
-#: for so long a foreign command is remembered [s]
-_FOREIGN_S = 5.0
 
 
 class Arbiter:
@@ -57,8 +56,12 @@ class Arbiter:
         Command in force; None until it is known.
     last : Decision or None
         The last decision.
-    commands, lost_ticks, stalls, foreign_commands : int
-        Counts since the start: commands sent, ticks without one, own hold-ups, commands of other writers.
+    on_duty : bool
+        Off duty it rehearses: decides every tick, sends nothing and takes over what the one on duty commands.
+    writers : CommandWatch
+        Tells own commands from foreign ones.
+    commands, lost_ticks, stalls : int
+        Counts since the start: commands sent, ticks without one, own hold-ups.
     """
 
     def __init__(
@@ -79,7 +82,8 @@ class Arbiter:
         self.commands = 0
         self.lost_ticks = 0
         self.stalls = 0
-        self.foreign_commands = 0
+        self.on_duty = True
+        self.writers = CommandWatch()
         self._stamps = Stamps(silence_s=2.5 * settings.tick_period_s if not lockstep else _GAP_S)
         self._tick: Tick | None = None
         self._now_s = 0.0
@@ -87,8 +91,7 @@ class Arbiter:
         self._failure = ""
         self._drives: tuple[int, Command] | None = None
         self._outbox: list[Decision] = []
-        self._sent: deque[Decision] = deque(maxlen=50)
-        self._foreign_s: float | None = None
+        self._rehearsed: Decision | None = None
         self._silent = False
 
     @property
@@ -115,10 +118,11 @@ class Arbiter:
             self._drives = (stamp_ns, feedback)
         self._see(DRIVES, stamp_ns, feedback.force_kn, now_s)
         self._advance()
-        if repeated and self.lockstep and self.last is not None and self.last.stamp_ns == stamp_ns:
+        again = repeated and self.lockstep and self.on_duty
+        if again and self.last is not None and self.last.stamp_ns == stamp_ns:
             # The plant sends its tick again because the answer did not reach it.
             self._outbox.append(self.last)
-            self._sent.append(self.last)
+            self.writers.sent(self.last)
         return self._take()
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
@@ -152,18 +156,65 @@ class Arbiter:
                 self.machine.log(Level.ERROR, "sensors", f"no measurement for {_GAP_S:g} s")
         return self._take()
 
-    def on_command(self, stamp_ns: int, source: str, command: Command) -> None:
-        """Take a message seen on the command topic; what was not sent here is a foreign writer's."""
-        for sent in self._sent:
-            if sent.stamp_ns == stamp_ns and sent.source == source and same(sent.command, command):
-                self._sent.remove(sent)
-                return
-        self.foreign_commands += 1
+    def on_command(self, stamp_ns: int, source: str, command: Command) -> bool:
+        """Take a message seen on the command topic; returns whether it was sent here, else it is a foreign writer's."""
+        if self.writers.is_own(stamp_ns, source, command):
+            return True
         self._takeover.hear_command(command)
-        if not self.foreign_writer:
+        if self.writers.note_foreign(self._now_s):
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
-        self._foreign_s = self._now_s
+        return False
+
+    # ---------------------------------------------------------------- on and off duty
+
+    def follow(self, stamp_ns: int, source: str, command: Command) -> None:
+        """Off duty: take over what the one on duty has commanded."""
+        self.applied = self.settings.limits.clip(command, None)
+        self.last = Decision(stamp_ns, self.applied, source)
+        self._takeover.asking = False
+        if self._tick is not None and stamp_ns == self._tick.stamp_ns:
+            self._tick.answered, self._rehearsed = True, None
+        elif self._tick is not None:
+            self._tick.before = self.applied
+        self.machine.mirror(source)
+
+    def follow_wish(self, controller: str, mode: str, latched_out: Mapping[str, str]) -> None:
+        """Off duty: take over what the operator has asked the one on duty for, and who is latched out there and why."""
+        machine = self.machine
+        machine.target = controller or machine.target
+        machine.target_mode = next((item for item in OPERATOR_TRIGGERS if item == mode), machine.target_mode)
+        for record in self.proposals.roster:
+            record.latched_out = latched_out.get(record.name, "")
+
+    def take_duty(self, reason: str) -> list[Decision]:
+        """Send from now on, beginning with the tick that has just been rehearsed; ``reason`` is empty at a start."""
+        self.on_duty = True
+        if reason:
+            self.machine.note_takeover(reason)
+        self.desk.manual = self.applied
+        decision, self._rehearsed = self._rehearsed, None
+        if decision is not None:
+            self._send(decision)
+        self._advance()
+        return self._take()
+
+    def leave_duty(self, unsent: list[Decision], reason: str) -> None:
+        """Send nothing from now on, nor what was decided last."""
+        self._disown(unsent)
+        self.on_duty = False
+        self.desk.dismiss(f"refused: {reason}")
+        self.machine.log(Level.WARN, "duty", f"on standby: {reason}")
+
+    def start_anew(self, unsent: list[Decision]) -> None:
+        """Find out what is applied: something else has acted while this process was held up."""
+        self._disown(unsent)
+        self._interrupt("what acts has changed while the arbiter was held up")
+
+    def _disown(self, unsent: list[Decision]) -> None:
+        self._outbox.clear()
+        self.commands -= len(unsent)
+        self.lost_ticks += len(unsent)
 
     # ---------------------------------------------------------------- what can be seen
 
@@ -184,9 +235,14 @@ class Arbiter:
         return min((time for time in times if time > self._now_s), default=tick.deadline_s)
 
     @property
+    def tick(self) -> Tick | None:
+        """The present tick; None before the first."""
+        return self._tick
+
+    @property
     def foreign_writer(self) -> bool:
         """Whether someone else has written commands lately."""
-        return self._foreign_s is not None and self._now_s - self._foreign_s <= _FOREIGN_S
+        return self.writers.seen_lately(self._now_s)
 
     @property
     def measuring(self) -> bool:
@@ -244,21 +300,25 @@ class Arbiter:
             self.proposals.forget_time()
         self._takeover.begin(now_s)
         self._silent = False
+        self._rehearsed = None
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
+        if not self.on_duty:
+            # The one on duty decides first.
+            period_s = self.settings.takeover_s(self.lockstep)
         self._tick = Tick(stamp_ns, now_s, now_s + period_s, self.applied)
         if gap:
-            self._interrupt()
+            self._interrupt("measurements are back after a gap")
         self._change_between_ticks()
         self.proposals.take_early(self._tick, now_s)
 
-    def _interrupt(self) -> None:
-        """The plant was away: whatever acts now must be found out anew."""
+    def _interrupt(self, reason: str) -> None:
+        """The plant or this process was away: whatever acts now must be found out anew."""
         self._takeover.interrupt(self.applied, self.machine.active)
         self.applied = None
         assert self._tick is not None
         self._tick.before = None
-        self.machine.log(Level.WARN, "sensors", "measurements are back after a gap")
-        self.machine.fire(Trigger.INTERRUPTED, "measurements are back after a gap", "start")
+        self.machine.log(Level.WARN, "sensors", reason)
+        self.machine.fire(Trigger.INTERRUPTED, reason, "start")
 
     def _change_between_ticks(self) -> None:
         """The active controller may change here without having failed."""
@@ -308,6 +368,9 @@ class Arbiter:
             self.proposals.invalid_sensors = judge(
                 tick, self.applied, self.guard, self.interlocks, self.machine, before
             )
+        if tick.answered:
+            tick.decided = True
+            return
         if self.applied is None and not self._take_over(tick, final):
             if final:
                 self._lose(tick)
@@ -466,15 +529,22 @@ class Arbiter:
 
     def _commit(self, tick: Tick, wanted: Command, source: str, reason: str) -> None:
         """Send the tick's one command, in limits and in rate whoever wants it."""
-        self.applied = self.settings.limits.clip(wanted, self.applied)
+        latency_s = max(0.0, self._now_s - tick.started_s)
+        command = self.settings.limits.clip(wanted, self.applied)
+        decision = Decision(tick.stamp_ns, command, source, reason, latency_s)
         tick.decided = True
+        if self.on_duty:
+            self._send(decision)
+        else:
+            self._rehearsed = decision
+
+    def _send(self, decision: Decision) -> None:
+        self.applied, self.last = decision.command, decision
         self._takeover.asking = False
         self.commands += 1
-        latency_s = max(0.0, self._now_s - tick.started_s)
-        self.last = Decision(tick.stamp_ns, self.applied, source, reason, latency_s)
-        self._outbox.append(self.last)
-        self._sent.append(self.last)
-        self.desk.applied(source, tick.stamp_ns / NANOSECONDS)
+        self._outbox.append(decision)
+        self.writers.sent(decision)
+        self.desk.applied(decision.source, decision.stamp_ns / NANOSECONDS)
 
     def _lose(self, tick: Tick) -> None:
         """Let a tick go without a command: nothing is known yet, or it is too old to matter."""

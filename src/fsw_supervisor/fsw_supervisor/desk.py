@@ -162,6 +162,10 @@ class Desk:
             self._pending = None
             self._answer(request, True, f"{source} is applied from {stamp_s:.3f} s on")
 
+    def dismiss(self, message: str) -> None:
+        """Refuse what is waiting."""
+        self._drop(message)
+
     def failed(self, name: str, reason: str) -> None:
         """Note that ``name`` has failed while active."""
         if self._pending is not None and self._pending.name == name:

@@ -103,6 +103,20 @@ class Machine:
             self._asked_tick = self.tick
         self._note(reason, who, f"{before} -> {name}")
 
+    def mirror(self, source: str) -> None:
+        """Be in the mode in which a command of ``source`` is sent: off duty the one on duty is copied."""
+        mode = next((mode for mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) if mode == source), Mode.AUTO)
+        active = source if mode is Mode.AUTO else ""
+        if (mode, active) != (self.mode, self.active):
+            self.mode, self.active = mode, active
+            self._mode_tick = self.tick
+            self.reason = f"as the supervisor on duty: {source}"
+
+    def note_takeover(self, reason: str) -> None:
+        """Record that this machine is on duty from now on, in the state that it has."""
+        self.slewing = self.settings.transition_ticks
+        self._note(f"{reason} ({self.reason})", "takeover", f"on duty in {self.mode}")
+
     def log(self, level: Level, who: str, text: str) -> None:
         """Record an event."""
         self.revision += 1

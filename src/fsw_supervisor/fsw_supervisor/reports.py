@@ -49,8 +49,8 @@ def mode(arbiter: Arbiter) -> str:
     return str(_WIRE_MODE.get(arbiter.machine.mode, arbiter.machine.mode))
 
 
-def state(arbiter: Arbiter, now: Time) -> SupervisorState:
-    """The latched state."""
+def state(arbiter: Arbiter, now: Time, identity: str) -> SupervisorState:
+    """The latched state; ``identity`` tells supervisors apart and stands in the frame id."""
     message = SupervisorState(
         target_controller=arbiter.machine.target,
         actual_controller=arbiter.machine.active,
@@ -63,9 +63,31 @@ def state(arbiter: Arbiter, now: Time) -> SupervisorState:
         controllers=[health(arbiter, record) for record in arbiter.proposals.roster],
         interlocks=list(arbiter.interlocks.active),
     )
-    message.header.stamp = now
+    message.header.stamp, message.header.frame_id = now, identity
     if arbiter.last is not None:
         message.applied = command(arbiter.last)
+    return message
+
+
+def standby(now: Time, name: str, role: str, unanswered: int) -> DiagnosticArray:
+    """Diagnostics of a supervisor that is not on duty.
+
+    Parameters
+    ----------
+    now : Time
+        Stamp.
+    name : str
+        Name of its node.
+    role : str
+        What it is at present.
+    unanswered : int
+        Ticks in a row that nobody has answered.
+    """
+    level = DiagnosticStatus.WARN if unanswered else DiagnosticStatus.OK
+    message = DiagnosticArray()
+    message.header.stamp = now
+    message.status = [_status(role, level, f"{role}: follows the supervisor on duty", {"unanswered ticks": unanswered})]
+    message.status[0].hardware_id = name
     return message
 
 
@@ -131,7 +153,8 @@ def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
         level, text = DiagnosticStatus.WARN, f"{writers} publishers on the command topic"
     if arbiter.foreign_writer:
         level, text = DiagnosticStatus.ERROR, "a foreign writer sends commands"
-    return _status("command topic", level, text, {"publishers": writers, "foreign commands": arbiter.foreign_commands})
+    foreign = arbiter.writers.foreign_commands
+    return _status("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
 
 
 def _process_status(arbiter: Arbiter) -> DiagnosticStatus:

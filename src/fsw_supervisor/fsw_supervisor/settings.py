@@ -32,6 +32,8 @@ class ArbiterSettings:
         A deadline noticed later than this is the arbiter's own stall: nobody is blamed.
     takeover_wait_s : float
         After a start: how long to look for what is applied and who is selected before commanding changes.
+    takeover_ticks : int
+        Ticks in a row that nobody has answered before a standby takes over.
     warm_ticks : int
         Good proposals in a row before a controller may be selected.
     readmit_ticks : int
@@ -64,6 +66,7 @@ class ArbiterSettings:
     sensor_grace_s: float = 0.01
     stall_tolerance_s: float = 0.05
     takeover_wait_s: float = 0.3
+    takeover_ticks: int = 2
     warm_ticks: int = 5
     readmit_ticks: int = 30
     force_transition_kn: float = 1.0
@@ -98,11 +101,15 @@ class ArbiterSettings:
             )
         if not lim.force_min_kn <= self.safe_force_kn <= lim.force_max_kn:
             raise ValueError(f"safe_force_kn must lie in {lim.force_min_kn} to {lim.force_max_kn} kN")
-        if self.warm_ticks < 1 or self.duplicate_ticks < 1:
-            raise ValueError("warm_ticks and duplicate_ticks must be at least 1")
+        if min(self.takeover_ticks, self.warm_ticks, self.duplicate_ticks) < 1:
+            raise ValueError("takeover_ticks, warm_ticks and duplicate_ticks must be at least 1")
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
 
     def ticks(self, time_s: float) -> int:
         """Ticks that ``time_s`` is long, at least 1."""
         return max(1, round(time_s / self.tick_period_s))
+
+    def takeover_s(self, lockstep: bool) -> float:
+        """Time after a measurement at which a standby calls it unanswered: after the one on duty has decided."""
+        return 2.0 * self.lockstep_deadline_s if lockstep else (self.deadline_s + 3.0 * self.tick_period_s) / 4.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
+import uuid
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -13,7 +14,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
 from rclpy.task import Future
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
@@ -29,6 +32,7 @@ from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import configuration, reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.checks import ProposalInput
+from fsw_supervisor.duty import Duty, Role
 from fsw_supervisor.events import Level
 from fsw_supervisor.interlocks import Interlocks
 from fsw_supervisor.modes import Mode
@@ -44,11 +48,11 @@ _REPORT_S = 1.0
 
 
 class SupervisorNode(Node):
-    """The only writer of ``fsw/command``.
+    """The only writer of ``fsw/command``, or the standby of the one that is.
 
     Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from the same
     callback, so the hop costs no wait. A timer on the steady clock, armed for the arbiter's next wake-up, does the
-    deadlines.
+    deadlines. The publishers and services of the one on duty exist only while this node is on duty.
     """
 
     def __init__(self) -> None:
@@ -67,8 +71,14 @@ class SupervisorNode(Node):
         )
         self._values.add_check(configuration.problem)
         self._values.on_change(self._configure)
-        self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
-        self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+        self._identity = uuid.uuid4().hex[:12]
+        self._duty = Duty(self._arbiter, self._identity, values["standby"], time.monotonic())
+        self._role: Role | None = None
+        self._commands: Publisher | None = None
+        self._states: Publisher | None = None
+        self._standbys: Publisher | None = None
+        self._duty_services: list[Service] = []
+        self._service_group = ReentrantCallbackGroup()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._prefix = self.resolve_topic_name("fsw/command").removesuffix("command")
         self._proposal_topic = re.compile(re.escape(self._prefix) + r"([A-Za-z][A-Za-z0-9_]*)/proposal\Z")
@@ -77,7 +87,6 @@ class SupervisorNode(Node):
         self._published_revision = -1
         self._next_report_s = 0.0
         self._open_topics()
-        self._open_services()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
         self._wakeup.cancel()
@@ -93,15 +102,43 @@ class SupervisorNode(Node):
         self.create_subscription(PlantState, "fsw/plant/truth", self._on_drives, STREAM)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATCHED)
+        self.create_subscription(SupervisorState, "fsw/supervisor/standby", self._on_standby, LATCHED)
         for name in dict.fromkeys((self._arbiter.settings.controller, *self._arbiter.settings.fallbacks)):
             self._subscribe(name)
 
-    def _open_services(self) -> None:
-        # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
-        group = ReentrantCallbackGroup()
-        self.create_service(SwitchController, "fsw/switch_controller", self._on_switch, callback_group=group)
-        self.create_service(ListControllers, "fsw/list_controllers", self._on_list, callback_group=group)
-        self.create_service(SetMode, "fsw/set_mode", self._on_set_mode, callback_group=group)
+    def _open_commands(self) -> Publisher:
+        if self._commands is None:
+            self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
+        return self._commands
+
+    def _go_on_duty(self) -> None:
+        self._open_commands()
+        if self._standbys is not None:
+            self.destroy_publisher(self._standbys)
+            self._standbys = None
+        if self._states is None:
+            self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+        if not self._duty_services:
+            # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
+            group = self._service_group
+            self._duty_services = [
+                self.create_service(SwitchController, "fsw/switch_controller", self._on_switch, callback_group=group),
+                self.create_service(ListControllers, "fsw/list_controllers", self._on_list, callback_group=group),
+                self.create_service(SetMode, "fsw/set_mode", self._on_set_mode, callback_group=group),
+            ]
+
+    def _leave_duty(self) -> None:
+        """Close what only the one on duty has; later than the change itself, so that open requests are answered."""
+        for service in self._duty_services:
+            self.destroy_service(service)
+        self._duty_services = []
+        if self._states is not None:
+            self.destroy_publisher(self._states)
+            self._states = None
+        if self._commands is not None and not self._duty.unanswered:
+            self.destroy_publisher(self._commands)
+            self._commands = None
 
     def _configure(self, values: dict[str, Any]) -> None:
         self._arbiter.settings = configuration.settings(values)
@@ -140,9 +177,21 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_status(name, sensors, message.selected, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
-        self._arbiter.on_command(convert.stamp_ns(message.header.stamp), message.source, convert.command(message))
+        self._duty.on_command(convert.stamp_ns(message.header.stamp), message.source, convert.command(message))
+        self._publish([])
+
+    def _on_claim(self, message: SupervisorState) -> None:
+        if self._duty.on_claim(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
+            latched = {item.name: item.reason for item in message.controllers if item.latched_out}
+            self._arbiter.follow_wish(message.target_controller, message.target_mode, latched)
+        self._publish([])
+
+    def _on_standby(self, message: SupervisorState) -> None:
+        self._duty.paired |= message.header.frame_id != self._identity
 
     def _on_switch_topic(self, message: String) -> None:
+        if self._role is not Role.ACTIVE:
+            return
         timeout_s = self._values["switch_request_timeout_s"]
         self._arbiter.desk.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
         self._publish([])
@@ -156,13 +205,28 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_time(time.monotonic()))
 
     def _publish(self, decisions: list[Decision]) -> None:
-        for decision in decisions:
-            self._commands.publish(reports.command(decision))
-        wakeup_s = self._arbiter.wakeup_s
+        permitted = self._duty.pass_on(decisions, time.monotonic())
+        if self._role is not self._duty.role:
+            self._change_role()
+        elif self._duty.unanswered:
+            # The publisher needs some time to be known before its first command.
+            self._open_commands()
+        for decision in permitted:
+            self._open_commands().publish(reports.command(decision))
+        wakeup_s = self._duty.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)
-        if self._arbiter.machine.revision != self._published_revision:
+        if self._arbiter.machine.revision != self._published_revision or self._duty.asserting:
             self._tell()
+
+    def _change_role(self) -> None:
+        self._role = self._duty.role
+        if self._role is Role.ACTIVE:
+            self._go_on_duty()
+        elif self._role is Role.STANDBY:
+            self._standbys = self.create_publisher(SupervisorState, "fsw/supervisor/standby", LATCHED)
+        self.get_logger().info(f"{self._role}")
+        self._tell()
 
     def _arm(self, wakeup_s: float | None) -> None:
         self._armed_s = wakeup_s
@@ -175,15 +239,20 @@ class SupervisorNode(Node):
     def _tell(self) -> None:
         """Publish the state and log what has happened."""
         self._published_revision = self._arbiter.machine.revision
+        self._duty.asserting = False
         for event in self._arbiter.machine.events.take():
             logger, text = self.get_logger(), f"[{event.who}] {event.text}"
-            if event.level is Level.ERROR:
+            if self._role is not Role.ACTIVE:
+                logger.debug(text)
+            elif event.level is Level.ERROR:
                 logger.error(text)
             elif event.level is Level.WARN:
                 logger.warning(text)
             else:
                 logger.info(text)
-        self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg()))
+        publisher = self._states if self._role is Role.ACTIVE else self._standbys
+        if publisher is not None:
+            publisher.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._identity))
 
     # ---------------------------------------------------------------- services
 
@@ -193,6 +262,9 @@ class SupervisorNode(Node):
         if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
             response.ok = False
             response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            return response
+        if self._role is not Role.ACTIVE:
+            response.ok, response.message = False, "refused: this supervisor is on standby now; ask again"
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
@@ -214,6 +286,9 @@ class SupervisorNode(Node):
         return response
 
     def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
+        if self._role is not Role.ACTIVE:
+            response.ok, response.message = False, "refused: this supervisor is on standby now; ask again"
+            return response
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
         response.ok, response.message = self._arbiter.desk.ask_mode(request.mode, manual, "operator")
         self._publish([])
@@ -224,7 +299,11 @@ class SupervisorNode(Node):
     def _on_housekeeping(self) -> None:
         now_s = time.monotonic()
         self._look_for_controllers()
+        writers = self.count_publishers(f"{self._prefix}command")
+        self._duty.rival_writer = writers > (self._commands is not None)
         self._publish(self._arbiter.on_time(now_s))
+        if self._role is not Role.ACTIVE:
+            self._leave_duty()
         if now_s >= self._next_report_s:
             self._next_report_s = now_s + _REPORT_S
             self._tell()
@@ -257,13 +336,17 @@ class SupervisorNode(Node):
         self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
 
     def _diagnose(self) -> None:
+        now = self.get_clock().now().to_msg()
+        if self._role is not Role.ACTIVE:
+            role = str(self._duty.role)
+            self._diagnostics.publish(reports.standby(now, self.get_name(), role, self._duty.unanswered))
+            return
         namesakes = {
             record.name: self.count_publishers(f"{self._prefix}{record.name}/proposal")
             for record in self._arbiter.proposals.roster
         }
         writers = self.count_publishers(f"{self._prefix}command")
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
-        now = self.get_clock().now().to_msg()
         self._diagnostics.publish(reports.diagnostics(self._arbiter, now, writers, namesakes, limits))
 
 

@@ -40,6 +40,8 @@ class Tick:
         Whether the arbiter itself was held up, so that nobody can be blamed.
     decided : bool
         Whether its command is out.
+    answered : bool
+        Off duty: whether the one on duty has sent its command.
     """
 
     stamp_ns: int
@@ -56,6 +58,7 @@ class Tick:
     extended: bool = False
     stalled: bool = False
     decided: bool = False
+    answered: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -289,7 +289,7 @@ def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
     foreign = bench.peer.create_publisher(WeldCommand, "fsw/command", 10)
     bench.until(lambda: foreign.get_subscription_count() == 2)
     foreign.publish(convert.command_message(Command(60.0, 300.0), 1, "decentral"))
-    bench.until(lambda: bench.supervisor._arbiter.foreign_commands == 1)
+    bench.until(lambda: bench.supervisor._arbiter.writers.foreign_commands == 1)
     bench.until(lambda: bench.peer.report("command topic").level == DiagnosticStatus.ERROR)
     assert bench.peer.report("command topic").message == "a foreign writer sends commands"
     assert bench.peer.commands[-1].source == "decentral"

@@ -182,7 +182,7 @@ def test_a_foreign_command_is_reported_once_and_counted(rig):
     for _ in range(3):
         rig.arbiter.on_command(rig.stamp_ns, "decentral", Command(60.0, 300.0))
     assert rig.arbiter.foreign_writer
-    assert rig.arbiter.foreign_commands == 3
+    assert rig.arbiter.writers.foreign_commands == 3
     assert rig.events().count("a foreign writer commands 60 kN, 300 rpm as 'decentral'") == 1
     assert rig.run(1).last.source == "decentral"
     rig.run(60)
@@ -192,7 +192,7 @@ def test_a_foreign_command_is_reported_once_and_counted(rig):
 def test_a_repeated_copy_of_an_own_command_is_foreign(rig):
     last = rig.last
     rig.arbiter.on_command(last.stamp_ns, last.source, last.command)
-    assert rig.arbiter.foreign_commands == 1
+    assert rig.arbiter.writers.foreign_commands == 1
 
 
 def test_a_babbling_graph_does_not_fill_the_memory():

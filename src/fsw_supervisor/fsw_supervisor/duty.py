@@ -1,0 +1,251 @@
+"""Who of two supervisors commands: one is on duty, the other follows it and takes over when it falls silent."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import isfinite
+
+from fsw_control.contract import Command
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
+
+#: after a start: listening so long for a supervisor that is on duty already [s]
+LISTEN_S = 0.25
+#: the same while somebody publishes commands who has not been heard yet [s]
+_LISTEN_LONG_S = 1.0
+#: after a hold-up: commands wait so long for the queues to drain, in tick periods
+_FENCE_TICKS = 0.3
+
+
+class Role(StrEnum):
+    """What this supervisor is at present."""
+
+    LISTENING = "listening"
+    STANDBY = "standby"
+    ACTIVE = "active"
+
+
+class Duty:
+    """Stands between the arbiter and the command topic.
+
+    Off duty the arbiter rehearses: it decides every tick, sends nothing and takes over what the one on duty has
+    commanded. When ``takeover_ticks`` ticks in a row went unanswered its rehearsed decision is sent, in the last of
+    these ticks. A supervisor on duty that was held up for so long that another one may have taken over keeps its
+    commands back until it has heard what went on meanwhile. Of two on duty the one that has answered the newer
+    tick stays; at a draw the greater identity does.
+
+    Parameters
+    ----------
+    arbiter : Arbiter
+        Whose decisions.
+    identity : str
+        Differs from that of every other supervisor.
+    standby : bool
+        Begin as standby; otherwise become active unless another one is.
+    now_s : float
+        Steady time.
+
+    Attributes
+    ----------
+    role : Role
+        What this supervisor is at present.
+    unanswered : int
+        Ticks in a row that nobody has answered, as seen off duty.
+    paired : bool
+        Whether there is, or was, another supervisor.
+    asserting : bool
+        Another one claims duty and has to hear that this one has it; cleared by who tells it.
+    rival_writer : bool
+        Somebody publishes commands who has not been heard yet; set by who sees the graph.
+    """
+
+    def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
+        self.role = Role.STANDBY if standby else Role.LISTENING
+        self.unanswered = 0
+        self.paired = standby
+        self.asserting = False
+        self.rival_writer = False
+        self._arbiter = arbiter
+        self._identity = identity
+        self._started_s = self._called_s = now_s
+        self._tick: Tick | None = None
+        self._due_s = 0.0
+        self._patient = False
+        self._early: tuple[int, str, Command] | None = None
+        self._last_ns = 0
+        self._believed: Command | None = None
+        self._fence_s: float | None = None
+        self._held: list[Decision] = []
+        arbiter.on_duty = False
+
+    # ---------------------------------------------------------------- inputs
+
+    def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
+        """Return what may be published now; to be called after every call of the arbiter.
+
+        Parameters
+        ----------
+        decisions : list of Decision
+            What the arbiter has decided.
+        now_s : float
+            Steady time.
+        """
+        gap_s, self._called_s = now_s - self._called_s, now_s
+        if self.role is not Role.ACTIVE:
+            if not self._takes_over(now_s):
+                return []
+            self.role = Role.ACTIVE
+            decisions = self._arbiter.take_duty(self._why)
+        elif self.paired and gap_s > self._lease_s and self._fence_s is None:
+            self._fence_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
+        if self._fence_s is not None:
+            self._held += decisions
+            if now_s < self._fence_s:
+                return []
+            decisions = self._leave_fence()
+        if decisions:
+            self._last_ns = decisions[-1].stamp_ns
+        self._believed = self._arbiter.applied
+        return decisions
+
+    def on_command(self, stamp_ns: int, source: str, command: Command) -> None:
+        """Take a message seen on the command topic."""
+        if self.role is Role.ACTIVE:
+            own = self._arbiter.on_command(stamp_ns, source, command)
+            tick = self._arbiter.tick
+            newer = tick is not None and self._last_ns < stamp_ns <= tick.stamp_ns
+            if not own and newer and self._fence_s is not None:
+                self._yield("another supervisor has commanded while this one was held up")
+            return
+        if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
+            return
+        tick = self._arbiter.tick
+        if tick is None or stamp_ns > tick.stamp_ns:
+            # Its measurement has not come here yet.
+            self._early = (stamp_ns, source, command)
+            if tick is not None:
+                return
+        elif tick.stamp_ns - stamp_ns > NANOSECONDS:
+            return
+        self._follow(stamp_ns, source, command)
+
+    def on_claim(self, identity: str, answered_ns: int) -> bool:
+        """Take the word of a supervisor that it is on duty.
+
+        Parameters
+        ----------
+        identity : str
+            Whose.
+        answered_ns : int
+            Stamp of the last tick that it has answered; 0: none.
+
+        Returns
+        -------
+        bool
+            Whether its state has to be followed.
+        """
+        if identity == self._identity:
+            return False
+        self.paired = True
+        if self.role is Role.LISTENING:
+            self.role = Role.STANDBY
+        if self.role is Role.ACTIVE:
+            if (answered_ns, identity) <= (self._last_ns, self._identity):
+                self.asserting = True
+                return False
+            self._yield("another supervisor is on duty")
+        return True
+
+    @property
+    def wakeup_s(self) -> float | None:
+        """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
+        times = [time for time in (self._arbiter.wakeup_s, self._fence_s) if time is not None]
+        if self.role is Role.LISTENING:
+            times.append(self._listening_ends_s)
+        if self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered:
+            times += [self._due_s] if self._due_s > self._called_s else []
+        return min(times, default=None)
+
+    # ---------------------------------------------------------------- off duty
+
+    @property
+    def _listening_ends_s(self) -> float:
+        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
+
+    @property
+    def _needed(self) -> int:
+        # In lockstep there is no next tick before this one is answered.
+        return 1 if self._arbiter.lockstep else self._arbiter.settings.takeover_ticks
+
+    @property
+    def _why(self) -> str:
+        return f"took over: {self.unanswered + 1} ticks went unanswered" if self.paired else ""
+
+    def _takes_over(self, now_s: float) -> bool:
+        tick = self._arbiter.tick
+        if tick is not None and tick is not self._tick:
+            self._count(tick)
+        if self.role is Role.LISTENING and now_s >= self._listening_ends_s:
+            return True
+        if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
+            return False
+        if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._patient:
+            # It is this process that was held up: what is in the queues is heard first.
+            self._patient = True
+            self._due_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
+            return False
+        return True
+
+    def _count(self, tick: Tick) -> None:
+        """Note that a tick has begun."""
+        before, self._tick = self._tick, tick
+        if before is not None and not before.answered and not before.stalled:
+            self.unanswered += 1
+        self._due_s, self._patient = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep), False
+        early, self._early = self._early, None
+        if early is not None and early[0] == tick.stamp_ns:
+            self._follow(*early)
+        elif early is not None and early[0] > tick.stamp_ns:
+            self._early = early
+
+    def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
+        if self.role is Role.LISTENING:
+            self.role, self.paired = Role.STANDBY, True
+        self.unanswered = 0
+        self._last_ns = stamp_ns
+        self._arbiter.follow(stamp_ns, source, command)
+
+    # ---------------------------------------------------------------- on duty
+
+    @property
+    def _lease_s(self) -> float:
+        """Another one may have taken over when this one has not run for so long."""
+        settings = self._arbiter.settings
+        if self._arbiter.lockstep:
+            return settings.takeover_s(True) / 2.0
+        return max(1.5, self._needed - 0.5) * settings.tick_period_s
+
+    def _leave_fence(self) -> list[Decision]:
+        self._fence_s = None
+        held, self._held = self._held, []
+        tick, believed = self._arbiter.tick, self._believed
+        if tick is None or tick.drives is None or believed is None or tick.stamp_ns <= self._last_ns:
+            return held
+        limits, acting = self._arbiter.settings.limits, tick.drives
+        if (
+            abs(acting.force_kn - believed.force_kn) <= limits.force_step_kn / 2.0
+            and abs(acting.speed_rpm - believed.speed_rpm) <= limits.speed_step_rpm / 2.0
+        ):
+            return held
+        # Something else has moved the drives meanwhile: going on from there is no bump.
+        self._arbiter.start_anew(held)
+        return []
+
+    def _yield(self, reason: str) -> None:
+        self.role, self.paired, self.asserting = Role.STANDBY, True, False
+        self._fence_s, self.unanswered = None, 0
+        held, self._held = self._held, []
+        self._tick = self._arbiter.tick
+        if self._tick is not None:
+            self._tick.answered = True
+        self._arbiter.leave_duty(held, reason)

@@ -1,0 +1,306 @@
+"""Two supervisors, one on duty: each may stop and go on at any moment."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+
+from fsw_control.contract import SENSORS, Command
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.checks import ProposalInput
+from fsw_supervisor.duty import Duty, Role
+from fsw_supervisor.modes import Mode
+from fsw_supervisor.settings import ArbiterSettings
+
+VALUES = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
+PERIOD_NS = 100_000_000
+
+
+class Member:
+    """One supervisor process; what comes while it is stopped waits."""
+
+    def __init__(self, world, identity, standby, settings):
+        self.world, self.identity = world, identity
+        self.arbiter = Arbiter(settings)
+        self.duty = Duty(self.arbiter, identity, standby, world.now_s)
+        self.running, self.queue, self.told, self.tell_s = True, [], None, 0.0
+
+    def hear(self, call):
+        if self.running:
+            self.run(call)
+        else:
+            self.queue.append(call)
+
+    def run(self, call):
+        self.publish(call(self) or [])
+
+    def publish(self, decisions):
+        for decision in self.duty.pass_on(decisions, self.world.now_s):
+            self.world.command(decision)
+        seen = (self.duty.role, self.arbiter.machine.revision)
+        if seen != self.told or self.duty.asserting or self.world.now_s >= self.tell_s:
+            self.told, self.duty.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
+            self.world.tell(self)
+
+    def go_on(self):
+        self.running = True
+        queue, self.queue = self.queue, []
+        for call in queue:
+            self.run(call)
+
+
+class World:
+    """Plant, controllers and wires; obeys the first command of each stamp, as the plant does."""
+
+    def __init__(self, settings=None):
+        self.settings = settings if settings is not None else ArbiterSettings()
+        self.now_s = 100.0
+        self.stamp_ns = 10**12
+        self.acting = Command(78.4, 407.5)
+        self.source = ""
+        self.wish_kn = 78.4
+        self.names = ["decentral", "nmpc"]
+        self.members = []
+        self.events, self.order = [], itertools.count()
+        self.accepted = {}
+        self.refused = 0
+        self.stamps = []
+
+    def add(self, identity, standby=False):
+        self.members.append(Member(self, identity, standby, self.settings))
+        return self.members[-1]
+
+    def later(self, delay_s, call, members=None):
+        for member in list(self.members) if members is None else members:
+            heapq.heappush(self.events, (self.now_s + delay_s, next(self.order), member, call))
+
+    def command(self, decision):
+        sent = (decision.stamp_ns, decision.source, decision.command)
+        if decision.stamp_ns > max(self.accepted, default=0):
+            assert abs(decision.command.force_kn - self.acting.force_kn) <= 1.0 + 1e-9
+            self.accepted[decision.stamp_ns] = decision.source
+            self.acting, self.source = decision.command, decision.source
+        else:
+            self.refused += 1
+        self.later(0.001, lambda member: member.duty.on_command(*sent))
+
+    def tell(self, teller):
+        answered_ns = teller.arbiter.last.stamp_ns if teller.arbiter.last is not None else 0
+        identity, target = teller.identity, teller.arbiter.machine.target
+        mode = str(teller.arbiter.machine.target_mode)
+
+        def claim(member):
+            if member.duty.on_claim(identity, answered_ns):
+                member.arbiter.follow_wish(target, mode, {})
+
+        def announcement(member):
+            member.duty.paired |= member.identity != identity
+
+        self.later(0.001, claim if teller.duty.role is Role.ACTIVE else announcement)
+
+    def tick(self, count=1):
+        for _ in range(count):
+            self._tick()
+        return self
+
+    def _tick(self):
+        self.stamp_ns += PERIOD_NS
+        stamp, acting = self.stamp_ns, self.acting
+        self.stamps.append(stamp)
+        self.later(0.0, lambda member: member.arbiter.on_drives(stamp, acting, self.now_s))
+        for sensor in SENSORS:
+            self.later(0.0, lambda member, s=sensor: member.arbiter.on_sample(s, stamp, VALUES[s], self.now_s))
+        force = acting.force_kn + min(max(self.wish_kn - acting.force_kn, -0.7), 0.7)
+        for name in self.names:
+            proposal = ProposalInput(stamp, name, Command(force, acting.speed_rpm))
+            self.later(0.005, lambda member, n=name, p=proposal: member.arbiter.on_proposal(n, p, self.now_s))
+            chosen = self.source == name
+            self.later(0.006, lambda member, n=name, c=chosen: member.arbiter.on_status(n, (), c, self.now_s))
+        start_s = self.now_s
+        for step in range(100):
+            self.now_s = start_s + step * 1e-3
+            self._wires()
+            for member in self.members:
+                wakeup_s = member.duty.wakeup_s
+                if member.running and (step % 50 == 49 or (wakeup_s is not None and wakeup_s <= self.now_s)):
+                    member.hear(lambda member: member.arbiter.on_time(self.now_s))
+        self.now_s = start_s + 0.1
+
+    def _wires(self):
+        while self.events and self.events[0][0] <= self.now_s + 1e-9:
+            _, _, member, call = heapq.heappop(self.events)
+            if member in self.members:
+                member.hear(call)
+
+    @property
+    def active(self):
+        return [member.identity for member in self.members if member.duty.role is Role.ACTIVE]
+
+    def lost(self, last):
+        return sum(stamp not in self.accepted for stamp in self.stamps[-last:])
+
+
+@pytest.fixture
+def world():
+    """A weld under ``a`` with the standby ``b``."""
+    world = World()
+    world.add("a")
+    world.tick(5)
+    world.add("b", standby=True)
+    world.tick(15)
+    assert (world.active, world.lost(10), world.source) == (["a"], 0, "decentral")
+    return world
+
+
+def test_the_standby_takes_over_after_two_ticks_and_loses_one(world):
+    a, b = world.members
+    world.members.remove(a)
+    world.tick(20)
+    assert world.active == ["b"]
+    assert world.lost(20) == 1
+    assert world.source == "decentral"
+    assert b.arbiter.machine.requested_by == "takeover"
+
+
+def test_it_takes_over_what_the_operator_chose(world):
+    a, b = world.members
+    a.arbiter.desk.ask_switch("nmpc", False, 1.0, "operator", world.now_s)
+    world.tick(5)
+    assert world.source == "nmpc"
+    world.members.remove(a)
+    world.tick(10)
+    assert world.source == "nmpc"
+    assert b.arbiter.machine.target == "nmpc"
+
+
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP])
+def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
+    a, b = world.members
+    a.arbiter.desk.ask_mode(str(mode), Command(78.0, 407.0), "operator")
+    world.tick(5)
+    world.members.remove(a)
+    world.tick(10)
+    assert world.source == mode
+    assert (b.arbiter.machine.mode, b.arbiter.machine.target_mode) == (mode, mode)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3, 5, 9, 30])
+def test_the_one_that_was_stopped_becomes_the_standby(world, ticks):
+    a, _ = world.members
+    world.wish_kn = 90.0
+    a.running = False
+    world.tick(ticks)
+    a.go_on()
+    world.tick(20)
+    assert len(world.active) == 1
+    assert world.active == (["a"] if ticks == 1 else ["b"])
+    assert world.lost(ticks + 20) <= 1
+    assert world.source == "decentral"
+
+
+def test_the_standby_takes_over_with_a_controller_that_has_failed_at_the_same_time(world):
+    world.members.pop(0)
+    world.names = ["nmpc"]
+    world.tick(10)
+    assert world.source == "nmpc"
+    assert world.lost(10) <= 2
+
+
+def test_a_stopped_standby_does_no_harm(world):
+    _, b = world.members
+    b.running = False
+    world.tick(30)
+    b.go_on()
+    world.tick(20)
+    assert (world.active, world.lost(50), world.refused) == (["a"], 0, 0)
+
+
+def test_a_restarted_one_becomes_the_standby(world):
+    world.members.pop(0)
+    world.tick(10)
+    world.add("c")
+    world.tick(10)
+    assert world.active == ["b"]
+    world.members.pop(0)
+    world.tick(10)
+    assert world.active == ["c"]
+    assert world.lost(20) <= 1
+
+
+def test_two_that_start_together_become_one_active_and_one_standby():
+    world = World()
+    world.add("a")
+    world.add("b")
+    world.tick(20)
+    assert len(world.active) == 1
+    assert world.lost(10) == 0
+
+
+def test_a_standby_alone_begins_by_itself():
+    world = World()
+    world.add("b", standby=True)
+    world.tick(20)
+    assert world.active == ["b"]
+    assert world.source == "decentral"
+
+
+def test_without_measurements_nobody_takes_over(world):
+    b = world.members[1]
+    world.members[0].running = False
+    for _ in range(50):
+        world.now_s += 0.1
+        b.hear(lambda member: member.arbiter.on_time(world.now_s))
+    assert b.duty.role is Role.STANDBY
+
+
+def test_wild_commands_do_not_move_the_standby(world):
+    b = world.members[1]
+    before = b.arbiter.applied
+    b.duty.on_command(world.stamp_ns, "x", Command(float("nan"), 400.0))
+    b.duty.on_command(world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
+    assert b.arbiter.applied == before
+
+
+steps = st.lists(
+    st.tuples(
+        st.sampled_from(["run", "stop a", "stop b", "go a", "go b", "kill a", "kill b"]),
+        st.integers(1, 12),
+        st.floats(70.0, 90.0),
+    ),
+    max_size=12,
+)
+
+
+@given(steps=steps, takeover_ticks=st.integers(1, 3))
+@hypothesis_settings(max_examples=40, deadline=None)
+def test_whatever_stops_and_goes_on_one_is_on_duty_in_the_end_without_a_bump(steps, takeover_ticks):
+    world = World(ArbiterSettings(takeover_ticks=takeover_ticks))
+    world.add("a")
+    world.tick(3)
+    world.add("b", standby=True)
+    world.tick(10)
+    serial = itertools.count()
+    for action, ticks, wish_kn in steps:
+        verb, _, which = action.partition(" ")
+        world.wish_kn = wish_kn
+        member = world.members[which == "b"]
+        if verb == "stop":
+            member.running = False
+        elif verb == "go" and not member.running:
+            member.go_on()
+        elif verb == "kill":
+            world.members.remove(member)
+            world.members.insert(which == "b", fresh := Member(world, f"n{next(serial)}", False, world.settings))
+            assert fresh.duty.role is Role.LISTENING
+        world.tick(ticks)
+    for member in world.members:
+        if not member.running:
+            member.go_on()
+    world.tick(25)
+    assert len(world.active) == 1
+    assert world.lost(10) == 0
