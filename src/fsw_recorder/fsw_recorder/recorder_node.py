@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
@@ -12,23 +11,22 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rosbag2_interfaces.msg import WriteSplitEvent
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
+from fsw_recorder.bag_metadata import OfferedQos
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
-from fsw_recorder.qos_ros import offered_by, profile_of
+from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions_text
 from fsw_recorder.sequence_gaps import SequenceGaps
-from fsw_recorder.topic_selection import TopicSelection, requested_qos
-
-_NO_SEQUENCE = 2**64 - 1
+from fsw_recorder.topic_selection import TopicSelection
+from fsw_recorder.topic_subscription_ros import TopicSubscription
 
 
 class RecorderNode(Node):  # type: ignore[misc]
@@ -74,8 +72,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         if values["start_paused"]:
             self.writer.pause()
         self._gaps = SequenceGaps()
-        self._subscriptions_by_topic: dict[str, Any] = {}
-        self._offers: dict[str, tuple[Any, ...]] = {}
+        self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._files = 1
         self._make_services(options.snapshot)
@@ -137,14 +134,23 @@ class RecorderNode(Node):  # type: ignore[misc]
             rclpy.try_shutdown()
             return
         for name, types in self.get_topic_names_and_types():
-            if name in self._subscriptions_by_topic or name in self._left_out or not self._selection.takes(name):
+            if name in self._left_out or not self._selection.takes(name):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
-            if publishers:
-                self._subscribe(name, types, tuple(offered_by(one.qos_profile) for one in publishers))
+            offers = tuple(offered_by(one.qos_profile) for one in publishers)
+            known = self._subscriptions_by_topic.get(name)
+            if known is not None:
+                if known.update(offers):
+                    weaker = known.requests[-1]
+                    self.get_logger().info(
+                        f"subscribed to {name} once more, for a publisher that offers only "
+                        f"{weaker.reliability}, {weaker.durability}"
+                    )
+            elif offers:
+                self._subscribe(name, types, offers)
         self._announce_split()
 
-    def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Any, ...]) -> None:
+    def _subscribe(self, name: str, types: Sequence[str], offers: tuple[OfferedQos, ...]) -> None:
         if len(types) != 1:
             self._leave_out(name, f"publishers disagree about its type: {', '.join(types)}")
             return
@@ -156,39 +162,14 @@ class RecorderNode(Node):  # type: ignore[misc]
             return
         topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
         self.writer.add_topic(topic)
-        events = SubscriptionEventCallbacks(message_lost=self._lost_callback(name))
-        profile = profile_of(requested_qos(offers, self._depth))
-        callback = self._receive_callback(name)
-        self._offers[name] = offers
-        self._subscriptions_by_topic[name] = self.create_subscription(
-            kind, name, callback, profile, raw=True, event_callbacks=events
-        )
+        subscription = TopicSubscription(self, name, kind, self._depth, self.writer.write, self._gaps)
+        subscription.update(offers)
+        self._subscriptions_by_topic[name] = subscription
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _leave_out(self, name: str, reason: str) -> None:
         self._left_out[name] = reason
         self.get_logger().warning(f"{name} is not recorded: {reason}")
-
-    def _receive_callback(self, topic: str) -> Callable[[bytes, dict[str, Any]], None]:
-        write, gaps, single = self.writer.write, self._gaps, len(self._offers.get(topic, ())) <= 1
-
-        def receive(data: bytes, info: dict[str, Any]) -> None:
-            received = info.get("received_timestamp") or time.time_ns()
-            sequence = info.get("publication_sequence_number")
-            if sequence is None or sequence == _NO_SEQUENCE:
-                sequence = 0
-            elif single:
-                gaps.note(topic, sequence)
-            write(topic, bytes(data), received, info.get("source_timestamp") or received, sequence)
-
-        return receive
-
-    def _lost_callback(self, topic: str) -> Callable[[Any], None]:
-        def lost(status: Any) -> None:
-            self._gaps.report(topic, status.total_count_change)
-            self.get_logger().warning(f"{topic}: {status.total_count_change} messages lost before they were received")
-
-        return lost
 
     # ------------------------------------------------------------------ reports
 

@@ -12,6 +12,7 @@ class SequenceGaps:
 
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
+        self._unconfirmed: dict[str, int] = {}
         self.lost: dict[str, int] = {}
 
     def note(self, topic: str, sequence: int) -> int:
@@ -22,15 +23,23 @@ class SequenceGaps:
             return 0
         missing = sequence - last - 1
         self.report(topic, missing)
+        self._unconfirmed[topic] = self._unconfirmed.get(topic, 0) + missing
         return missing
 
     def report(self, topic: str, missing: int) -> None:
         """Count messages that the middleware itself reports as lost."""
         self.lost[topic] = self.lost.get(topic, 0) + missing
 
+    def confirm(self, topic: str) -> None:
+        """Take what was counted so far as true: the topic's publishers have been the same all the time."""
+        self._unconfirmed.pop(topic, None)
+
     def forget(self, topic: str) -> None:
-        """Start anew, e.g. because the topic's publishers changed."""
+        """Start anew because the topic's publishers changed; gaps not confirmed since are no longer counted."""
         self._last.pop(topic, None)
+        mistaken = self._unconfirmed.pop(topic, 0)
+        if mistaken:
+            self.lost[topic] -= mistaken
 
     @property
     def total(self) -> int:

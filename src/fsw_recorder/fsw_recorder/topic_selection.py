@@ -80,6 +80,22 @@ def requested_qos(offers: Sequence[OfferedQos], depth: int) -> OfferedQos:
     )
 
 
+def hears(request: OfferedQos, offer: OfferedQos) -> bool:
+    """Whether a subscription that asks for ``request`` is matched with a publisher that offers ``offer``."""
+    reliable = offer.reliability == "reliable" or request.reliability != "reliable"
+    latched = offer.durability == "transient_local" or request.durability != "transient_local"
+    return reliable and latched
+
+
+def strongest_first(offers: Sequence[OfferedQos]) -> list[OfferedQos]:
+    """Offers in an order in which no later one is stronger than an earlier one."""
+
+    def weakness(one: OfferedQos) -> tuple[int, str]:
+        return (one.reliability != "reliable") + (one.durability != "transient_local"), repr(one)
+
+    return sorted(offers, key=weakness)
+
+
 def replayed_qos(offers: Sequence[OfferedQos]) -> OfferedQos:
     """QoS of a publisher that every subscription of the recorded publishers also hears: the strongest of them."""
     if not offers:

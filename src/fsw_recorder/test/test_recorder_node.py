@@ -83,6 +83,32 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
         assert reader.message_count == info.message_count == len(list(reader.messages()))
 
 
+def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    reliable = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    latched = graph.node.create_publisher(String, "/latched", LATCHED)
+    latched.publish(String(data="early"))
+    recorder = start_recorder(graph, bag)
+    talk(graph, reliable, 100)
+    graph.until(lambda: latched.get_subscription_count() > 0)
+    weaker = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", BEST_EFFORT)
+    volatile = graph.node.create_publisher(String, "/latched", 10)
+    graph.until(lambda: weaker.get_subscription_count() > 0 and volatile.get_subscription_count() > 0)
+    graph.until(lambda: reliable.get_subscription_count() == 2 and latched.get_subscription_count() == 2)
+    for index in range(100, 200):
+        (weaker if index % 2 else reliable).publish(ShoulderDepth(depth=float(index)))
+        graph.until(lambda: True)
+    volatile.publish(String(data="late"))
+    latched.publish(String(data="later"))
+    graph.until(lambda: b"later" in (bag / "bag_0.mcap").read_bytes())
+    code, output = graph.end(recorder, signal.SIGTERM)
+    assert code == 0 and "once more" in output
+    assert sorted(depths_of(bag)) == list(range(200))
+    assert len(records_of(bag, "/latched")) == 3
+    with BagReader(bag) as reader:
+        assert reader.info().custom_data["lost_messages"] == "0"
+
+
 def test_services(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from fsw_recorder import BagError
 from fsw_recorder.bag_metadata import OfferedQos, parse_qos, qos_text
 from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions
+from fsw_recorder.repeats import Repeats
 from fsw_recorder.sequence_gaps import SequenceGaps
-from fsw_recorder.topic_selection import TopicSelection, replayed_qos, requested_qos
+from fsw_recorder.topic_selection import TopicSelection, hears, replayed_qos, requested_qos, strongest_first
 
 BEST_EFFORT = OfferedQos(reliability="best_effort", depth=5)
 LATCHED = OfferedQos(durability="transient_local", depth=1)
@@ -62,6 +63,33 @@ def test_request_hears_every_publisher() -> None:
     assert requested_qos([], 10).reliability == "best_effort"
 
 
+@given(profiles, profiles)
+def test_a_request_for_the_weakest_hears_both(first: OfferedQos, second: OfferedQos) -> None:
+    request = requested_qos([first, second], 10)
+    assert hears(request, first) and hears(request, second)
+
+
+def test_who_hears_whom() -> None:
+    reliable, unreliable = OfferedQos(), BEST_EFFORT
+    assert hears(unreliable, reliable) and not hears(reliable, unreliable)
+    assert hears(reliable, LATCHED) and not hears(LATCHED, reliable)
+    assert strongest_first([unreliable, LATCHED, reliable]) in (
+        [LATCHED, reliable, unreliable],
+        [LATCHED, unreliable, reliable],
+    )
+
+
+def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
+    repeats = Repeats(kept=2)
+    assert [repeats.seen(1, b"a"), repeats.seen(1, b"b"), repeats.seen(1, b"a"), repeats.seen(2, b"a")] == [
+        False,
+        False,
+        True,
+        False,
+    ]
+    assert not repeats.seen(1, b"a")
+
+
 def test_replay_offers_what_any_publisher_offered() -> None:
     assert replayed_qos([]) == OfferedQos()
     assert replayed_qos([BEST_EFFORT]).reliability == "best_effort"
@@ -92,6 +120,18 @@ def test_sequence_gaps() -> None:
     assert gaps.note("/b", 100) == 0
     gaps.report("/b", 4)
     assert gaps.lost == {"/a": 2, "/b": 4} and gaps.total == 6
+
+
+def test_numbers_of_a_new_publisher_are_no_gap() -> None:
+    gaps = SequenceGaps()
+    for number in (500, 503):
+        gaps.note("/a", number)
+    gaps.confirm("/a")
+    for number in (1, 504):
+        gaps.note("/a", number)
+    assert gaps.lost == {"/a": 504}
+    gaps.forget("/a")
+    assert gaps.lost == {"/a": 2}
 
 
 @given(st.sets(st.integers(0, 200), min_size=1))
