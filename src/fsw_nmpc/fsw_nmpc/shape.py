@@ -3,8 +3,8 @@
 A set-point that jumps, or an output disturbance that does, leaves the output away from its set-point by the whole jump
 at once. A corridor that asks for more than the handles can do makes the optimiser trade one output for the other; a
 first-order corridor always does so at its beginning. Here the jump is worked off with limited acceleration, speed and
-deceleration, beginning when the dead time lets anything happen at all. What changes slower than ``pass_speed`` (a ramp,
-a slow sine, the noise of an estimate) is no jump and is followed at once.
+deceleration, beginning when the dead time lets anything happen at all. What changes slowly (a ramp, a slow sine, the
+noise of an estimate) is no jump and is followed at once.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Shape:
         The speed is at most ``slow_speed + jump / time_s``: larger jumps are taken faster.
     top_speed : float
         And never more than this.
-    pass_speed : float
-        Changes no faster than this are no jump.
+    ramp_speed, pass_speed : float
+        A set-point and a disturbance that change no faster than this do not jump.
     haste : float
         Factor on the speed (but not beyond ``top_speed``) when it is the disturbance that jumps.
     delay_s : float
@@ -47,6 +47,7 @@ class Shape:
     slow_speed: float
     time_s: float
     top_speed: float
+    ramp_speed: float
     pass_speed: float
     haste: float = 1.0
     delay_s: float = 0.0
@@ -112,7 +113,7 @@ class ShapedPath:
             for i, jump in enumerate(list(other._waiting)[-n:]):
                 self._waiting[i - n] = jump
         self._error += other.distance - self.distance
-        self._top_speed = self._shape.speed_for(self._error)
+        self._top_speed = max(self._shape.speed_for(self._error), min(other._top_speed, self._shape.top_speed))
 
     def step(self, set_point: float, disturbance: float, dt_s: float) -> Vector:
         """Advance by ``dt_s`` to the present set-point and disturbance; distance over the horizon (n,)."""
@@ -123,8 +124,7 @@ class ShapedPath:
                 self._take(0.0)
             disturbed, wanted = disturbance - self._before[1], set_point - self._before[0]
             self._before = set_point, disturbance
-            change, passed = disturbed - wanted, self._shape.pass_speed * dt_s
-            jump = change - min(max(change, -passed), passed)
+            jump = _beyond(disturbed, self._shape.pass_speed * dt_s) - _beyond(wanted, self._shape.ramp_speed * dt_s)
             self._take(jump)
             if jump:
                 haste = self._shape.haste if abs(disturbed) > abs(wanted) else 1.0
@@ -157,3 +157,8 @@ class ShapedPath:
                 pending -= waiting[i]
             path.append(distance + pending)
         return np.array(path)
+
+
+def _beyond(change: float, passed: float) -> float:
+    """Part of a change that is more than what may pass."""
+    return change - min(max(change, -passed), passed)

@@ -31,7 +31,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
 _POSITIVE = tuple(
     f"{output}_{name}"
     for output in ("depth", "temperature")
-    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "pass_speed", "haste")
+    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "ramp_speed", "pass_speed", "haste")
 )
 
 
@@ -60,12 +60,12 @@ class Tuning:
     interval_weighting : float
         0: every output point counts the same, as in the paper; 1: in proportion to its interval's length over 0.1 s;
         between: the length to this power.
-    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_pass_speed,
-    depth_haste : float
+    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_ramp_speed, depth_pass_speed, depth_haste
         Shape of the depth's corridor, in mm and s, see :class:`fsw_nmpc.shape.Shape`.
-    temperature_acceleration, temperature_slow_speed, temperature_time_s, temperature_top_speed, temperature_pass_speed,
-    temperature_haste, temperature_delay_s : float
-        Shape of the temperature's corridor, in degC and s; the delay is the dead time.
+    temperature_acceleration, temperature_slow_speed, temperature_time_s, temperature_top_speed, temperature_ramp_speed
+        Shape of the temperature's corridor, in degC and s.
+    temperature_pass_speed, temperature_haste, temperature_delay_s : float
+        Likewise; the delay is the dead time.
     """
 
     corridor: str = "shaped"
@@ -76,7 +76,7 @@ class Tuning:
     weight_depth_per_mm: float = 58.0
     weight_temperature_per_c: float = 0.87
     square_depth_per_mm2: float = 3000.0
-    square_temperature_per_c2: float = 0.2
+    square_temperature_per_c2: float = 0.06
     move_force_per_kn: float = 0.5
     move_speed_per_rpm: float = 0.024
     move_force_square: float = 0.75
@@ -85,13 +85,15 @@ class Tuning:
     depth_acceleration: float = 0.0148
     depth_slow_speed: float = 0.004
     depth_time_s: float = 5.5
-    depth_top_speed: float = 0.06
+    depth_top_speed: float = 0.05
+    depth_ramp_speed: float = 0.004
     depth_pass_speed: float = 0.02
     depth_haste: float = 1.8
     temperature_acceleration: float = 0.93
     temperature_slow_speed: float = 0.4
     temperature_time_s: float = 7.3
     temperature_top_speed: float = 2.6
+    temperature_ramp_speed: float = 0.5
     temperature_pass_speed: float = 0.5
     temperature_haste: float = 1.0
     temperature_delay_s: float = 2.8
@@ -115,6 +117,7 @@ class Tuning:
             self.depth_slow_speed,
             self.depth_time_s,
             self.depth_top_speed,
+            self.depth_ramp_speed,
             self.depth_pass_speed,
             self.depth_haste,
         )
@@ -127,6 +130,7 @@ class Tuning:
             self.temperature_slow_speed,
             self.temperature_time_s,
             self.temperature_top_speed,
+            self.temperature_ramp_speed,
             self.temperature_pass_speed,
             self.temperature_haste,
             self.temperature_delay_s,

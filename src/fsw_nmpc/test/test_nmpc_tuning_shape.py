@@ -11,7 +11,7 @@ from fsw_nmpc.shape import Shape, ShapedPath
 from fsw_nmpc.tuning import Tuning
 
 TIME_S = np.array(paper_grid()[1:])
-SHAPE = Shape(acceleration=0.9, slow_speed=0.4, time_s=7.0, top_speed=2.5, pass_speed=0.5)
+SHAPE = Shape(acceleration=0.9, slow_speed=0.4, time_s=7.0, top_speed=2.5, ramp_speed=0.5, pass_speed=0.5)
 
 
 def run(shape, set_points, disturbances=None):
@@ -30,13 +30,14 @@ def test_a_jump_is_worked_off_within_speed_and_acceleration(jump):
     speed = np.diff(now[1:]) / 0.1
     assert now[1] == pytest.approx(-jump + np.sign(jump) * 0.05)  # what may pass at once has passed
     assert np.abs(speed).max() <= SHAPE.speed_for(jump) + 1e-9
-    assert np.abs(np.diff(speed)).max() <= 0.1 * SHAPE.acceleration + 0.06  # the last tick stops it
+    under_way = np.abs(now[2:-1]) > 0.1  # the very last ticks stop it
+    assert np.abs(np.diff(speed))[under_way].max() <= 1.5 * 0.1 * SHAPE.acceleration
     assert now[-1] == 0.0
     assert (np.sign(jump) * now[1:]).max() <= 0.01 * abs(jump) + 0.02  # no overshoot to speak of
 
 
-def test_what_is_slower_than_pass_speed_is_followed_at_once():
-    slope = 0.9 * SHAPE.pass_speed
+def test_a_slow_ramp_is_followed_at_once():
+    slope = 0.9 * SHAPE.ramp_speed
     now, ahead = run(SHAPE, slope * 0.1 * np.arange(200))
     assert not now.any() and not ahead.any()
 
@@ -48,7 +49,7 @@ def test_what_is_planned_is_what_happens():
 
 
 def test_after_the_dead_time_only():
-    late = Shape(0.9, 0.4, 7.0, 2.5, 0.5, delay_s=2.8)
+    late = Shape(0.9, 0.4, 7.0, 2.5, 0.5, 0.5, delay_s=2.8)
     now, ahead = run(late, [0.0] + [10.0] * 200)
     begun = 1 + 28
     assert (now[1:begun] == now[1]).all() and now[begun + 1] > now[1]
@@ -57,7 +58,7 @@ def test_after_the_dead_time_only():
 
 
 def test_disturbances_may_be_worked_off_faster_than_set_points():
-    hasty = Shape(0.9, 0.4, 7.0, 2.5, 0.5, haste=1.5)
+    hasty = Shape(0.9, 0.2, 12.0, 2.5, 0.5, 0.5, haste=2.0)
     jump = np.array([0.0] + [-6.0] * 200)
     by_set_point, _ = run(hasty, jump)
     by_disturbance, _ = run(hasty, np.zeros(201), -jump)
@@ -80,19 +81,19 @@ def test_another_corridor_goes_on_without_a_jump():
     tuning = Tuning()
     first = Corridor(TIME_S, 5.0, 0.02, "shaped", tuning.temperature_shape)
     for set_point in [850.0] + [860.0] * 50:
-        low, high = first.bands(set_point, 850.0, 0.1)
+        first.bands(set_point, 850.0, 0.1)
     second = Corridor(TIME_S, 5.0, 0.02, "shaped", tuning.temperature_shape)
     second.follow(first)
     expected = first.bands(860.0, 850.0, 0.1)
     for mine, its in zip(second.bands(860.0, 850.0, 0.1), expected, strict=True):
-        np.testing.assert_allclose(mine, its, atol=0.05)
+        np.testing.assert_allclose(mine, its, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["shaped", "continuing", "recentred"])
 def test_every_corridor_begins_at_the_output_and_ends_at_the_set_point(kind):
     corridor = Corridor(TIME_S, 5.0, 0.02, kind, Tuning().temperature_shape)
     low, high = corridor.bands(852.0, 849.0, 0.1)
-    np.testing.assert_allclose(high - low, 0.04, atol=1e-9)
+    assert (high > low).all() and high[-1] - low[-1] == pytest.approx(0.04, abs=1e-3)
     assert 849.0 - 0.1 < 0.5 * (low + high)[0] < 849.3
     assert 0.5 * (low + high)[-1] == pytest.approx(852.0, abs=0.02)
 
