@@ -1,7 +1,7 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only, no compiler) and goes on
-inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is
+``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only, no compiler) and goes
+on inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is
 sourced, a second environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
@@ -115,7 +115,7 @@ def _run_with_progress(command, what):
     print("", file=sys.stderr)
     if process.returncode:
         tail = "".join(lines[-15:])
-        sys.exit(f"{tail}[set-up] could not install {what}: see above; a package index must be reachable the first time")
+        sys.exit(f"{tail}[set-up] could not install {what}; a package index must be reachable the first time")
 
 
 class _Lock:
@@ -127,7 +127,7 @@ class _Lock:
     def __enter__(self):
         import fcntl
 
-        self._file = open(self._path, "w")  # noqa: SIM115
+        self._file = open(self._path, "w")
         fcntl.flock(self._file, fcntl.LOCK_EX)
 
     def __exit__(self, *_):
