@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fsw_control import Command
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import RAD_PER_S_PER_RPM, process_torque_nm
 from fsw_nmpc.horizon import Horizon
@@ -131,11 +130,9 @@ def do_mpc(p: ModelParameters, h: Horizon) -> Solve:
     names = ("creep", "slow", "fast", "thermal", "temperature", "force", "speed")
     x = {name: model.set_variable("_x", name) for name in names}
     line = model.set_variable("_x", "line", (h.n_history, 2))
-    by_force, by_speed, over_depth, over_temperature, size_force, size_speed = (
-        model.set_variable("_u", name)
-        for name in ("by_force", "by_speed", "over_depth", "over_temperature", "size_force", "size_speed")
-    )
-    target = model.set_variable("_tvp", "target", (4, 1))
+    u_names = ("by_force", "by_speed", "over_depth", "over_temperature", "size_force", "size_speed")
+    by_force, by_speed = [model.set_variable("_u", name) for name in u_names][:2]
+    model.set_variable("_tvp", "target", (4, 1))
     mode, w = h.modes[0].tolist(), h.weight[0].tolist()
     force, speed = x["force"] + by_force, x["speed"] + by_speed
     pushed = force - p.operating_force_kn
@@ -144,16 +141,13 @@ def do_mpc(p: ModelParameters, h: Horizon) -> Solve:
         return p.operating_depth_mm + creep + slow + fast + thermal
 
     before = depth(x["creep"], x["slow"], x["fast"], x["thermal"])
+    delayed = [w[0] * line[0, 0] + w[1] * line[0, 1], w[2] * line[0, 0] + w[3] * line[0, 1]]
     following = {
         "creep": x["creep"] + mode[0] * pushed,
         "slow": mode[1] * x["slow"] + mode[2] * pushed,
         "fast": mode[3] * x["fast"] + mode[4] * pushed,
-        "thermal": mode[5] * x["thermal"]
-        + mode[6] * x["temperature"]
-        + mode[8]
-        + w[0] * line[0, 0]
-        + w[1] * line[0, 1],
-        "temperature": mode[7] * x["temperature"] + mode[9] + w[2] * line[0, 0] + w[3] * line[0, 1],
+        "thermal": mode[5] * x["thermal"] + mode[6] * x["temperature"] + mode[8] + delayed[0],
+        "temperature": mode[7] * x["temperature"] + mode[9] + delayed[1],
         "force": force,
         "speed": speed,
     }
@@ -162,30 +156,33 @@ def do_mpc(p: ModelParameters, h: Horizon) -> Solve:
     for name, value in following.items():
         model.set_rhs(name, value)
     model.set_rhs("line", ca.vertcat(line[1:, :], ca.horzcat(*nodes)))
+    model.set_expression("depth", after)
+    model.set_expression("shown", following["temperature"])
     model.setup()
+    u, target, depth_next, shown = model.u, model.tvp["target"], model.aux["depth"], model.aux["shown"]
 
     mpc = toolbox.controller.MPC(model)
     mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = n_out, STEP_S, False
     mpc.settings.supress_ipopt_output()
     paper_weights = (100.0, 1.0, 1.0, 0.01)
-    slacks = (over_depth, over_temperature, size_force, size_speed)
+    slacks = [u[name] for name in u_names[2:]]
     cost = sum(weight * slack for weight, slack in zip(paper_weights, slacks, strict=True))
     mpc.set_objective(mterm=ca.DM(0), lterm=cost)
     limits = (
-        ("high_depth", after - target[1] - over_depth),
-        ("low_depth", target[0] - after - over_depth),
-        ("high_temperature", following["temperature"] - target[3] - over_temperature),
-        ("low_temperature", target[2] - following["temperature"] - over_temperature),
-        ("force_up", by_force - size_force),
-        ("force_down", -by_force - size_force),
-        ("speed_up", by_speed - size_speed),
-        ("speed_down", -by_speed - size_speed),
+        ("high_depth", depth_next - target[1] - u["over_depth"]),
+        ("low_depth", target[0] - depth_next - u["over_depth"]),
+        ("high_temperature", shown - target[3] - u["over_temperature"]),
+        ("low_temperature", target[2] - shown - u["over_temperature"]),
+        ("force_up", u["by_force"] - u["size_force"]),
+        ("force_down", -u["by_force"] - u["size_force"]),
+        ("speed_up", u["by_speed"] - u["size_speed"]),
+        ("speed_down", -u["by_speed"] - u["size_speed"]),
     )
     for name, expression in limits:
         mpc.set_nl_cons(name, expression, 0.0)
     for name, low, high in (("by_force", -1.0, 1.0), ("by_speed", -3.0, 3.0)):
         mpc.bounds["lower", "_u", name], mpc.bounds["upper", "_u", name] = low, high
-    for name in ("over_depth", "over_temperature", "size_force", "size_speed"):
+    for name in u_names[2:]:
         mpc.bounds["lower", "_u", name] = 0.0
     mpc.bounds["lower", "_x", "force"], mpc.bounds["upper", "_x", "force"] = 60.0, 95.0
     mpc.bounds["lower", "_x", "speed"], mpc.bounds["upper", "_x", "speed"] = 300.0, 500.0
@@ -201,11 +198,11 @@ def do_mpc(p: ModelParameters, h: Horizon) -> Solve:
     mpc.setup()
 
     def solve(problem: Problem) -> None:
-        e, u = problem.estimate, Command(problem.applied.force_kn, problem.applied.speed_rpm)
+        e, now = problem.estimate, problem.applied
         rows = [problem.depth_low_mm, problem.depth_high_mm, problem.temperature_low_c, problem.temperature_high_c]
         bands[:n_out] = np.column_stack(rows)
         bands[n_out] = bands[n_out - 1]
-        start = np.concatenate([e.x, [u.force_kn, u.speed_rpm], e.history_kw.reshape(-1, 2).ravel(order="F")])
+        start = np.concatenate([e.x, [now.force_kn, now.speed_rpm], e.history_kw.reshape(-1, 2).ravel(order="F")])
         mpc.reset_history()
         mpc.x0 = start
         mpc.set_initial_guess()
