@@ -34,7 +34,7 @@ ARGUMENTS = {
     "record": ("false", "Whether a recorder runs"),
     "bag_dir": (
         "",
-        "Folder of the bag, must not exist; empty: out/weld_<date>-<time> here, and a recorder that died begins another",
+        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>, and a recorder that died begins another",
     ),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
     "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
@@ -78,6 +78,7 @@ def weld(context: LaunchContext) -> list[Any]:
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
         parameters = graph.parameter_file(folder / "scenario.yaml")
         parameters["fsw_recorder"]["ros__parameters"].pop("output")
+        parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
     unknown = [name for name in controllers if name not in CONTROLLER_MODULES]
     if unknown:
         raise RuntimeError(f"controllers: no {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")

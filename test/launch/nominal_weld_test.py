@@ -1,0 +1,91 @@
+"""A nominal weld: what comes on the topics, how the processes end, and what is in the bag."""
+
+import sys
+import unittest
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Temperature
+from weld_under_test import (
+    TICK_NS,
+    Observer,
+    WeldUnderTest,
+    exit_codes,
+    post_shutdown_test,
+    stamp_ns,
+)
+
+from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_recorder.signals import load_weld
+
+WELD = WeldUnderTest("{name: nominal, duration_s: 600.0, plant: {seed: 5}}", ("decentral",), record=True)
+TICKS = 30
+
+
+@pytest.mark.launch_test
+def generate_test_description():
+    return WELD.launch_description()
+
+
+class TestWeld(unittest.TestCase):
+    def test_sensors_tick_at_10_hz_with_one_stamp(self, domain):
+        with Observer(domain) as eye:
+            topics = {
+                "fsw/depth": eye.listen(ShoulderDepth, "fsw/depth"),
+                "fsw/spindle_torque": eye.listen(SpindleTorque, "fsw/spindle_torque"),
+                "fsw/thermocouple": eye.listen(Temperature, "fsw/thermocouple"),
+            }
+            eye.until(lambda: all(len(messages) > TICKS for messages in topics.values()), f"{TICKS} ticks")
+        stamps = {topic: [stamp_ns(message) for message in messages] for topic, messages in topics.items()}
+        first, last = max(s[0] for s in stamps.values()), min(s[-1] for s in stamps.values())
+        shared = {topic: [ns for ns in s if first <= ns <= last] for topic, s in stamps.items()}
+        assert shared["fsw/spindle_torque"] == shared["fsw/depth"]
+        assert shared["fsw/thermocouple"] == shared["fsw/depth"]
+        depth = shared["fsw/depth"]
+        self.assertGreaterEqual(len(depth), TICKS - 2)
+        self.assertAlmostEqual((depth[-1] - depth[0]) / (len(depth) - 1) / TICK_NS, 1.0, delta=0.05)
+
+    def test_every_tick_is_answered_once_by_the_selected_controller(self, domain):
+        with Observer(domain) as eye:
+            commands = eye.listen(WeldCommand, "fsw/command")
+            depths = eye.listen(ShoulderDepth, "fsw/depth")
+            eye.until(lambda: len(commands) > TICKS and len(depths) > TICKS, f"{TICKS} commands")
+        self.assertEqual({command.source for command in commands}, {"decentral"})
+        answered = [stamp_ns(command) for command in commands]
+        self.assertEqual(len(answered), len(set(answered)))
+        ticks = [ns for ns in map(stamp_ns, depths) if answered[0] <= ns <= answered[-1]]
+        self.assertEqual(set(ticks) - set(answered), set())
+
+    def test_outputs_are_near_their_references(self, domain):
+        latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        with Observer(domain) as eye:
+            truths = eye.listen(PlantState, "fsw/plant/truth")
+            references = eye.listen(WeldReference, "fsw/reference", latched)
+            eye.until(lambda: references and len(truths) > TICKS, f"{TICKS} ticks and a reference")
+        for truth in truths:
+            self.assertAlmostEqual(truth.depth, references[-1].depth, delta=5e-5)
+            self.assertAlmostEqual(truth.temperature, references[-1].temperature, delta=3.0)
+
+    def test_all_parts_are_in_the_graph(self, domain):
+        expected = {"fsw_plant", "fsw_decentral", "fsw_supervisor", "fsw_recorder", "fsw_scenario"}
+        with Observer(domain) as eye:
+            eye.until(lambda: expected <= set(eye.node.get_node_names()), f"nodes {expected}")
+
+
+@post_shutdown_test()
+class TestAfterShutdown(unittest.TestCase):
+    def test_all_have_ended_cleanly(self, proc_info):
+        codes = exit_codes(proc_info)
+        self.assertEqual(codes.pop("scenario"), 1, "the player must say that the scenario was not over")
+        self.assertEqual(codes, dict.fromkeys(("recorder", "plant", "decentral", "supervisor"), 0))
+
+    def test_bag_is_complete(self, bag):
+        weld = load_weld(bag)
+        self.assertEqual(weld.problems, [])
+        self.assertGreater(len(weld.stamp_ns), TICKS)
+        self.assertEqual({source for source in weld.command_source if source}, {"decentral"})
+        self.assertIn("scenario.yaml", weld.attachments)
