@@ -1,0 +1,136 @@
+"""The NMPC among real topics: proposal, status and prediction at every tick, parameters at runtime, clean end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Temperature
+
+from fsw_control import Command, Reference
+from fsw_control import messages_ros as convert
+from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
+from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_nmpc.configured import ConfiguredNmpc
+
+DOMAIN = 68
+STEP_NS = 100_000_000
+
+
+@pytest.fixture
+def peer():
+    rclpy.init(args=["test"], domain_id=DOMAIN)
+    made = Peer()
+    yield made
+    made.end()
+
+
+class Peer:
+    """The node, and a plant that stands still around it."""
+
+    def __init__(self):
+        self.node = ControllerNode("nmpc", ConfiguredNmpc, ("fsw_nmpc", "nmpc.yaml"))
+        self.peer = rclpy.create_node("peer")
+        self.got = {"proposal": [], "status": [], "prediction": []}
+        for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
+            self.peer.create_subscription(kind, f"/fsw/nmpc/{name}", self.got[name].append, STREAM)
+        kinds = ((ShoulderDepth, "depth"), (SpindleTorque, "spindle_torque"), (Temperature, "thermocouple"))
+        self.sensors = [self.peer.create_publisher(kind, f"/fsw/{name}", STREAM) for kind, name in kinds]
+        self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
+        self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+        outputs = (*self.sensors, self.references, self.commands)
+        self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
+        self.wait(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
+        self.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
+
+    def wait(self, condition, seconds=20.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, "condition not reached"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def tick(self, k):
+        """Publish the sensors of tick ``k``; returns the answer once all of it is here."""
+        count = {name: len(messages) for name, messages in self.got.items()}
+        stamp = k * STEP_NS
+        makers = (convert.depth_message, convert.torque_message, convert.temperature_message)
+        for publisher, maker, value in zip(self.sensors, makers, (2.66, 1052.86, 850.0), strict=True):
+            publisher.publish(maker(value, stamp))
+        self.commands.publish(convert.command_message(Command(78.4, 407.576), stamp, "decentral"))
+        self.wait(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
+        return self.got["proposal"][-1]
+
+    def tick_until_healthy(self, k):
+        for tick in range(k, k + 20):
+            if self.tick(tick).healthy:
+                return tick
+        raise AssertionError(self.got["proposal"][-1].reason)
+
+    def end(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.peer.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_proposal_status_and_prediction(peer):
+    k = peer.tick_until_healthy(1)
+    proposal = peer.tick(k + 1)
+    assert proposal.source == "nmpc"
+    assert proposal.axial_force == pytest.approx(78.4e3, abs=100.0)
+    peer.wait(lambda: peer.got["prediction"])
+    status = peer.got["status"][-1]
+    assert "solved" in status.solver_status
+    assert status.iterations > 0
+    assert status.solve_time > 0.0
+    assert len(peer.got["prediction"][-1].depth) == 54
+
+
+def test_parameters_at_runtime(peer):
+    k = peer.tick_until_healthy(1)
+    before = peer.tick(k + 1)
+    changes = [
+        Parameter("preset", value="paper"),
+        Parameter("blocks", value=54),
+        Parameter("weight_temperature_per_c", value=2.0),
+    ]
+    assert all(result.successful for result in peer.node.set_parameters(changes))
+    refused = peer.node.set_parameters([Parameter("blocks", value=33)])[0]
+    assert not refused.successful
+    assert "blocks" in refused.reason
+    after = peer.tick(k + 2)
+    assert after.healthy
+    assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
+    peer.node._controller.finish_changes()
+    assert peer.tick(k + 3).healthy
+    assert peer.node._controller.core.solver.horizon.n_blocks == 54
+
+
+def test_process_starts_says_its_solver_and_ends_cleanly():
+    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "solver:=casadi"]
+    with subprocess.Popen(
+        command, env=environment, stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
+    ) as node:
+        line = node.stdout.readline()
+        node.send_signal(signal.SIGINT)
+        rest, _ = node.communicate(timeout=30)
+    assert "solver: casadi, 20 blocks" in line
+    assert node.returncode == 0, rest
+
+
+def test_wrong_parameter_is_one_line_and_exit_code():
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "blocks:=33"]
+    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert run.returncode == 2
+    assert "blocks" in run.stderr
+    assert "Traceback" not in run.stderr
