@@ -1,8 +1,8 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
 ``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only, no compiler) and goes
-on inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2 is
-sourced, a second environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
+on inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2
+is sourced, a second environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
 """
 
 import hashlib
