@@ -16,6 +16,9 @@ from rclpy.task import Future
 from rclpy.utilities import get_default_context, get_rmw_implementation_identifier, ok, try_shutdown
 from rclpy.utilities import shutdown as _shutdown
 
+# Makes packages of interfaces importable, e.g. ``from my_msgs.msg import Name``.
+import rosidl_embedded as _rosidl_embedded  # noqa: F401
+
 if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node

@@ -115,7 +115,8 @@ def _liveliness(status: Any) -> LivelinessChangedInfo:
     )
 
 
-# Event type -> status bit, name of the method that takes the status, translation.
+# Event type -> status bit, name of the method that takes the status, translation. Incompatible types are never
+# reported: Cyclone DDS takes topics of the same name with other types for unrelated ones.
 _EVENTS: dict[IntEnum, tuple[int, str, Callable[[Any], Any]]] = {
     QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED: (
         DDSStatus.OfferedDeadlineMissed,
@@ -132,6 +133,7 @@ _EVENTS: dict[IntEnum, tuple[int, str, Callable[[Any], Any]]] = {
         "get_offered_incompatible_qos_status",
         _incompatible,
     ),
+    QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE: (0, "", _count),
     QoSPublisherEventType.RCL_PUBLISHER_MATCHED: (
         DDSStatus.PublicationMatched,
         "get_publication_matched_status",
@@ -155,6 +157,7 @@ _SUBSCRIPTION_EVENTS: dict[IntEnum, tuple[int, str, Callable[[Any], Any]]] = {
         _incompatible,
     ),
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST: (DDSStatus.SampleLost, "get_sample_lost_status", _count),
+    QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE: (0, "", _count),
     QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED: (
         DDSStatus.SubscriptionMatched,
         "get_subscription_matched_status",
@@ -180,7 +183,7 @@ class EventHandler(Waitable):
     Raises
     ------
     UnsupportedEventTypeError
-        If the middleware has no such event (incompatible types).
+        If the middleware has no such event.
     """
 
     def __init__(
@@ -188,12 +191,12 @@ class EventHandler(Waitable):
     ) -> None:
         events = _SUBSCRIPTION_EVENTS if isinstance(event_type, QoSSubscriptionEventType) else _EVENTS
         if event_type not in events:
-            raise UnsupportedEventTypeError(f"{event_type.name} is not supported by the middleware")
+            raise UnsupportedEventTypeError(f"{event_type!r} is not supported by the middleware")
         super().__init__(callback_group)
         self.event_type = event_type
         self.callback = callback
         self._status, method, self._info = events[event_type]
-        self._take_status = getattr(parent_impl, method)
+        self._take_status = getattr(parent_impl, method) if method else None
         self.condition = parent_impl
         parent_impl.set_status_mask(parent_impl.get_status_mask() | self._status)
         # What happened before the mask was set raised no status, but was counted.
@@ -205,6 +208,8 @@ class EventHandler(Waitable):
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
     def _read(self) -> Any:
+        if self._take_status is None:
+            return None
         try:
             info = self._info(self._take_status())
         except DDSException:  # deleted in the meantime
@@ -226,6 +231,10 @@ class EventHandler(Waitable):
     def destroy(self) -> None:
         """Stop looking; the DDS entity belongs to the publisher or subscription."""
         self._pending = None
+
+
+def _ignore(event: Any) -> None:
+    pass
 
 
 def _handlers(
@@ -272,7 +281,7 @@ class SubscriptionEventCallbacks:
         """Make the handlers of a subscription's reader."""
 
         def warn(event: IncompatibleQoSInfo) -> None:
-            get_logger(logger_name).warning(
+            get_logger(logger_name).warn(
                 f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
                 f"received from it. Last incompatible policy: {qos_policy_name_from_kind(event.last_policy_kind)}"
             )
@@ -287,6 +296,10 @@ class SubscriptionEventCallbacks:
                 ),
                 (self.liveliness, kinds.RCL_SUBSCRIPTION_LIVELINESS_CHANGED),
                 (self.message_lost, kinds.RCL_SUBSCRIPTION_MESSAGE_LOST),
+                (
+                    self.incompatible_type or (_ignore if self.use_default_callbacks else None),
+                    kinds.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+                ),
                 (self.matched, kinds.RCL_SUBSCRIPTION_MATCHED),
             ],
             callback_group,
@@ -324,7 +337,7 @@ class PublisherEventCallbacks:
         """Make the handlers of a publisher's writer."""
 
         def warn(event: IncompatibleQoSInfo) -> None:
-            get_logger(logger_name).warning(
+            get_logger(logger_name).warn(
                 f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will "
                 f"be sent to it. Last incompatible policy: {qos_policy_name_from_kind(event.last_policy_kind)}"
             )
@@ -337,6 +350,10 @@ class PublisherEventCallbacks:
                 (
                     self.incompatible_qos or (warn if self.use_default_callbacks else None),
                     kinds.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+                ),
+                (
+                    self.incompatible_type or (_ignore if self.use_default_callbacks else None),
+                    kinds.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
                 ),
                 (self.matched, kinds.RCL_PUBLISHER_MATCHED),
             ],

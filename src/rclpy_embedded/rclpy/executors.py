@@ -114,14 +114,15 @@ class Executor:
             raise NotInitializedException("cannot create executor")
         self._nodes: dict[Node, None] = {}
         self._lock = threading.RLock()
-        self._tasks: deque[Task] = deque()
+        self._tasks: list[Task] = []
+        # Those of them that run before the next wait, the newest at the end.
+        self._due: list[Task] = []
         self._ready: deque[tuple[Any, Node]] = deque()
         self._conditions = ConditionSet(self._context.session)
         self._is_shutdown = False
         self._working = threading.RLock()
         self._entities_changed = True
         self._blocked = False
-        self._round = 0
         self._timers: list[tuple[Timer, Node]] = []
         self._guards: list[tuple[GuardCondition, Node]] = []
         self._readers: list[tuple[Any, Node]] = []
@@ -135,11 +136,18 @@ class Executor:
         return self._context
 
     def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
-        """Have a function or coroutine run while spinning; the returned task is a future of its result."""
+        """Have a function or coroutine run while spinning; the returned task is a future of its result.
+
+        Between two waits every task gets its turn once, the newest first.
+        """
         task = Task(callback, args, kwargs, executor=self)
-        self._tasks.append(task)
+        self._add_task(task)
         self.wake()
         return task
+
+    def _add_task(self, task: Task) -> None:
+        with self._lock:
+            self._tasks.append(task)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop; return whether a callback under way ended in time."""
@@ -279,16 +287,9 @@ class Executor:
                 raise ExternalShutdownException()
 
     def _next(self, nodes: list[Node] | None) -> tuple[Task, Any, Node | None] | None:
-        for _ in range(len(self._tasks)):
-            try:
-                task = self._tasks.popleft()
-            except IndexError:
-                break
-            if task.done():
-                continue
-            self._tasks.append(task)
-            if task._resumable and task._round != self._round and not task.executing():
-                task._round = self._round
+        while self._due:
+            task = self._due.pop()
+            if task._resumable and not task.done() and not task.executing():
                 return task, None, None
         while self._ready:
             entity, node = self._ready.popleft()
@@ -324,16 +325,19 @@ class Executor:
         """Sleep until something is ready and note what."""
         if self._entities_changed:
             self._rebuild()
-        self._round += 1
         for timer, _ in self._timers:
             wait_ns = timer._wait_ns()
             if wait_ns is not None and wait_ns < timeout_ns:
                 timeout_ns = wait_ns
-        if self._tasks and timeout_ns > _POLL_NS and any(task._resumable for task in list(self._tasks)):
+        if self._tasks and timeout_ns > _POLL_NS and any(task._resumable for task in self._tasks):
             timeout_ns = _POLL_NS
         if any(guard._triggered for guard, _ in self._guards):
             timeout_ns = 0
         triggered = self._conditions.wait(timeout_ns)
+        if self._tasks:
+            with self._lock:
+                self._tasks = [task for task in self._tasks if not task.done()]
+                self._due = [task for task in self._tasks if task._resumable]
         ready = self._ready
         for timer in self._timers:
             if timer[0]._wait_ns() == 0:
@@ -376,7 +380,7 @@ class SingleThreadedExecutor(Executor):
                 return
             task()
             if isinstance(task, _EntityTask) and not task.done():
-                self._tasks.append(task)
+                self._add_task(task)
             if task.exception() is not None:
                 raise task.exception()  # type: ignore[misc]
 

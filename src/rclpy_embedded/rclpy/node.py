@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import weakref
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterEvent
 from rclpy import arguments, logging_rosout
@@ -13,7 +13,8 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context
-from rclpy.exceptions import NotInitializedException
+from rclpy.exceptions import InvalidHandle, NotInitializedException
+from rclpy.executors import Executor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.session import LocalNode
 from rclpy.logging import get_logger
@@ -24,11 +25,7 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 from rclpy.parameter_store import ParameterStore
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    QoSDurabilityPolicy,
-    QoSProfile,
-    qos_profile_parameter_events,
-)
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, qos_profile_parameter_events
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.time_source import TimeSource
@@ -40,9 +37,6 @@ from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
 from rclpy.validate_topic_name import validate_topic_name
 from rclpy.waitable import Waitable
-
-if TYPE_CHECKING:
-    from rclpy.executors import Executor
 
 
 def _rosout_profile() -> QoSProfile:
@@ -61,7 +55,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
     context : Context, optional
         The global context by default.
     cli_args : list of str, optional
-        ROS arguments for this node only.
+        Command line for this node only, with its ``--ros-args``.
     namespace : str, optional
         Namespace, '/' by default.
     use_global_arguments : bool
@@ -107,11 +101,11 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         if not self._context.ok():
             raise NotInitializedException("cannot create node")
         self._session = self._context.session
-        local = arguments.parse(["--ros-args", *cli_args]) if cli_args else None
+        local = arguments.parse(cli_args) if cli_args else None
         global_ = self._context.arguments if use_global_arguments else None
         self._rules = arguments.rules_for(local, global_)
         validate_node_name(node_name)
-        namespace = "/" + (namespace or "").strip("/") if namespace != "/" else "/"
+        namespace = "/" + (namespace or "").removeprefix("/")
         validate_namespace(namespace)
         self._name, self._namespace = arguments.remap_node(node_name, namespace, self._rules)
         overrides = arguments.parameter_overrides(self.get_fully_qualified_name(), local, global_)
@@ -122,7 +116,8 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         NodeEntities.__init__(self)
         self._executor: weakref.ref[Executor] | None = None
         self._clock = ROSClock()
-        self._logger = get_logger(self.get_fully_qualified_name()[1:].replace("/", "."))
+        self._logger_name = self.get_fully_qualified_name()[1:].replace("/", ".")
+        self._logger = get_logger(self._logger_name)
         self._local_node = LocalNode(self._namespace, self._name)
         self._session.add_node(self._local_node)
         self._alive = True
@@ -131,7 +126,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         self._rosout: Publisher | None = None
         if enable_rosout and (global_ is None or global_.rosout_logs) and (local is None or local.rosout_logs):
             self._rosout = self._new_publisher(Log, "/rosout", _rosout_profile())
-            logging_rosout.attach(self._logger.name, self._rosout.publish)
+            logging_rosout.attach(self._logger_name, self._rosout.publish)
         self._parameter_event_publisher: Publisher | None = self.create_publisher(
             ParameterEvent, "/parameter_events", qos_profile_parameter_events
         )
@@ -239,7 +234,15 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
 
     @property
     def handle(self) -> LocalNode:
-        """What the middleware announces of this node."""
+        """What the middleware announces of this node.
+
+        Raises
+        ------
+        InvalidHandle
+            After destruction.
+        """
+        if not self._alive:
+            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
         return self._local_node
 
     # Names
@@ -291,7 +294,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         self._parameter_event_publisher = None
         self._destroy_all()
         if self._rosout is not None:
-            logging_rosout.detach(self._logger.name, self._rosout.publish)
+            logging_rosout.detach(self._logger_name, self._rosout.publish)
             self._rosout.destroy()
         self._session.remove_node(self._local_node)
         executor = self.executor

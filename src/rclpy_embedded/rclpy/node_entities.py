@@ -32,7 +32,7 @@ class NodeEntities:
     _context: Context
     _session: Session
     _local_node: LocalNode
-    _logger: Any
+    _logger_name: str
     _clock: Clock
     resolve_topic_name: Callable[..., str]
     resolve_service_name: Callable[..., str]
@@ -95,18 +95,17 @@ class NodeEntities:
         if options is not None:
             profile = declare_qos_parameters("publisher", self, name, profile, options)
         profile = resolve(profile, self._session, "rt" + name, writer=True)
-        publisher = publisher_class(
+        return publisher_class(
             self._session,
             self._local_node,
             msg_type,
+            topic,
             name,
             profile,
             event_callbacks or PublisherEventCallbacks(),
             callback_group or self._default_callback_group,
-            self._logger.name,
+            self._logger_name,
         )
-        publisher.topic = topic
-        return publisher
 
     def create_publisher(
         self,
@@ -174,15 +173,15 @@ class NodeEntities:
             self._session,
             self._local_node,
             msg_type,
+            topic,
             name,
             callback,
             group,
             profile,
             raw,
             event_callbacks or SubscriptionEventCallbacks(),
-            self._logger.name,
+            self._logger_name,
         )
-        subscription.topic = topic
         self._waitables.extend(subscription.event_handlers)
         return self._add(subscription, group, self._subscriptions)
 

@@ -36,6 +36,7 @@ class Publisher:
         local_node: LocalNode,
         msg_type: Any,
         topic: str,
+        topic_name: str,
         qos_profile: QoSProfile,
         event_callbacks: PublisherEventCallbacks,
         callback_group: CallbackGroup,
@@ -43,13 +44,13 @@ class Publisher:
     ) -> None:
         self.msg_type = msg_type
         self.topic = topic
-        self._topic_name = topic
+        self._topic_name = topic_name
         self.qos_profile = qos_profile
         self._session = session
         self._local_node = local_node
         self._support = type_support(msg_type)
         self._sample = raw_type(self._support.dds_name)
-        self._writer: Any = session.writer("rt" + topic, self._support, qos_profile)
+        self._writer: Any = session.writer("rt" + topic_name, self._support, qos_profile)
         session.add_endpoints(local_node, writer=self._writer)
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, self._writer, topic, logger_name)
 

@@ -43,6 +43,7 @@ class Subscription:
         local_node: LocalNode,
         msg_type: Any,
         topic: str,
+        topic_name: str,
         callback: Callable[..., Any],
         callback_group: CallbackGroup,
         qos_profile: QoSProfile,
@@ -52,7 +53,7 @@ class Subscription:
     ) -> None:
         self.msg_type = msg_type
         self.topic = topic
-        self._topic_name = topic
+        self._topic_name = topic_name
         self.callback = callback
         self.callback_group = callback_group
         self.qos_profile = qos_profile
@@ -60,7 +61,7 @@ class Subscription:
         self._session = session
         self._local_node = local_node
         self._support = type_support(msg_type)
-        self._reader: Any = session.reader("rt" + topic, self._support, qos_profile)
+        self._reader: Any = session.reader("rt" + topic_name, self._support, qos_profile)
         self.condition: Any = any_sample(self._reader)
         session.add_endpoints(local_node, reader=self._reader)
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, self._reader, topic, logger_name)

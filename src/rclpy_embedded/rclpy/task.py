@@ -144,8 +144,6 @@ class Task(Future):
         self._executing = False
         # False while it awaits a future that is not done: then there is no point in resuming it.
         self._resumable = True
-        # The executor's round in which it ran last, so that tasks do not starve everything else.
-        self._round = -1
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:

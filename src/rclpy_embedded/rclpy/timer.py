@@ -13,6 +13,7 @@ from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rclpy.impl.handle import Handle
 from rclpy.time import Time
 from rclpy.utilities import get_default_context
 
@@ -25,7 +26,7 @@ class TimerInfo:
     actual_call_time: Time
 
 
-class Timer:
+class Timer(Handle):
     """Calls back periodically, without drift: calls stay on the grid that creation or reset began.
 
     Parameters

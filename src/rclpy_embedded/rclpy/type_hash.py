@@ -8,7 +8,7 @@ from dataclasses import dataclass
 _SIZE = 32
 
 
-@dataclass
+@dataclass(slots=True)
 class TypeHash:
     """Version and value of a hash; version -1 means none."""
 

@@ -4,7 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from rclpy.exceptions import NoTypeSupportImportedException
+
 from rosidl_embedded.typesupport import service_type_support, type_support
+
+
+def check_for_type_support(cls: Any) -> None:
+    """Raise unless `cls` is a message or a service.
+
+    Raises
+    ------
+    AttributeError
+        If it has no type support at all, e.g. a plain Python class.
+    NoTypeSupportImportedException
+        If its type support cannot be loaded, e.g. that of a message which another runtime generated.
+    """
+    if not hasattr(cls, "_TYPE_NAME"):
+        if hasattr(cls, "_TYPE_SUPPORT"):
+            raise NoTypeSupportImportedException()
+        raise AttributeError(f"{cls!r} has no type support; it should be a ROS 2 message or service class")
 
 
 def check_is_valid_msg_type(msg_type: Any) -> None:

@@ -21,6 +21,14 @@ _LOCKS = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
 _SOURCE = Path(__file__).parent.parent
 
 
+@pytest.fixture(autouse=True)
+def default_context() -> Iterator[None]:
+    """The global context is new for every test, whatever the one before left behind."""
+    rclpy.try_shutdown()
+    yield
+    rclpy.try_shutdown()
+
+
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain that no other test on this machine uses now; ROS_DOMAIN_ID is set to it."""

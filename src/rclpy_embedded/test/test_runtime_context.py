@@ -132,7 +132,9 @@ def test_command_line_applies_to_nodes(domain_id: int) -> None:
         assert node.get_fully_qualified_name() == "/plant/sensor"
         assert node.resolve_topic_name("depth") == "/fsw/depth"
         assert node.declare_parameter("gain", 1.0).value == 2.5
-        deaf = rclpy.create_node("deaf", context=context, use_global_arguments=False, cli_args=["-p", "gain:=3.5"])
+        deaf = rclpy.create_node(
+            "deaf", context=context, use_global_arguments=False, cli_args=["--ros-args", "-p", "gain:=3.5"]
+        )
         assert deaf.get_namespace() == "/"
         assert deaf.declare_parameter("gain", 1.0).value == 3.5
     finally:

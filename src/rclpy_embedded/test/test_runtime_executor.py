@@ -170,17 +170,17 @@ def test_create_task(spinner: Any) -> None:
     async def add(a: int, b: int) -> int:
         return a + b
 
-    assert executor.create_task(add, 3, 4).done() is False
+    assert spinner.until(executor.create_task(add, 3, 4).done)
     coroutine = executor.create_task(add(5, 6))
     assert spinner.until(coroutine.done)
     assert coroutine.result() == 11
 
 
-def test_tasks_run_in_order(spinner: Any) -> None:
+def test_newest_task_runs_first(spinner: Any) -> None:
     order: list[int] = []
     tasks = [spinner.executor.create_task(order.append, number) for number in range(5)]
     assert spinner.until(lambda: all(task.done() for task in tasks))
-    assert order == [0, 1, 2, 3, 4]
+    assert order == [4, 3, 2, 1, 0]
 
 
 def test_task_awaits_task(spinner: Any) -> None:

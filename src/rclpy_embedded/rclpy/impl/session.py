@@ -15,6 +15,7 @@ from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
 from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
 from rclpy.impl.discovery import configuration
+from rclpy.impl.handle import Handle
 from rclpy.impl.type_information import hidden
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 _domains: dict[int, tuple[Domain, int]] = {}
 _domains_lock = threading.Lock()
+# While a topic's type information is hidden, the same topic cannot be made again.
+_topics_lock = threading.Lock()
 _sessions: WeakSet[Session] = WeakSet()
 
 _INFO_WRITER = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -36,8 +39,16 @@ def type_hash_data(support: TypeSupport) -> str:
     return f"typehash={support.type_hash};"
 
 
+class Writer(Handle, DataWriter[RawSample]):
+    """A writer of CDR."""
+
+
+class Reader(Handle, DataReader[RawSample]):
+    """A reader of CDR."""
+
+
 @dataclass(eq=False)
-class LocalNode:
+class LocalNode(Handle):
     """What a node of this participant announces."""
 
     namespace: str
@@ -46,7 +57,7 @@ class LocalNode:
     writer_gids: list[bytes] = field(default_factory=list)
 
 
-class Session:
+class Session(Handle):
     """The DDS side of a context: domain, participant, announced nodes. Lives until its last user closes it.
 
     Parameters
@@ -71,11 +82,8 @@ class Session:
         self.subscriber = Subscriber(self.participant)
         self.guid = self.participant.guid.bytes
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
-        topic = self.topic("ros_discovery_info", self.info_support)
-        hash_data = type_hash_data(self.info_support)
-        with hidden(topic):
-            self._info_writer = DataWriter(self.publisher, topic, qos_to_dds(_INFO_WRITER, hash_data, writer=True))
-            self.info_reader = DataReader(self.subscriber, topic, qos_to_dds(_INFO_READER, hash_data, writer=False))
+        self._info_writer = self.writer("ros_discovery_info", self.info_support, _INFO_WRITER)
+        self.info_reader = self.reader("ros_discovery_info", self.info_support, _INFO_READER)
         _sessions.add(self)
 
     @property
@@ -88,23 +96,17 @@ class Session:
                 self._graph = self._graph or Graph(self)
         return self._graph
 
-    def topic(self, dds_topic: str, support: TypeSupport) -> Topic[RawSample]:
-        """Return a DDS topic for samples of a type."""
-        return Topic(self.participant, dds_topic, raw_type(support.dds_name))
-
-    def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataWriter:
+    def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Writer:
         """Create a writer; `prefix` goes before the type hash in its USER_DATA."""
         qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=True)
-        topic = self.topic(dds_topic, support)
-        with hidden(topic):
-            return DataWriter(self.publisher, topic, qos)
+        with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
+            return Writer(self.publisher, topic, qos)
 
-    def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> DataReader:
+    def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Reader:
         """Create a reader; `prefix` goes before the type hash in its USER_DATA."""
         qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=False)
-        topic = self.topic(dds_topic, support)
-        with hidden(topic):
-            return DataReader(self.subscriber, topic, qos)
+        with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
+            return Reader(self.subscriber, topic, qos)
 
     def next_id(self) -> str:
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""

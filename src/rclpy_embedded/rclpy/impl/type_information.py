@@ -10,7 +10,6 @@ send type information themselves are affected.
 from __future__ import annotations
 
 import ctypes
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -19,7 +18,6 @@ from typing import Any
 _WORD = ctypes.sizeof(ctypes.c_void_p)
 #: the sertype's head (of the C library) is shorter than this many words
 _SEARCHED_WORDS = 48
-_lock = threading.Lock()
 
 
 @cache
@@ -56,20 +54,21 @@ def _size_in_memory(topic: Any) -> ctypes.c_uint32 | None:
 
 
 @contextmanager
-def hidden(topic: Any) -> Iterator[None]:
+def hidden(topic: Any) -> Iterator[Any]:
     """Readers and writers of the topic that are made in this context announce no type information.
+
+    Not for two threads at once: nobody else may make that topic meanwhile.
 
     Parameters
     ----------
     topic : cyclonedds.topic.Topic
     """
-    with _lock:
-        size = _size_in_memory(topic)
-        if size is None:
-            yield
-            return
-        whole, size.value = size.value, 0
-        try:
-            yield
-        finally:
-            size.value = whole
+    size = _size_in_memory(topic)
+    if size is None:
+        yield topic
+        return
+    whole, size.value = size.value, 0
+    try:
+        yield topic
+    finally:
+        size.value = whole
