@@ -19,6 +19,7 @@ from fsw_recorder.signal_export import export_weld
 from fsw_recorder.signals import load_weld
 from fsw_recorder.topic_selection import TopicSelection
 from fsw_recorder.verify import Make, recorded_controllers, verify
+from fsw_recorder.weld_signals import WeldSignals
 
 
 def add_bag_commands(subparsers: Any) -> None:
@@ -52,6 +53,9 @@ def add_bag_commands(subparsers: Any) -> None:
     )
     export.add_argument("bag", type=Path, help="bag of a weld")
     export.add_argument("output", type=Path, nargs="?", help="table to write: .csv or .parquet (default: <bag>.csv)")
+    export.add_argument(
+        "--all", action="store_true", help="also the ticks after the end of the scenario that is attached to the bag"
+    )
     export.set_defaults(run=run_export)
 
     check = subparsers.add_parser(
@@ -98,7 +102,7 @@ def progress_line(stream: TextIO | None = None) -> Callable[[float], None] | Non
 def run_info(arguments: argparse.Namespace) -> int:
     """``bag info``."""
     with BagReader(arguments.bag) as reader:
-        info = reader.info()
+        info = reader.info(progress_line())
     if arguments.json:
         print(json.dumps(info_values(info), indent=2, ensure_ascii=False))
     else:
@@ -119,7 +123,13 @@ def info_values(info: BagInfo) -> dict[str, Any]:
         "end_ns": info.end_ns,
         "duration_s": info.duration_s,
         "topics": [
-            {"name": one.name, "type": one.type_name, "count": one.count, "type_hash": one.type_hash}
+            {
+                "name": one.name,
+                "type": one.type_name,
+                "count": one.count,
+                "type_hash": one.type_hash,
+                "ticks_missing": info.tick_gaps[one.name].missing if one.name in info.tick_gaps else None,
+            }
             for one in info.topics
         ],
         "attachments": {one.name: len(one.data) for one in info.attachments},
@@ -152,7 +162,21 @@ def info_lines(info: BagInfo) -> list[str]:
     for topic in info.topics:
         rate = f"{(topic.count - 1) / info.duration_s:8.2f} Hz" if topic.count > 1 and info.duration_s else " " * 11
         lines.append(f"Topic:        {topic.name:{width}}  {topic.count:8d}  {rate}  {topic.type_name}")
-    return lines
+    return lines + _gap_lines(info)
+
+
+def _gap_lines(info: BagInfo) -> list[str]:
+    if not info.tick_gaps:
+        return []
+    lacking = {name: gaps for name, gaps in sorted(info.tick_gaps.items()) if gaps.missing}
+    if not lacking:
+        return [f"Ticks:        none missing on {len(info.tick_gaps)} topics, judged by their stamps"]
+    width = max(len(name) for name in lacking)
+    return [
+        f"Ticks:        {name:{width}}  {gaps.missing:8d}  missing (not sent or lost), first of stamp "
+        f"{gaps.first_ns * 1e-9:.3f} s"
+        for name, gaps in lacking.items()
+    ]
 
 
 def run_salvage(arguments: argparse.Namespace) -> int:
@@ -176,9 +200,22 @@ def run_export(arguments: argparse.Namespace) -> int:
     signals = load_weld(source, progress_line())
     for problem in signals.problems:
         print(f"note: {problem}", file=sys.stderr)
+    if not arguments.all:
+        signals = _within_scenario(signals)
     rows = export_weld(signals, target)
     print(f"{rows} rows written to {target}")
     return 0
+
+
+def _within_scenario(signals: WeldSignals) -> WeldSignals:
+    """Without the ticks after the scenario's end, as the figures of merit are computed; says how many."""
+    from fsw_experiment.weld_events import cut_to_scenario
+
+    cut = cut_to_scenario(signals)
+    surplus = signals.n_ticks - cut.n_ticks
+    if surplus:
+        print(f"note: {surplus} ticks after the scenario's end are left out; --all keeps them", file=sys.stderr)
+    return cut
 
 
 def run_verify(arguments: argparse.Namespace) -> int:

@@ -18,6 +18,7 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_scan import Attachment, Channel, McapScan, messages_in_time, scan_mcap
 from fsw_recorder.message_decoder import DecodeHook, SchemaDecoder, installed_decoder
 from fsw_recorder.sqlite_bag import SqliteBag
+from fsw_recorder.tick_gaps import TickCounter, TickGaps
 
 FOREVER_NS = 2**64
 MAX_DECOMPRESSED_FILE_BYTES = 16 * 1024**3
@@ -78,6 +79,8 @@ class BagInfo:
     custom_data: dict[str, str]
     ros_distro: str
     problems: list[str]
+    #: ticks missing per topic, of the topics of a weld
+    tick_gaps: dict[str, TickGaps] = field(default_factory=dict)
 
     @property
     def duration_s(self) -> float:
@@ -256,11 +259,19 @@ class BagReader:
                 topics.setdefault(topic.name, topic)
         return list(topics.values())
 
-    def info(self) -> BagInfo:
-        """Summary of the bag; reads it once."""
+    def info(self, progress: Callable[[float], None] | None = None) -> BagInfo:
+        """Summary of the bag; reads it once.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called now and then with the fraction read, 0 to 1.
+        """
         counts: dict[str, int] = {}
+        ticks = TickCounter()
         start, end = FOREVER_NS, 0
-        for record in self.records():
+        for record in self.records(progress=progress):
+            ticks.note(record.topic, record.data)
             counts[record.topic] = counts.get(record.topic, 0) + 1
             if record.log_time_ns < start:
                 start = record.log_time_ns
@@ -284,6 +295,7 @@ class BagReader:
             custom_data=dict(self.metadata.custom_data) if self.metadata else {},
             ros_distro=self.metadata.ros_distro if self.metadata else "",
             problems=list(self.problems),
+            tick_gaps=ticks.gaps(),
         )
 
     def attachments(self) -> list[Attachment]:

@@ -159,13 +159,15 @@ def sample_topics() -> list[RecordedTopic]:
     ]
 
 
-def write_sample_weld(folder: Path, ticks: int, options: WriterOptions | None = None) -> int:
+def write_sample_weld(
+    folder: Path, ticks: int, options: WriterOptions | None = None, scenario: bytes = SCENARIO
+) -> int:
     """Write a made-up weld of ``ticks`` samples to a bag; returns the number of messages."""
     count = 0
     with BagWriter(folder, options) as writer:
         for topic in sample_topics():
             writer.add_topic(topic)
-        writer.attach("scenario.yaml", "application/yaml", SCENARIO)
+        writer.attach("scenario.yaml", "application/yaml", scenario)
         for topic_name, time_ns, data in sample_messages(ticks):
             writer.write(topic_name, data, time_ns, time_ns - 50_000)
             count += 1

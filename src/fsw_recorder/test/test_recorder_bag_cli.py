@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 from fsw_recorder.bag_cli import add_bag_commands, progress_line, run_command
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic
+from fsw_recorder.sample_weld import write_sample_weld
 
 
 def run(*arguments: str) -> int:
@@ -43,6 +46,33 @@ def test_export(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert run("export", str(weld_bag), str(tmp_path / "weld.csv")) == 0
     assert "300 rows" in capsys.readouterr().out
     assert (tmp_path / "weld.csv").read_text().count("\n") == 301
+
+
+def test_export_ends_with_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "weld"
+    write_sample_weld(bag, 50, scenario=b"duration_s: 3.0\n")
+    assert run("export", str(bag), str(tmp_path / "cut.csv")) == 0
+    captured = capsys.readouterr()
+    assert "30 rows" in captured.out and "20 ticks after the scenario's end are left out" in captured.err
+    assert run("export", "--all", str(bag), str(tmp_path / "all.csv")) == 0
+    captured = capsys.readouterr()
+    assert "50 rows" in captured.out and captured.err == ""
+
+
+def test_info_tells_missing_ticks(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with BagReader(weld_bag) as reader, BagWriter(tmp_path / "gaps") as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(RecordedTopic(topic.name, topic.type_name, topic.schema_text, topic.type_hash))
+        depth = 0
+        for record in reader.records():
+            depth += record.topic == "/fsw/depth"
+            if record.topic != "/fsw/depth" or not 100 < depth <= 107:
+                writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns)
+    assert run("info", str(weld_bag)) == 0
+    assert "Ticks:        none missing" in capsys.readouterr().out
+    assert run("info", str(tmp_path / "gaps")) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Ticks:")]
+    assert len(lines) == 1 and "/fsw/depth" in lines[0] and " 7  missing" in lines[0]
 
 
 @pytest.mark.parametrize("command", ["info", "salvage", "export"])
