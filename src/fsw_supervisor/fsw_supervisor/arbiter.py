@@ -203,6 +203,10 @@ class Arbiter:
         """Send nothing from now on, nor what was decided last."""
         self._disown(unsent)
         self.on_duty = False
+        # What was decided last has perhaps not been obeyed: what acts is heard from the one on duty or the drives.
+        self.applied = None
+        if self._tick is not None:
+            self._tick.before = None
         self.desk.dismiss(f"refused: {reason}")
         self.machine.log(Level.WARN, "duty", f"on standby: {reason}")
 

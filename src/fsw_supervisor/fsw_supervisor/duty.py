@@ -51,8 +51,6 @@ class Duty:
         What this supervisor is at present.
     unanswered : int
         Ticks in a row that nobody has answered, as seen off duty.
-    paired : bool
-        Whether there is, or was, another supervisor.
     asserting : bool
         Another one claims duty and has to hear that this one has it; cleared by who tells it.
     rival_writer : bool
@@ -62,7 +60,6 @@ class Duty:
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
         self.unanswered = 0
-        self.paired = standby
         self.asserting = False
         self.rival_writer = False
         self._arbiter = arbiter
@@ -94,9 +91,10 @@ class Duty:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
+            why = f"took over: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role = Role.ACTIVE
-            decisions = self._arbiter.take_duty(self._why)
-        elif self.paired and gap_s > self._lease_s and self._fence_s is None:
+            decisions = self._arbiter.take_duty(why)
+        elif gap_s > self._lease_s and self._fence_s is None:
             self._fence_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
         if self._fence_s is not None:
             self._held += decisions
@@ -116,6 +114,7 @@ class Duty:
             newer = tick is not None and self._last_ns < stamp_ns <= tick.stamp_ns
             if not own and newer and self._fence_s is not None:
                 self._yield("another supervisor has commanded while this one was held up")
+                self._follow(stamp_ns, source, command)
             return
         if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
             return
@@ -146,7 +145,6 @@ class Duty:
         """
         if identity == self._identity:
             return False
-        self.paired = True
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
@@ -177,10 +175,6 @@ class Duty:
         # In lockstep there is no next tick before this one is answered.
         return 1 if self._arbiter.lockstep else self._arbiter.settings.takeover_ticks
 
-    @property
-    def _why(self) -> str:
-        return f"took over: {self.unanswered + 1} ticks went unanswered" if self.paired else ""
-
     def _takes_over(self, now_s: float) -> bool:
         tick = self._arbiter.tick
         if tick is not None and tick is not self._tick:
@@ -210,7 +204,7 @@ class Duty:
 
     def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
         if self.role is Role.LISTENING:
-            self.role, self.paired = Role.STANDBY, True
+            self.role = Role.STANDBY
         self.unanswered = 0
         self._last_ns = stamp_ns
         self._arbiter.follow(stamp_ns, source, command)
@@ -242,7 +236,7 @@ class Duty:
         return []
 
     def _yield(self, reason: str) -> None:
-        self.role, self.paired, self.asserting = Role.STANDBY, True, False
+        self.role, self.asserting = Role.STANDBY, False
         self._fence_s, self.unanswered = None, 0
         held, self._held = self._held, []
         self._tick = self._arbiter.tick

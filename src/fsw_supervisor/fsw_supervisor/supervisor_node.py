@@ -76,7 +76,6 @@ class SupervisorNode(Node):
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
-        self._standbys: Publisher | None = None
         self._duty_services: list[Service] = []
         self._service_group = ReentrantCallbackGroup()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
@@ -103,7 +102,6 @@ class SupervisorNode(Node):
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATCHED)
-        self.create_subscription(SupervisorState, "fsw/supervisor/standby", self._on_standby, LATCHED)
         for name in dict.fromkeys((self._arbiter.settings.controller, *self._arbiter.settings.fallbacks)):
             self._subscribe(name)
 
@@ -114,9 +112,6 @@ class SupervisorNode(Node):
 
     def _go_on_duty(self) -> None:
         self._open_commands()
-        if self._standbys is not None:
-            self.destroy_publisher(self._standbys)
-            self._standbys = None
         if self._states is None:
             self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
         if not self._duty_services:
@@ -186,9 +181,6 @@ class SupervisorNode(Node):
             self._arbiter.follow_wish(message.target_controller, message.target_mode, latched)
         self._publish([])
 
-    def _on_standby(self, message: SupervisorState) -> None:
-        self._duty.paired |= message.header.frame_id != self._identity
-
     def _on_switch_topic(self, message: String) -> None:
         if self._role is not Role.ACTIVE:
             return
@@ -223,9 +215,7 @@ class SupervisorNode(Node):
         self._role = self._duty.role
         if self._role is Role.ACTIVE:
             self._go_on_duty()
-        elif self._role is Role.STANDBY:
-            self._standbys = self.create_publisher(SupervisorState, "fsw/supervisor/standby", LATCHED)
-        self.get_logger().info(f"{self._role}")
+        self.get_logger().info(f"role: {self._role}")
         self._tell()
 
     def _arm(self, wakeup_s: float | None) -> None:
@@ -250,9 +240,8 @@ class SupervisorNode(Node):
                 logger.warning(text)
             else:
                 logger.info(text)
-        publisher = self._states if self._role is Role.ACTIVE else self._standbys
-        if publisher is not None:
-            publisher.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._identity))
+        if self._states is not None and self._role is Role.ACTIVE:
+            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._identity))
 
     # ---------------------------------------------------------------- services
 

@@ -98,10 +98,8 @@ class World:
             if member.duty.on_claim(identity, answered_ns):
                 member.arbiter.follow_wish(target, mode, {})
 
-        def announcement(member):
-            member.duty.paired |= member.identity != identity
-
-        self.later(0.001, claim if teller.duty.role is Role.ACTIVE else announcement)
+        if teller.duty.role is Role.ACTIVE:
+            self.later(0.001, claim)
 
     def tick(self, count=1):
         for _ in range(count):
