@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +14,8 @@ from fsw_nmpc.ocp import Problem, Solution
 from fsw_nmpc.solvers.constraints import RETURN_SHARE
 
 Vector = NDArray[np.float64]
-#: how far (kN, rpm) a solution may be beyond a limit; the command itself is clipped to it
-_TOLERANCE = np.array([1e-6, 1e-5])
+#: share of the largest move by which a solution may be beyond a limit; the command itself is clipped to it
+_TOLERANCE = 1e-6
 
 
 class MovePlan:
@@ -41,8 +43,8 @@ class MovePlan:
         self._time_s = tuple(horizon.time_s.tolist())
         self._pairs = np.zeros((n, 2))
         self._outputs: tuple[Vector, Vector] | None = None
-        self._ends = np.cumsum(horizon.block_sizes)[:, None]
-        self._sizes = horizon.block_sizes[:, None]
+        self._ends = np.cumsum(horizon.block_sizes)
+        self._sizes = horizon.block_sizes
         self._cold = True
         self.moves = np.zeros(2 * n)
 
@@ -66,25 +68,28 @@ class MovePlan:
         """Why a solution cannot be used; empty if it is solved, finite and keeps all limits."""
         if not solution.solved:
             return solution.status
-        pairs = solution.moves.reshape(-1, 2)
-        inputs = np.cumsum(pairs * self._sizes, axis=0)
-        finite = inputs[-1].sum() + solution.depth_mm.sum() + solution.temperature_c.sum()
-        if not np.isfinite(finite):
+        moves, depth, temperature = solution.moves, solution.depth_mm, solution.temperature_c
+        if not isfinite(np.dot(moves, moves) + np.dot(depth, depth) + np.dot(temperature, temperature)):
             return "solution is not finite"
         limits, applied = problem.limits, problem.applied
-        step = np.array([limits.force_step_kn, limits.speed_step_rpm])
-        if (np.abs(pairs).max(axis=0) > step + _TOLERANCE).any():
+        force = moves[0::2], limits.force_step_kn, applied.force_kn, limits.force_min_kn, limits.force_max_kn
+        speed = moves[1::2], limits.speed_step_rpm, applied.speed_rpm, limits.speed_min_rpm, limits.speed_max_rpm
+        return self._beyond(*force) or self._beyond(*speed)
+
+    def _beyond(self, moves: Vector, step: float, now: float, low: float, high: float) -> str:
+        """Which limit the moves of one input break, empty if none."""
+        slack = _TOLERANCE * step
+        if np.maximum.reduce(moves) > step + slack or np.minimum.reduce(moves) < -step - slack:
             return "solution moves faster than the limits"
-        now = np.array([applied.force_kn, applied.speed_rpm])
-        low = np.array([limits.force_min_kn, limits.speed_min_rpm]) - now
-        high = np.array([limits.force_max_kn, limits.speed_max_rpm]) - now
-        if (low > 0.0).any() or (high < 0.0).any():  # outside now: it must come back, as fast as it may
+        inputs = now + np.add.accumulate(moves * self._sizes)
+        slack *= len(self._time_s)
+        if low <= now <= high:
+            beyond = np.maximum.reduce(inputs) > high + slack or np.minimum.reduce(inputs) < low - slack
+        else:  # outside now: it must come back, as fast as it may
             reach = RETURN_SHARE * step * self._ends
-            low, high = np.minimum(low, reach), np.maximum(high, -reach)
-        slack = _TOLERANCE * self._ends
-        if (inputs < low - slack).any() or (inputs > high + slack).any():
-            return "solution leaves the bounds"
-        return ""
+            beyond = (inputs > np.maximum(high, now - reach) + slack).any()
+            beyond = beyond or (inputs < np.minimum(low, now + reach) - slack).any()
+        return "solution leaves the bounds" if beyond else ""
 
     def accept(self, solution: Solution) -> tuple[float, float]:
         """Take a solution; returns its first moves (kN, rpm)."""
