@@ -1,0 +1,103 @@
+"""The parameter file and the layouts fit the nodes and the messages."""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fsw_control import parameters
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+FILES = {
+    "fsw_plant": [("fsw_plant", "plant.yaml")],
+    "fsw_decentral": [("fsw_control", "controller.yaml"), ("fsw_decentral", "decentral.yaml")],
+    "fsw_nmpc": [("fsw_control", "controller.yaml"), ("fsw_nmpc", "nmpc.yaml")],
+    "fsw_supervisor": [("fsw_supervisor", "supervisor.yaml")],
+    "fsw_recorder": [("fsw_recorder", "recorder.yaml")],
+    "fsw_replay": [("fsw_recorder", "replay.yaml")],
+    "fsw_scenario": [("fsw_experiment", "player.yaml")],
+}
+SECTIONS = yaml.safe_load((CONFIG / "weld.yaml").read_text(encoding="utf-8"))
+#: what an operator wants to see: field by topic
+SHOWN = {
+    "/fsw/depth": "depth",
+    "/fsw/thermocouple": "temperature",
+    "/fsw/spindle_torque": "torque",
+    "/fsw/reference": "depth",
+    "/fsw/command": "axial_force",
+    "/fsw/supervisor/state": "actual_controller",
+    "/fsw/nmpc/status": "solve_time",
+}
+
+
+def flat(values, prefix=""):
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_parameter_file_says_what_the_nodes_start_with(section):
+    node = section.removeprefix("/**/")
+    specs = {name: spec for file in FILES[node] for name, spec in parameters.load(*file).items()}
+    for name, value in flat(SECTIONS[section]["ros__parameters"]):
+        assert specs[name].check(value) == specs[name].default, name
+
+
+def test_parameter_file_has_every_node():
+    assert set(SECTIONS) == {f"/**/{node}" for node in FILES}
+
+
+def message_fields(topic):
+    """Names of the fields of a topic's message, with those of nested messages."""
+    import importlib
+
+    kinds = {"/fsw/depth": "ShoulderDepth", "/fsw/spindle_torque": "SpindleTorque", "/fsw/reference": "WeldReference"}
+    kinds |= {"/fsw/command": "WeldCommand", "/fsw/supervisor/state": "SupervisorState"}
+    kinds |= {"/fsw/plant/truth": "PlantState"}
+    last = topic.rpartition("/")[2]
+    kind = kinds.get(topic) or {"status": "ControllerStatus", "proposal": "WeldCommand"}.get(last)
+    module, kind = ("sensor_msgs.msg", "Temperature") if topic == "/fsw/thermocouple" else ("fsw_msgs.msg", kind)
+    return set(getattr(importlib.import_module(module), kind).get_fields_and_field_types())
+
+
+def assert_shows(paths):
+    """Every path names a field that is there, and all that an operator wants are among them."""
+    shown = {}
+    for path in paths:
+        topic, _, field = path.partition("|")
+        assert re.split(r"[./]", field)[0] in message_fields(topic), path
+        shown.setdefault(topic, set()).add(field)
+    for topic, field in SHOWN.items():
+        assert field in shown.get(topic, ()), (topic, field)
+
+
+def test_plotjuggler_layout_shows_fields_that_exist():
+    root = ElementTree.parse(CONFIG / "plotjuggler_weld.xml").getroot()
+    curves = [curve.get("name") for curve in root.iter("curve")]
+    assert all(curves)
+    paths = [
+        re.sub(r"^(/fsw/(?:depth|thermocouple|spindle_torque|reference|command|\w+/\w+))/", r"\1|", c) for c in curves
+    ]
+    # PlotJuggler draws numbers; who is in command is a text there, shown by each controller's flag instead
+    assert_shows([*paths, "/fsw/supervisor/state|actual_controller"])
+    assert {"/fsw/decentral/status|selected", "/fsw/nmpc/status|selected"} <= set(paths)
+    docked = {area.get("name") for area in root.iter("DockArea")}
+    assert len(docked) >= 6
+
+
+def test_foxglove_layout_shows_fields_that_exist():
+    layout = json.loads((CONFIG / "foxglove_weld.json").read_text(encoding="utf-8"))
+    panels = layout["configById"]
+    paths = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    assert_shows([re.sub(r"^((?:/\w+)+)\.", r"\1|", path) for path in paths])
+
+    def leaves(node):
+        return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
+
+    assert sorted(leaves(layout["layout"])) == sorted(panels)
