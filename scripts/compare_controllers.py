@@ -42,7 +42,7 @@ from fsw_nmpc.yardstick import Goal, Yardstick
 from fsw_recorder.weld_signals import WeldSignals
 
 CONSERVATIVE, TIGHT, PAPER, DEFAULT = "decentral:conservative", "decentral:tight", "nmpc:paper", "nmpc:default"
-LIMIT, LIMIT_BOUNDED = "limit", "limit, 0.15 degC"
+LIMIT, LIMIT_BOUNDED, LIMIT_PREVIEW = "limit", "limit, 0.15 °C", "limit, 8 s preview"
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 QUIET = ("plant.noise=false",)
 
@@ -130,7 +130,7 @@ OWN: dict[str, tuple[float, list[dict[str, Any]]]] = {
     ),
 }
 TUNING = ("steps", "disturbances", "varied")
-VALIDATION = ("other_sizes", "ramp_and_sine", "simultaneous_events", "quick", "saturation")
+VALIDATION = ("other_sizes", "ramp_and_sine", "simultaneous_events", "quick", "model_uncertainty", "saturation")
 
 #: factors on the parameters of the plant's model
 MISMATCH: dict[str, dict[str, float]] = {
@@ -185,7 +185,7 @@ def weld(label: str, case: str, overrides: Sequence[str]) -> WeldSignals:
     return ClosedLoop(made, {name: make(label)}).run()
 
 
-def limit(case: str, like: WeldSignals, bound_c: float | None) -> WeldSignals:
+def limit(case: str, like: WeldSignals, bound_c: float | None, preview_s: float) -> WeldSignals:
     """The physical limit of a scenario, in the form of the signals of a weld."""
     truth = like.truth
     assert truth is not None
@@ -201,7 +201,7 @@ def limit(case: str, like: WeldSignals, bound_c: float | None) -> WeldSignals:
     for begin, end in zip(begins, ends, strict=True):
         known = [np.append(values[:end], np.full(like.n_ticks - end, values[end - 1])) for values in wanted]
         goals.append(Goal(begin, *known))
-    best = Yardstick(nominal(), largest_temperature_error_c=bound_c).run(goals)
+    best = Yardstick(nominal(), largest_temperature_error_c=bound_c, preview_s=preview_s).run(goals)
     if not best.solved:
         print(f"physical limit of {case}: a program was not solved to its tolerance", file=sys.stderr)
     return replace(
@@ -215,6 +215,12 @@ def limit(case: str, like: WeldSignals, bound_c: float | None) -> WeldSignals:
             temperature_c=like.reference_temperature_c + best.temperature_error_c,
         ),
     )
+
+
+def limit_kinds(case: str) -> list[tuple[str, float | None, float]]:
+    """Label, bound on the temperature error and preview of the limits that are computed for a case."""
+    kinds: list[tuple[str, float | None, float]] = [(LIMIT, None, 0.0), (LIMIT_BOUNDED, 0.15, 0.0)]
+    return [*kinds, (LIMIT_PREVIEW, None, 8.0)] if case == "steps" else kinds  # only set-points can be known before
 
 
 def figures_of_merit(signals: WeldSignals, label: str) -> dict[str, float]:
@@ -272,12 +278,12 @@ def compare(cases: Sequence[str], limits: Sequence[str], out: Path, progress: Pr
                 runs[label] = weld(label, case, () if noise else QUIET)
                 found[label] = figures_of_merit(runs[label], label)
             if not noise and case in limits:
-                for label, bound_c in ((LIMIT, None), (LIMIT_BOUNDED, 0.15)):
+                for label, bound_c, preview_s in limit_kinds(case):
                     progress.next(f"{case}, {label}")
-                    runs[label] = limit(case, runs[TIGHT], bound_c)
+                    runs[label] = limit(case, runs[TIGHT], bound_c, preview_s)
                     found[label] = figures_of_merit(runs[label], label)
             if not noise:
-                shown = [Run(label, runs[label]) for label in runs if label not in (PAPER, LIMIT)]
+                shown = [Run(label, runs[label]) for label in runs if label not in (PAPER, LIMIT, LIMIT_PREVIEW)]
                 draw(shown, (6,) if case != "disturbances" else (8,), out, case)
             results[f"{case}, {'noise' if noise else 'no noise'}"] = found
     return results
@@ -386,7 +392,7 @@ def main() -> int:
     limits = ("disturbances",) if quick else ("steps", "disturbances", "varied", "other_sizes")
     processes = {name: MISMATCH[name] for name in ("dead time +21 %",)} if quick else MISMATCH
     uncertain = draws(1 if quick else max(arguments.draws, 1))
-    n_limits = 2 * sum(case in limits for case in (*tuning, *validation))
+    n_limits = sum(len(limit_kinds(case)) for case in (*tuning, *validation) if case in limits)
     progress = Progress(8 * (len(tuning) + len(validation)) + n_limits + 3 * (len(processes) + len(uncertain)))
     data = {
         "tuning": compare(tuning, limits, out, progress),
