@@ -98,7 +98,9 @@ class Program:
     """A Python program in another process; its output is read line by line."""
 
     def __init__(self, source: str, *args: str) -> None:
-        environ = dict(os.environ, PYTHONPATH=f"{_SOURCE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        environ = dict(os.environ)
+        if "ROS_DISTRO" not in environ:
+            environ["PYTHONPATH"] = f"{_SOURCE}{os.pathsep}{environ.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(
             [sys.executable, "-u", "-c", source, *args],
             stdin=subprocess.PIPE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import signal
 import time
 from typing import Any
@@ -208,14 +207,3 @@ def test_40_processes(domain_id: int, run_program: Any, wait_until: Any, monkeyp
         executor.shutdown()
     finally:
         context.destroy()
-
-
-@pytest.mark.parametrize("name", ["rclpy.action", "rclpy.lifecycle"])
-def test_missing_modules_say_so(name: str) -> None:
-    with pytest.raises(ImportError, match="genuine ROS 2"):
-        importlib.import_module(name)
-
-
-def test_missing_executor_says_so() -> None:
-    with pytest.raises(ImportError, match="genuine ROS 2"):
-        from rclpy.executors import MultiThreadedExecutor  # noqa: F401

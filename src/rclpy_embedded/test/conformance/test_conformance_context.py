@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 import rclpy
 from rclpy.context import Context
-from rclpy.exceptions import NotInitializedException, RCLError
+from rclpy.exceptions import NotInitializedException, RCLError, UnknownROSArgsError
 from rclpy.utilities import get_default_context, remove_ros_args, timeout_sec_to_nsec
 
 
@@ -72,12 +75,6 @@ def test_bad_domain() -> None:
         Context().init(args=[], domain_id=-1)
 
 
-def test_bad_domain_in_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(RuntimeError, match="ROS_DOMAIN_ID"):
-        Context().init(args=[])
-
-
 def test_on_shutdown(context: Context) -> None:
     calls: list[str] = []
 
@@ -107,14 +104,6 @@ def test_contexts_are_isolated(context: Context, domain_id: int) -> None:
         assert node.count_publishers("/rosout") >= 1
         node.destroy_node()
     assert not other.ok()
-
-
-def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -> None:
-    node = rclpy.create_node("last", context=context)
-    context.shutdown()
-    assert not context.session._closed
-    node.destroy_node()
-    assert context.session._closed
 
 
 def test_context_manager_of_init(domain_id: int) -> None:
@@ -151,5 +140,24 @@ def test_timeout_sec_to_nsec() -> None:
     assert timeout_sec_to_nsec(1.5) == 1_500_000_000
 
 
-def test_rmw_identifier() -> None:
-    assert rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp"
+def test_default_context_is_new_after_shutdown(domain_id: int) -> None:
+    first = get_default_context()
+    rclpy.init(args=[])
+    rclpy.shutdown()
+    assert get_default_context() is not first
+    with pytest.raises(RuntimeError):
+        first.init(args=[])
+
+
+def test_node_arguments_are_a_command_line(context: Context) -> None:
+    node = rclpy.create_node("plain", context=context, cli_args=["plain", "words", "--ros-args", "-r", "__node:=named"])
+    assert node.get_name() == "named"
+    node.destroy_node()
+    with pytest.raises(UnknownROSArgsError):
+        rclpy.create_node("plain", context=context, cli_args=["--ros-args", "--nonsense"])
+
+
+@pytest.mark.parametrize("module", ["rclpy", "rclpy.node", "rclpy.executors"])
+def test_interfaces_can_be_imported_after(module: str, run_program: Callable[..., Any]) -> None:
+    code, _, errors = run_program(f"import {module}\nfrom std_msgs.msg import String\nString(data='x')").finish()
+    assert code == 0, errors

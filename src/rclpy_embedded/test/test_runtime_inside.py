@@ -1,0 +1,138 @@
+"""What only this runtime has: its own state, checked from inside, and what it says about what is missing."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+import time
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.clock import ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.task import Future
+from rclpy.time import Time
+from rclpy.timer import TimerInfo
+from std_msgs.msg import String
+
+
+class ManualClock(ROSClock):
+    """Simulated time under the control of a test."""
+
+    def __new__(cls) -> Any:
+        clock = ROSClock()
+        clock._set_ros_time_is_active(True)
+        return clock
+
+
+def _set(clock: Any, milliseconds: float) -> None:
+    clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
+
+
+def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -> None:
+    node = rclpy.create_node("last", context=context)
+    context.shutdown()
+    assert not context.session._closed
+    node.destroy_node()
+    assert context.session._closed
+
+
+def test_rmw_identifier() -> None:
+    assert rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp"
+
+
+def test_bad_domain_in_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(RuntimeError, match="ROS_DOMAIN_ID"):
+        Context().init(args=[])
+
+
+@pytest.mark.parametrize("name", ["rclpy.action", "rclpy.lifecycle"])
+def test_missing_modules_say_so(name: str) -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        importlib.import_module(name)
+
+
+def test_missing_executor_says_so() -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        from rclpy.executors import MultiThreadedExecutor  # noqa: F401
+
+
+def test_timer_info(node: Any, spinner: Any) -> None:
+    infos: list[TimerInfo] = []
+    node.create_timer(0.01, infos.append)
+    assert spinner.until(lambda: infos)
+    assert infos[0].actual_call_time >= infos[0].expected_call_time
+
+
+def test_missed_calls_are_not_made_up_for(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 1050)
+    info = timer.call()
+    assert info.expected_call_time.nanoseconds == 100_000_000
+    assert info.actual_call_time.nanoseconds == 1_050_000_000
+    assert not timer.is_ready()
+    assert timer.time_until_next_call() == 50_000_000
+
+
+def test_waiting_task_does_not_burn_cpu(spinner: Any) -> None:
+    gate: Future = Future()
+
+    async def wait() -> None:
+        await gate
+
+    spinner.executor.create_task(wait)
+    spinner.rest(2)
+    start = time.process_time()
+    spinner.executor.spin_once(timeout_sec=0.5)
+    assert time.process_time() - start < 0.05
+
+
+def test_no_drift_over_1000_ticks(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    for tick in range(1, 1001):
+        # Each call comes 30 ms late; the next one is due on the grid all the same.
+        _set(clock, tick * 100 + 30)
+        assert timer.is_ready()
+        timer.call()
+        assert timer.time_until_next_call() == 70_000_000
+        assert timer.time_since_last_call() == 0
+
+
+def test_simulated_time_that_jumps_back(node: Any) -> None:
+    clock = ManualClock()
+    _set(clock, 10_000)
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 10_100)
+    timer.call()
+    _set(clock, 500)
+    assert timer.time_until_next_call() == 100_000_000
+    assert timer.time_since_last_call() == 0
+
+
+def test_missing_introspection_says_so() -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        importlib.import_module("rclpy.service_introspection")
+
+
+def test_one_topic_from_many_threads(context: Context, node: Any) -> None:
+    def create() -> None:
+        for _ in range(20):
+            try:
+                made.append(node.create_subscription(String, "crowded", lambda _: None, 10))
+            except Exception as error:
+                errors.append(error)
+
+    made: list[Any] = []
+    errors: list[Exception] = []
+    threads = [threading.Thread(target=create) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    assert node.count_subscribers("crowded") == len(made) == 80
