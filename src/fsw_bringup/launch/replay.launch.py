@@ -1,7 +1,8 @@
 """Plays a bag into the graph; controllers named as shadows compute along, and nobody obeys them.
 
 A shadow sees the recorded measurements, references and commands. What it publishes goes to shadow/<name>/proposal,
-status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over.
+status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over. A bag of a
+lockstep run tells of many seconds of welding per second of recording: shadows need a rate below 1 to keep up.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SENSORS = ["/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
-    "rate": ("1.0", "Bag time per wall time; 2 plays twice as fast"),
+    "rate": ("1.0", "Recording time per wall time; 2 plays twice as fast"),
     "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
     "controllers": ("", "Controllers to run as shadows, parted by commas, e.g. nmpc"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
@@ -43,7 +44,7 @@ def replay(context: LaunchContext) -> list[Any]:
     Raises
     ------
     RuntimeError
-        When there is no such bag or parameter file.
+        When there is no such bag or parameter file, or another argument is wrong.
     """
     given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
     bag = Path(given["bag"]).expanduser()
@@ -68,8 +69,8 @@ def replay(context: LaunchContext) -> list[Any]:
     ]
     player = {
         "bag": ParameterValue(str(bag), value_type=str),
-        "rate": ParameterValue(given["rate"], value_type=float),
-        "start_paused": ParameterValue(given["start_paused"], value_type=bool),
+        "rate": _rate(given["rate"]),
+        "start_paused": _flag("start_paused", given["start_paused"]),
         **({"wait_for": SENSORS} if shadows else {}),
     }
     actions.append(
@@ -82,3 +83,19 @@ def replay(context: LaunchContext) -> list[Any]:
         )
     )
     return actions
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 0.0 < rate <= 1e6:
+        raise RuntimeError(f"rate: {text!r} is no number above 0")
+    return rate
+
+
+def _flag(name: str, text: str) -> bool:
+    if text.lower() not in ("true", "false"):
+        raise RuntimeError(f"{name}: {text!r} is neither true nor false")
+    return text.lower() == "true"
