@@ -40,13 +40,15 @@ class ProposalInput:
 class Verdict:
     """Outcome of the check; ``reason`` is empty when ``ok``.
 
-    ``content`` tells a refusal for the content of the message from the controller's own unhealthy flag.
+    ``content`` tells a refusal for the content of the message from the controller's own unhealthy flag, ``jump`` one
+    for the distance from the command before.
     """
 
     ok: bool
     command: Command
     reason: str = ""
     content: bool = False
+    jump: bool = False
 
 
 def check(name: str, proposal: ProposalInput, previous: Command | None, limits: Limits) -> Verdict:
@@ -70,8 +72,8 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
     """
     command = proposal.command
 
-    def refuse(reason: str) -> Verdict:
-        return Verdict(False, command, reason, content=True)
+    def refuse(reason: str, jump: bool = False) -> Verdict:
+        return Verdict(False, command, reason, content=True, jump=jump)
 
     if proposal.source != name:
         return refuse(f"proposal names the source {proposal.source[:40]!r} instead of {name!r}")
@@ -91,9 +93,11 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         force_step = abs(command.force_kn - previous.force_kn)
         speed_step = abs(command.speed_rpm - previous.speed_rpm)
         if force_step > limits.force_step_kn + ROUNDING:
-            return refuse(f"force would jump by {force_step:.3f} kN, more than {limits.force_step_kn:g} kN per tick")
+            text = f"force would jump by {force_step:.3f} kN, more than {limits.force_step_kn:g} kN per tick"
+            return refuse(text, jump=True)
         if speed_step > limits.speed_step_rpm + ROUNDING:
-            return refuse(f"speed would jump by {speed_step:.3f} rpm, more than {limits.speed_step_rpm:g} rpm per tick")
+            text = f"speed would jump by {speed_step:.3f} rpm, more than {limits.speed_step_rpm:g} rpm per tick"
+            return refuse(text, jump=True)
     return Verdict(True, command)
 
 

@@ -19,10 +19,13 @@ class CommandWatch:
     ----------
     foreign_commands : int
         Commands of other writers seen.
+    foreign_tick : int
+        Number of the tick in which the last of them came.
     """
 
     def __init__(self) -> None:
         self.foreign_commands = 0
+        self.foreign_tick = -10
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_s: float | None = None
 
@@ -38,11 +41,11 @@ class CommandWatch:
                 return True
         return False
 
-    def note_foreign(self, now_s: float) -> bool:
+    def note_foreign(self, now_s: float, tick: int) -> bool:
         """Note a foreign command; returns whether it is the first for a while."""
         first = not self.seen_lately(now_s)
         self.foreign_commands += 1
-        self._foreign_s = now_s
+        self._foreign_s, self.foreign_tick = now_s, tick
         return first
 
     def seen_lately(self, now_s: float) -> bool:

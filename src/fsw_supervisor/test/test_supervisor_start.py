@@ -189,6 +189,21 @@ def test_a_foreign_command_is_reported_once_and_counted(rig):
     assert not rig.arbiter.foreign_writer
 
 
+def test_a_controller_misled_by_a_foreign_command_is_not_blamed(rig):
+    rig.arbiter.on_command(1, "x", Command(61.0, 310.0))
+    for name in rig.names:
+        rig.spoil(name, command=Command(61.0, 310.0))
+    rig.run(1)
+    assert (rig.last.source, rig.last.reason) == ("hold", "a foreign command has misled decentral")
+    rig.edit.clear()
+    rig.run(1)
+    assert rig.last.source == "decentral"
+    for name in rig.names:
+        rig.spoil(name, command=Command(61.0, 310.0))
+    rig.run(1)
+    assert "decentral failed" in rig.events(), "later there is no excuse"
+
+
 def test_a_repeated_copy_of_an_own_command_is_foreign(rig):
     last = rig.last
     rig.arbiter.on_command(last.stamp_ns, last.source, last.command)

@@ -1,0 +1,319 @@
+"""The rules by which one tick is decided, mode by mode."""
+
+from __future__ import annotations
+
+from fsw_control.contract import SENSORS, Command
+from fsw_control.validity import SensorGuard
+from fsw_supervisor.checks import same
+from fsw_supervisor.desk import Desk
+from fsw_supervisor.events import Level
+from fsw_supervisor.interlocks import Interlocks
+from fsw_supervisor.machine import Machine
+from fsw_supervisor.modes import Mode, Trigger
+from fsw_supervisor.process import judge
+from fsw_supervisor.proposals import Proposals
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.takeover import Takeover
+from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
+from fsw_supervisor.writers import CommandWatch
+
+
+class Rules:
+    """Decides the present tick as soon as it can be decided; what begins and ends ticks is the arbiter's.
+
+    Parameters
+    ----------
+    settings : ArbiterSettings
+        Everything that can be set.
+    lockstep : bool
+        Whether the plant waits for the command, so that the wall clock only guards.
+    guard : SensorGuard, optional
+        Judge of the sensors.
+    interlocks : Interlocks, optional
+        Judge of the process.
+
+    Attributes
+    ----------
+    machine : Machine
+        Mode, active controller, target, reasons, events.
+    proposals : Proposals
+        The controllers and what is known of them.
+    desk : Desk
+        Where the operator asks: ``desk.ask_switch``, ``desk.ask_mode``.
+    applied : Command or None
+        Command in force; None until it is known.
+    last : Decision or None
+        The last decision.
+    on_duty : bool
+        Off duty it rehearses: decides every tick, sends nothing and takes over what the one on duty commands.
+    writers : CommandWatch
+        Tells own commands from foreign ones.
+    commands, lost_ticks, stalls : int
+        Counts since the start: commands sent, ticks without one, own hold-ups.
+    """
+
+    def __init__(
+        self,
+        settings: ArbiterSettings,
+        lockstep: bool = False,
+        guard: SensorGuard | None = None,
+        interlocks: Interlocks | None = None,
+    ) -> None:
+        self.lockstep = lockstep
+        self.guard = guard if guard is not None else SensorGuard()
+        self.interlocks = interlocks if interlocks is not None else Interlocks()
+        self.machine = Machine(settings)
+        self.proposals = Proposals(self.machine, lockstep)
+        self.desk = Desk(self.machine, self.proposals, self.interlocks, lockstep)
+        self.applied: Command | None = None
+        self.last: Decision | None = None
+        self.commands = 0
+        self.lost_ticks = 0
+        self.stalls = 0
+        self.on_duty = True
+        self.writers = CommandWatch()
+        self._tick: Tick | None = None
+        self._now_s = 0.0
+        self._takeover = Takeover()
+        self._failure = ""
+        self._outbox: list[Decision] = []
+        self._rehearsed: Decision | None = None
+
+    @property
+    def settings(self) -> ArbiterSettings:
+        """The settings; may be replaced at any time."""
+        return self.machine.settings
+
+    @settings.setter
+    def settings(self, settings: ArbiterSettings) -> None:
+        self.machine.settings = settings
+
+    @property
+    def _grace_s(self) -> float:
+        return max(self.settings.sensor_grace_s, 0.1) if self.lockstep else self.settings.sensor_grace_s
+
+    def _advance(self) -> None:
+        tick = self._tick
+        if tick is None or tick.decided:
+            return
+        final = self._now_s >= tick.deadline_s
+        if final or self._inputs_complete(tick):
+            self._decide(tick, final)
+
+    def _inputs_complete(self, tick: Tick) -> bool:
+        """Whether all is here that the decision shall not depend on the timing of."""
+        if not tick.evaluated and self._now_s < tick.started_s + self._grace_s:
+            missing = [name for name in SENSORS if name not in tick.samples]
+            lost = all(self.guard.reasons[name] == "missing" for name in missing)
+            # What is known to be lost is not waited for once the proposal is there; it may still come back.
+            if missing and not (lost and self.machine.active in tick.verdicts):
+                return False
+        if self.lockstep and self._now_s < tick.started_s + self.settings.lockstep_shadow_wait_s:
+            for record in self.proposals.roster:
+                keeps_up = record.silent_ticks == 0 and record.last_stamp_ns >= 0
+                if record.name != self.machine.active and keeps_up and record.name not in tick.verdicts:
+                    return False
+        return True
+
+    def _decide(self, tick: Tick, final: bool) -> None:
+        if not tick.evaluated:
+            tick.evaluated = True
+            before = self.proposals.invalid_sensors
+            self.proposals.invalid_sensors = judge(
+                tick, self.applied, self.guard, self.interlocks, self.machine, before
+            )
+        if tick.answered:
+            tick.decided = True
+            return
+        if self.applied is None and not self._take_over(tick, final):
+            if final:
+                self._lose(tick)
+            return
+        if self.machine.mode is Mode.START:
+            self._rule_start(tick, final)
+        if self.machine.mode is Mode.AUTO and not tick.decided:
+            self._rule_auto(tick, final)
+        if not tick.decided and self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP):
+            self._rule_alone(tick)
+
+    def _take_over(self, tick: Tick, final: bool) -> bool:
+        """Find out what is applied at present, so that the first command is no bump; False: not known yet."""
+        verdict = tick.verdicts.get(self.machine.target)
+        if tick.drives is not None:
+            found, origin = tick.drives, "the drives' feedback"
+        elif not final or not self._informed():
+            return False
+        elif self._takeover.seen is not None:
+            found, origin = self._takeover.seen, "the last command seen"
+        elif verdict is not None and verdict.ok:
+            found, origin = verdict.command, f"the proposal of {self.machine.target}"
+        elif self.machine.mode is Mode.MANUAL and self.desk.manual is not None:
+            found, origin = self.desk.manual, "the operator's values"
+        else:
+            return False
+        self.applied = tick.before = self.settings.limits.clip(found, None)
+        text = f"taking over at {self.applied.force_kn:.3f} kN, {self.applied.speed_rpm:.3f} rpm from {origin}"
+        self.machine.log(Level.INFO, "start", text)
+        return True
+
+    def _informed(self) -> bool:
+        return self._takeover.informed(self._now_s, self.settings.takeover_wait_s)
+
+    def _rule_start(self, tick: Tick, final: bool) -> None:
+        """Begin with the controller that was active before, else with the configured one."""
+        machine, before = self.machine, self._takeover
+        name = before.was_active or machine.target
+        verdict = tick.verdicts.get(name)
+        informed = self._informed() or (final and before.all_told(self.proposals.roster))
+        if not final and (verdict is None or not informed):
+            return
+        if verdict is not None and verdict.ok and informed:
+            reason = f"{name} was active before" if before.was_active else f"{name} is configured to start with"
+            machine.target, before.was_active = name, ""
+            machine.fire(Trigger.READY, reason, "start", name)
+            return
+        assert self.applied is not None
+        if not informed:
+            # A command now would make every controller say that it is not selected.
+            self._lose(tick)
+            return
+        if before.was_active and machine.ticks_in_mode > self.settings.warm_ticks:
+            before.was_active = ""
+            machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
+            return
+        substitute = self._patient_substitute()
+        if substitute:
+            machine.fire(Trigger.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
+            return
+        self._commit(tick, tick.drives or self.applied, "hold", f"starting: waiting for {name}")
+
+    def _patient_substitute(self) -> str:
+        """Fallback that has proposed well for so long that the configured controller need not be waited for."""
+        patience = max(self.settings.readmit_ticks, self.settings.warm_ticks)
+        for name in self.settings.fallbacks:
+            record = self.proposals.roster.get(name)
+            if record is not None and record.consecutive_good > patience and not self.proposals.obstacle(name):
+                return name
+        return ""
+
+    def _rule_auto(self, tick: Tick, final: bool) -> None:
+        """Apply the active controller's proposal, or the first fallback's in the same tick."""
+        if not tick.failed:
+            record = self.proposals.roster.get(self.machine.active)
+            verdict = tick.verdicts.get(self.machine.active)
+            if record is None:
+                self._fail(tick, "it is unknown", latch=False)
+            elif record.conflicts >= self.settings.duplicate_ticks:
+                self._fail(tick, "two controllers of this name propose", latch=True)
+            elif blind := record.blind_to(self.proposals.invalid_sensors):
+                self._fail(tick, blind, latch=False)
+            elif verdict is not None and verdict.ok:
+                self._follow(tick, verdict.command)
+                return
+            elif verdict is not None and verdict.jump and self.machine.tick - self.writers.foreign_tick <= 1:
+                # Controllers follow the command topic: the foreign command has misled them, for one tick.
+                assert self.applied is not None
+                self._commit(tick, self.applied, "hold", f"a foreign command has misled {self.machine.active}")
+                return
+            elif verdict is not None:
+                self._fail(tick, verdict.reason, latch=True)
+            elif not final:
+                return
+            elif tick.stalled:
+                assert self.applied is not None
+                self._commit(tick, self.applied, "hold", "the arbiter was held up")
+                return
+            else:
+                self._fail(tick, "no proposal at the deadline", latch=True)
+        self._fall_back(tick, final)
+
+    def _rule_alone(self, tick: Tick) -> None:
+        """Manual, hold and safe stop need no controller."""
+        assert self.applied is not None
+        wanted, mode = self.applied, self.machine.mode
+        if mode is Mode.MANUAL and self.desk.manual is not None:
+            wanted = self.desk.manual
+        elif mode is Mode.SAFE_STOP:
+            step_kn = self.settings.safe_rate_kn_per_s * self.settings.tick_period_s
+            ramp_kn = max(self.settings.safe_force_kn, self.applied.force_kn - step_kn)
+            wanted = Command(min(ramp_kn, self.applied.force_kn), self.applied.speed_rpm)
+        self._commit(tick, wanted, str(mode), self.machine.reason)
+
+    def _fail(self, tick: Tick, reason: str, latch: bool) -> None:
+        tick.failed = True
+        name = self.machine.active
+        self._failure = f"{name} failed: {reason}"
+        record = self.proposals.roster.get(name)
+        if record is not None and latch:
+            record.latched_out = reason
+            record.bad(reason)
+        self.machine.log(Level.ERROR, "failover", self._failure)
+        self.desk.failed(name, self._failure)
+
+    def _fall_back(self, tick: Tick, final: bool) -> None:
+        machine = self.machine
+        if machine.storming():
+            reason = f"too many swaps in {self.settings.storm_window_s:g} s; {self._failure}"
+            machine.fire(Trigger.STORM, reason, "failover")
+            return
+        for name in self.settings.fallbacks:
+            if name == machine.active or self.proposals.obstacle(name):
+                continue
+            verdict = tick.verdicts.get(name)
+            if verdict is None and self.lockstep and final and not (tick.extended or tick.stalled):
+                # The plant waits: a slow fallback is given the time that the active controller had.
+                tick.extended = True
+                tick.deadline_s = self._now_s + self.settings.lockstep_deadline_s
+                return
+            if verdict is None and not final:
+                return
+            if verdict is not None and verdict.ok:
+                machine.swap(name, self._failure, "failover", automatic=True)
+                self._follow(tick, verdict.command)
+                return
+        machine.fire(Trigger.NO_CONTROLLER, f"{self._failure}; no fallback is ready", "failover")
+
+    def _follow(self, tick: Tick, proposal: Command) -> None:
+        """Apply a proposal; just after a swap within the transition limits."""
+        assert self.applied is not None
+        command, reason = proposal, ""
+        if self.machine.slewing:
+            force = _towards(self.applied.force_kn, proposal.force_kn, self.settings.force_transition_kn)
+            speed = _towards(self.applied.speed_rpm, proposal.speed_rpm, self.settings.speed_transition_rpm)
+            command = Command(force, speed)
+            arrived = same(command, proposal)
+            self.machine.slewing = 0 if arrived else self.machine.slewing - 1
+            reason = "" if arrived else "slewing after a swap"
+        self._commit(tick, command, self.machine.active, reason)
+
+    def _commit(self, tick: Tick, wanted: Command, source: str, reason: str) -> None:
+        """Send the tick's one command, in limits and in rate whoever wants it."""
+        latency_s = max(0.0, self._now_s - tick.started_s)
+        command = self.settings.limits.clip(wanted, self.applied)
+        decision = Decision(tick.stamp_ns, command, source, reason, latency_s)
+        tick.decided = True
+        if self.on_duty:
+            self._send(decision)
+        else:
+            self._rehearsed = decision
+
+    def _send(self, decision: Decision) -> None:
+        self.applied, self.last = decision.command, decision
+        self._takeover.asking = False
+        self.commands += 1
+        self._outbox.append(decision)
+        self.writers.sent(decision)
+        self.desk.applied(decision.source, decision.stamp_ns / NANOSECONDS)
+
+    def _lose(self, tick: Tick) -> None:
+        """Let a tick go without a command: nothing is known yet, or it is too old to matter."""
+        tick.decided = True
+        self.lost_ticks += 1
+
+    def _take(self) -> list[Decision]:
+        decisions, self._outbox = self._outbox, []
+        return decisions
+
+
+def _towards(start: float, goal: float, step: float) -> float:
+    return min(max(goal, start - step), start + step)
