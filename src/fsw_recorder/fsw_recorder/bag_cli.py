@@ -1,4 +1,4 @@
-"""The commands ``bag info``, ``bag salvage``, ``bag export`` and ``bag verify``."""
+"""The commands ``bag info``, ``bag salvage``, ``bag export``, ``bag verify`` and ``bag shadow``."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fsw_recorder.bag_reader import BagInfo, BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.salvage import salvage
+from fsw_recorder.shadow_cli import add_shadow_command
 from fsw_recorder.signal_export import export_weld
 from fsw_recorder.signals import load_weld
 from fsw_recorder.topic_selection import TopicSelection
@@ -69,6 +70,8 @@ def add_bag_commands(subparsers: Any) -> None:
     check.add_argument("--class", dest="kind", metavar="MODULE:CLASS", help="class of an own controller")
     check.add_argument("--parameters", metavar="PACKAGE:FILE", help="parameter descriptions of an own controller")
     check.set_defaults(run=run_verify)
+
+    add_shadow_command(subparsers, progress_line)
 
 
 def run_command(arguments: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
+from fsw_recorder.paced_reader import PacedReader
 
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 
@@ -42,8 +43,8 @@ class Player:
 
     Parameters
     ----------
-    reader : BagReader
-        The bag; owned by the caller.
+    reader : BagReader or PacedReader
+        The bag; owned by the caller. Its log times are the time that is played.
     options : PlayOptions
     now_ns : int
         Present time of the clock that drives the player, e.g. ``time.monotonic_ns()``.
@@ -54,7 +55,7 @@ class Player:
         The bag has nothing to play, or an option is out of range.
     """
 
-    def __init__(self, reader: BagReader, options: PlayOptions, now_ns: int) -> None:
+    def __init__(self, reader: BagReader | PacedReader, options: PlayOptions, now_ns: int) -> None:
         check_rate(options.rate)
         self._reader = reader
         self._topics: Collection[str] | None = options.topics
@@ -127,6 +128,14 @@ class Player:
         if self.is_paused or self.finished or self._next is None:
             return None
         return self._anchor_now_ns + max(round((self._next.log_time_ns - self._anchor_bag_ns) / self._rate), 0)
+
+    def hold_back(self, lost_ns: int) -> None:
+        """Do not catch up on ``lost_ns`` of the clock, in which nothing could be played: go on from where it was.
+
+        Messages that are sent at once where they were apart overrun the queues of their subscribers.
+        """
+        if not self.is_paused:
+            self._anchor_now_ns += lost_ns
 
     def pause(self, now_ns: int) -> None:
         """Stand still."""

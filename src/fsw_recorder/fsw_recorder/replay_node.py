@@ -32,11 +32,14 @@ from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_hash, message_class
+from fsw_recorder.paced_reader import PacedReader, weld_times
 from fsw_recorder.player import Player, PlayOptions
 from fsw_recorder.qos_ros import profile_of
 from fsw_recorder.topic_selection import TopicSelection, replayed_qos
 
 _PERIOD_S = 0.002
+#: what a pause of this process may catch up on at once
+_STALL_NS = 50_000_000
 
 
 class ReplayNode(Node):  # type: ignore[misc]
@@ -84,12 +87,12 @@ class ReplayNode(Node):  # type: ignore[misc]
             loop=values["loop"],
             paused=values["start_paused"],
         )
-        self.player = Player(self._reader, options, time.monotonic_ns())
+        self.player = Player(self._paced(values["pace"]), options, time.monotonic_ns())
         self.published = 0
         self._publishers_by_topic = self._make_publishers()
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
         self._clock_period_ns = round(1e9 / values["clock_frequency"])
-        self._last_clock_ns = 0
+        self._last_clock_ns = self._last_tick_ns = 0
         self._wait_for: list[str] = [name for name in values["wait_for"] if name]
         now = time.monotonic()
         self._settled_at = now + values["wait_settle"]
@@ -97,6 +100,12 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._playing = False
         self._make_services()
         self.create_timer(_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _paced(self, pace: str) -> BagReader | PacedReader:
+        times = weld_times(self._reader) if pace != "received" else None
+        if times is None and pace == "weld":
+            self.get_logger().info("the stamps of this bag are its receive times, or it has none")
+        return self._reader if times is None else PacedReader(self._reader, times)
 
     def _make_publishers(self) -> dict[str, Any]:
         publishers: dict[str, Any] = {}
@@ -131,7 +140,10 @@ class ReplayNode(Node):  # type: ignore[misc]
                 self._publish(record)
             paused = self.player.is_paused
             self.player.seek(self.player.start_ns, now_ns)
+            self._last_tick_ns = now_ns
             self.get_logger().info(f"playing {self._reader.path}" + (" (paused)" if paused else ""))
+        self.player.hold_back(max(now_ns - self._last_tick_ns - _STALL_NS, 0))
+        self._last_tick_ns = now_ns
         for record in self.player.take_due(now_ns):
             self._publish(record)
         if self._clock_publisher is not None and now_ns - self._last_clock_ns >= self._clock_period_ns:
@@ -149,7 +161,7 @@ class ReplayNode(Node):  # type: ignore[misc]
         missing = [
             name
             for name, publisher in self._publishers_by_topic.items()
-            if publisher.get_subscription_count() < max(self.count_subscribers(name), name in self._wait_for)
+            if publisher.get_subscription_count() < max(self.count_subscribers(name), self._wait_for.count(name))
         ]
         missing += [name for name in self._wait_for if name not in self._publishers_by_topic]
         if missing and now < self._waits_until:

@@ -1,0 +1,60 @@
+"""A recorded weld is shown to a controller that runs in shadow, as ``fsw.py bag shadow`` does it: real processes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fsw_experiment.cli.main import main
+from fsw_recorder.bag_reader import BagReader
+
+WELD = Path(__file__).parent / "golden" / "reference_tracking"
+SECONDS = 15
+#: at five times the weld's speed a stalled machine may keep samples from the controller, which then holds the last
+TOLERANCE = {"force": 0.1, "speed": 3.0}
+
+
+def shadow(folder: Path, *arguments: str) -> dict[str, Any]:
+    report = folder / "report.json"
+    common = ["--controller", "decentral", "--rate", "5", "--duration", str(SECONDS), "--json", str(report)]
+    assert main(["bag", "shadow", str(WELD), *common, "--out", str(folder / "shadow"), *arguments]) == 0
+    return json.loads(report.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+
+
+def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path) -> None:
+    report = shadow(tmp_path)
+    assert report["ticks"] == 10 * SECONDS and report["unanswered"] <= 5 and report["unhealthy"] == 0
+    own = {one["against"]: one for one in report["comparisons"]}["its own recorded proposals"]
+    for handle, tolerance in TOLERANCE.items():
+        assert own[handle]["largest"] <= (0.0 if not report["missed"] else tolerance), own
+    with BagReader(tmp_path / "shadow" / "bag") as reader:
+        info = reader.info()
+        counts = {name: topic.count for name, topic in reader.topics().items()}
+    assert info.problems == [] and info.custom_data["shadow_of"] == WELD.name
+    assert counts["/fsw/depth"] == counts["/fsw/command"] == 10 * SECONDS
+    assert counts["/fsw/decentral/proposal"] >= 10 * SECONDS - 5
+
+
+def test_another_tuning_is_told_from_what_was_applied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = shadow(tmp_path, "--set", "tuning=tight")
+    applied = report["comparisons"][0]
+    assert applied["against"] == "what was applied" and applied["ticks"] >= 10 * SECONDS - 5
+    assert applied["force"]["first_tick"] <= 5 and applied["force"]["largest"] > 0.01
+    assert applied["force"]["mean"] <= applied["force"]["largest"] < 10.0
+    assert "compared with what was applied" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--controller", "nobody"], "nobody is not one of"),
+        (["--controller", "decentral", "--rate", "0"], "rate 0 is outside"),
+        (["--controller", "decentral", "--set", "nonsense"], "NAME=VALUE"),
+        (["--controller", "decentral", "--out", str(WELD)], "exists already"),
+    ],
+)
+def test_bad_arguments_are_one_line(capsys: pytest.CaptureFixture[str], arguments: list[str], text: str) -> None:
+    assert main(["bag", "shadow", str(WELD), *arguments]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1 and text in captured.err
