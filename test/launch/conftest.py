@@ -1,4 +1,7 @@
-"""Runs the launch tests under plain pytest: the same test classes, with processes started by a helper of ours."""
+"""Runs the launch tests under plain pytest: the same test classes, with processes started by a helper of ours.
+
+Classes of tests after shutdown come last in their module; the first of them ends the processes.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "launch_test: entry point of launch_testing")
-
-
-def pytest_collection_modifyitems(items):
-    """Tests after shutdown come last in their module."""
-    modules = {item.module: i for i, item in reversed(list(enumerate(items))) if hasattr(item, "module")}
-    items.sort(key=lambda item: (modules.get(getattr(item, "module", None), -1), _is_after_shutdown(item)))
 
 
 @pytest.fixture(scope="module")
