@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import socket
+import tracemalloc
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,8 +18,11 @@ from rclpy.impl import faults
 from rclpy.impl.dds import qos_to_dds, raw_type
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
+
+from rosidl_embedded.typesupport import get_message
 
 BAD_STRINGS = {
     "truncated length": bytes.fromhex("00010000 0500"),
@@ -147,3 +152,87 @@ def test_wrong_type_name_does_not_match(node: Any, spinner: Any, attacker: Attac
     send(serialize_message(String(data="x")))
     spinner.rest()
     assert got == [] and subscription.get_publisher_count() == 0
+
+
+def test_wrong_type_hash_is_only_shown(node: Any, spinner: Any, attacker: Attacker, wait_until: Any) -> None:
+    got: list[Any] = []
+    subscription = node.create_subscription(String, "chat", got.append, 10)
+    wrong = "RIHS01_" + "0" * 64
+    send = attacker.writer("rt/chat", "std_msgs::msg::dds_::String_", user_data=f"typehash={wrong};")
+    assert wait_until(lambda: subscription.get_publisher_count() == 1)
+    send(serialize_message(String(data="x")))
+    assert spinner.until(lambda: got)
+    assert [str(info.topic_type_hash) for info in node.get_publishers_info_by_topic("chat")] == [wrong]
+
+
+def test_huge_counts_allocate_nothing(node: Any, spinner: Any, attacker: Attacker, wait_until: Any) -> None:
+    got: list[Any] = []
+    subscription = node.create_subscription(PointCloud2, "points", got.append, 100)
+    send = attacker.writer("rt/points", "sensor_msgs::msg::dds_::PointCloud2_", QoSProfile(depth=100))
+    assert wait_until(lambda: subscription.get_publisher_count() == 1)
+    good = serialize_message(PointCloud2(data=b"abc"))
+    tracemalloc.start()
+    try:
+        # Every aligned word in turn says that four billion elements follow.
+        for at in range(4, len(good) - 3, 4):
+            send(good[:at] + b"\xff\xff\xff\xff" + good[at + 4 :])
+        send(serialize_message(PointCloud2(height=7)))
+        assert spinner.until(lambda: got and got[-1].height == 7)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+    assert faults.counts["/points"] > 3
+
+
+def test_fuzzed_discovery_info(node: Any, attacker: Attacker, wait_until: Any) -> None:
+    info = get_message("rmw_dds_common/msg/ParticipantEntitiesInfo")
+    entities = get_message("rmw_dds_common/msg/NodeEntitiesInfo")
+    gid = get_message("rmw_dds_common/msg/Gid")
+    message = info(
+        gid=gid(data=list(attacker.participant.guid.bytes)),
+        node_entities_info_seq=[entities(node_namespace="/far", node_name="other", reader_gid_seq=[gid()] * 3)] * 2,
+    )
+    latched = QoSProfile(depth=1000, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+    send = attacker.writer("ros_discovery_info", "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_", latched)
+    valid, generator = serialize_message(message), random.Random(2)
+    for _ in range(300):
+        data = bytearray(valid)
+        for _ in range(generator.randint(1, 8)):
+            data[generator.randrange(4, len(data))] = generator.randrange(256)
+        send(bytes(data[: generator.randint(5, len(data))]))
+        node.get_node_names_and_namespaces()
+    send(valid)
+    assert wait_until(lambda: ("other", "/far") in node.get_node_names_and_namespaces())
+    assert faults.counts["ros_discovery_info"] > 50
+    assert "/far/other" in node.get_fully_qualified_node_names()
+
+
+def test_fuzzed_user_data(node: Any, attacker: Attacker, wait_until: Any) -> None:
+    generator = random.Random(3)
+    alphabet = b"typehash=RIHS01_serviceid;clientid=.0123456789abcdef \x00\xff\xc3"
+    topic = Topic(attacker.participant, "rr/fuzzReply", raw_type("std_srvs::srv::dds_::SetBool_Response_"))
+    writers = []
+    for _ in range(50):
+        data = bytes(generator.choice(alphabet) for _ in range(generator.randrange(100)))
+        writers.append(DataWriter(attacker.participant, topic, Qos(Policy.Userdata(data))))
+    client = node.create_client(SetBool, "fuzz")
+    assert wait_until(lambda: len(client.handle.get_matched_publications()) > 0)
+    assert not client.service_is_ready()
+    assert wait_until(lambda: len(node.get_publishers_info_by_topic("rr/fuzzReply", no_mangle=True)) == 50)
+    node.get_service_names_and_types()
+
+
+def test_garbage_on_the_discovery_ports(node: Any, spinner: Any, domain_id: int, wait_until: Any) -> None:
+    generator = random.Random(4)
+    head = b"RTPS\x02\x05\x01\x10" + bytes(12)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for number in range(600):
+            body = generator.randbytes(generator.randrange(400))
+            port = 7400 + 250 * domain_id + generator.choice((0, 10, 11, 12, 13))
+            out.sendto((head if number % 2 else b"") + body, ("127.0.0.1", port))
+    got: list[Any] = []
+    node.create_subscription(String, "still_here", got.append, 10)
+    publisher = node.create_publisher(String, "still_here", 10)
+    assert wait_until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(String(data="x"))
+    assert spinner.until(lambda: got)
