@@ -149,7 +149,9 @@ def _python_folders_on(package: str, search_path: tuple[str, ...]) -> tuple[Path
     # Asked of the path finder, not of importlib.util.find_spec, which would ask our own importer again.
     spec = importlib.machinery.PathFinder.find_spec(package, search_path)
     locations = [Path(location) for location in (spec.submodule_search_locations or [])] if spec else []
-    return tuple(_with_interfaces(*(folder for location in locations for folder in (location, location.parent))))
+    # Definitions are in the package itself, in a folder of it (a wheel) or beside it (a source tree).
+    folders = (folder for location in locations for folder in (location, location / "interfaces", location.parent))
+    return tuple(_with_interfaces(*folders))
 
 
 def _ament_folders(package: str) -> Iterator[Path]:
