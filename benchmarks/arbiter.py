@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Latency of the arbiter hop: measurement to proposal and to applied command, real processes in real time.
 
-A measuring process publishes the sensors at 10 Hz and at 100 Hz; two small controllers and the supervisor answer.
+A measuring process publishes the sensors; two controllers and the supervisor answer: at 10 Hz the decentralized
+controller and the NMPC, at 10 Hz and at 100 Hz two small ones that cost nothing.
 The hop is what the supervisor adds between the active controller's proposal and the command, both as they arrive
 at the measuring process.
 
@@ -12,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import random
 import statistics
 import sys
 import tempfile
@@ -23,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 from _bootstrap import ensure
 
 ACTIVE, SHADOW = "decentral", "nmpc"
+MODULES = {ACTIVE: "fsw_decentral.decentral_node", SHADOW: "fsw_nmpc.nmpc_node"}
 
 
 def run_dummy(name, arguments):
@@ -72,6 +75,7 @@ class Meter:
         self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
         self.node.create_subscription(WeldCommand, "fsw/command", self._on_command, 10)
         self._period_s = 1.0 / rate_hz
+        self._noise = random.Random(1)
 
     def ready(self):
         """Whether both controllers and the supervisor hear the sensors, and this process hears them."""
@@ -97,13 +101,13 @@ class Meter:
             record.clear()
 
     def _tick(self):
-        convert, stamp = self._convert, time.time_ns()
+        convert, stamp, noise = self._convert, time.time_ns(), self._noise.gauss
         self._truth.header = convert.header(stamp)
         self.sent[stamp] = time.monotonic()
         self._truths.publish(self._truth)
-        self._depths.publish(convert.depth_message(2.66, stamp))
-        self._torques.publish(convert.torque_message(1052.0, stamp))
-        self._temperatures.publish(convert.temperature_message(850.0, stamp))
+        self._depths.publish(convert.depth_message(noise(2.66, 1e-3), stamp))
+        self._torques.publish(convert.torque_message(noise(1052.86, 1.0), stamp))
+        self._temperatures.publish(convert.temperature_message(noise(850.0, 0.2), stamp))
 
     def _on_proposal(self, message):
         self.proposed.setdefault(self._convert.stamp_ns(message.header.stamp), time.monotonic())
@@ -122,8 +126,8 @@ class Meter:
         rclpy.try_shutdown()
 
 
-def measure(rate_hz, ticks):
-    """Latencies [ms] at one rate as a flat dict."""
+def measure(rate_hz, ticks, real):
+    """Latencies [ms] at one rate as a flat dict; ``real``: with this project's controllers."""
     from fsw_experiment.launcher import Launcher, free_domain
 
     period_s = 1.0 / rate_hz
@@ -133,12 +137,14 @@ def measure(rate_hz, ticks):
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ["--ros-args", *_parameters(supervisor)])
         for name in (ACTIVE, SHADOW):
-            arguments = ["--controller", name, "--ros-args", *_parameters(controller)]
-            launcher.start(name, "arbiter", arguments)
+            if real:
+                launcher.start(name, MODULES[name])
+            else:
+                launcher.start(name, "arbiter", ["--controller", name, "--ros-args", *_parameters(controller)])
         meter = Meter(domain, rate_hz)
         try:
             launcher.wait_until(meter.ready, 60.0, "the graph")
-            meter.run(round(rate_hz))
+            meter.run(round(3 * rate_hz))
             meter.forget()
             meter.run(ticks)
         finally:
@@ -149,13 +155,14 @@ def measure(rate_hz, ticks):
         "measurement_to_command": [meter.commanded[stamp] - meter.sent[stamp] for stamp in both],
         "arbiter_hop": [meter.commanded[stamp] - meter.proposed[stamp] for stamp in both],
     }
+    case = f"{rate_hz}hz" + ("_real" if real else "")
     result = {}
     for name, values in series.items():
         hundredths = statistics.quantiles([1e3 * value for value in values], n=100, method="inclusive")
-        result |= {f"{name}_p50_ms_{rate_hz}hz": hundredths[49], f"{name}_p99_ms_{rate_hz}hz": hundredths[98]}
-    result[f"ticks_{rate_hz}hz"] = ticks
-    result[f"ticks_without_command_{rate_hz}hz"] = len(meter.sent) - len(meter.commanded)
-    result[f"ticks_not_by_active_{rate_hz}hz"] = sum(source != ACTIVE for source in meter.sources.values())
+        result |= {f"{name}_p50_ms_{case}": hundredths[49], f"{name}_p99_ms_{case}": hundredths[98]}
+    result[f"ticks_{case}"] = ticks
+    result[f"ticks_without_command_{case}"] = len(meter.sent) - len(meter.commanded)
+    result[f"ticks_not_by_active_{case}"] = sum(source != ACTIVE for source in meter.sources.values())
     return result
 
 
@@ -166,7 +173,7 @@ def _parameters(settings):
 def main():
     """Measure, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="10 s and 5 s instead of 60 s and 30 s")
+    parser.add_argument("--quick", action="store_true", help="10, 10 and 5 s instead of 60, 60 and 30 s")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
     parser.add_argument("--controller", help=argparse.SUPPRESS)
     arguments, rest = parser.parse_known_args()
@@ -175,8 +182,9 @@ def main():
     if rest:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     result = {"cpus": os.cpu_count(), "python": platform.python_version()}
-    for rate_hz, seconds in ((10, 10 if arguments.quick else 60), (100, 5 if arguments.quick else 30)):
-        result |= measure(rate_hz, rate_hz * seconds)
+    slow_s, fast_s = (10, 5) if arguments.quick else (60, 30)
+    for rate_hz, seconds, real in ((10, slow_s, True), (10, slow_s, False), (100, fast_s, False)):
+        result |= measure(rate_hz, rate_hz * seconds, real)
     print(f"{'figure':<44}{'measured':>12}")
     for key, value in result.items():
         print(f"{key:<44}{value:>12.3f}" if isinstance(value, float) else f"{key:<44}{value:>12}")

@@ -49,6 +49,8 @@ class WeldGraph:
         10 Hz on the wall clock instead of lockstep.
     record : bool
         Whether a recorder runs.
+    standby : bool
+        Whether a second supervisor stands by.
     extra_parameters : mapping
         More parameters by node name.
     """
@@ -58,6 +60,7 @@ class WeldGraph:
     controllers: Sequence[str] = ()
     realtime: bool = False
     record: bool = True
+    standby: bool = False
     extra_parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -95,6 +98,9 @@ class WeldGraph:
         for name in self.all_controllers:
             launcher.start(name, CONTROLLER_MODULES[name], ros_args)
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
+        if self.standby:
+            renamed = [*ros_args, "-r", "__node:=fsw_supervisor_standby"]
+            launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
         return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
@@ -107,7 +113,7 @@ class WeldGraph:
             "fsw_plant": {name: plant[name] for name in self.scenario.plant}
             | {
                 "scenario": str(scenario_file),
-                "wait_for_subscribers": len(names) + 2 + self.record,  # and the supervisor and the player
+                "wait_for_subscribers": len(names) + 2 + self.record + self.standby,  # and supervisor and player
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
             "fsw_supervisor": {"controller": selected},
@@ -120,6 +126,8 @@ class WeldGraph:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
         for name, values in self.extra_parameters.items():
             nodes.setdefault(name, {}).update(values)
+        if self.standby:
+            nodes["fsw_supervisor_standby"] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
             for name, values in nodes.items():
                 if name != "fsw_plant":
