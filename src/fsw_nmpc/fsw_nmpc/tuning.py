@@ -82,7 +82,7 @@ class Tuning:
     move_force_square: float = 0.75
     move_speed_square: float = 0.5
     interval_weighting: float = 0.0
-    depth_acceleration: float = 0.0148
+    depth_acceleration: float = 0.0152
     depth_slow_speed: float = 0.004
     depth_time_s: float = 5.5
     depth_top_speed: float = 0.05
