@@ -35,6 +35,8 @@ class SqliteBag:
         self.name = name
         self._problems: list[str] = []
         self._done = 0
+        if path.stat().st_size == 0:
+            raise BagError(f"{name}: the file is empty")
         try:
             self._reader: Any = Reader(path)
             self._reader.open()
