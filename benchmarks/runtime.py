@@ -1,11 +1,15 @@
-"""What the runtime costs: CPU at 10, 100 and 1,000 Hz, service round trip, timer jitter, idle CPU, memory, start-up.
+"""What the runtime costs next to bare cyclonedds, in one run: CPU, jitter, service round trip, start-up, memory.
 
-The latency of topics is in `latency.py`. Where ROS_DISTRO is set the same file measures genuine rclpy.
+CPU is measured at 10, 100 and 1,000 Hz for 64 bytes and for 1 MB, with publisher and subscription in one process; the
+jitter of a timer is the distance of its calls from their grid. The latency of topics between processes is in
+`latency.py`. Where ROS_DISTRO is set the same file measures genuine rclpy; bare cyclonedds is left out where its
+package is missing.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import resource
@@ -17,109 +21,226 @@ from pathlib import Path
 from typing import Any
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "rclpy_embedded"
-START = """
+SIZES = {"small": 64, "1mb": 1_000_000}
+RATES_HZ = (10, 100, 1000)
+START = {
+    "rclpy": """
 import time; start = time.perf_counter()
 import rclpy
 from std_msgs.msg import String
 rclpy.init()
 rclpy.create_node("starter").create_publisher(String, "chat", 10)
 print(time.perf_counter() - start)
-"""
+""",
+    "bare": """
+import time; start = time.perf_counter()
+import os
+from dataclasses import dataclass
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.topic import Topic
+@dataclass
+class Text(IdlStruct):
+    data: str
+participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
+DataWriter(participant, Topic(participant, "chat", Text))
+print(time.perf_counter() - start)
+""",
+}
 
 
-def _percentile(values: list[float], fraction: float) -> float:
+def percentile(values: list[float], fraction: float) -> float:
+    """Return the value below which a fraction of the values lies."""
     return sorted(values)[min(len(values) - 1, int(fraction * len(values)))]
 
 
-def cpu_at_rate(hz: float, seconds: float) -> dict[str, float]:
-    """Publish at a rate to a subscription of the same process; CPU in percent of a core, timer jitter in ms."""
-    import rclpy
-    from std_msgs.msg import String
+class Rclpy:
+    """A node that publishes to itself."""
 
-    node = rclpy.create_node(f"rate_{hz:.0f}")
-    publisher = node.create_publisher(String, "rate", 10)
-    received: list[str] = []
-    ticks: list[float] = []
-    node.create_subscription(String, "rate", lambda message: received.append(message.data), 10)
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import UInt8MultiArray
+        from std_srvs.srv import Trigger
 
-    def tick() -> None:
-        ticks.append(time.perf_counter())
-        publisher.publish(String(data="x" * 64))
+        rclpy.init(args=[])
+        self.node: Any = rclpy.create_node("benchmark")
+        self.executor: Any = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.make = lambda size: UInt8MultiArray(data=bytes(size))
+        self.publisher = self.node.create_publisher(UInt8MultiArray, "data", 10)
+        self.received = 0
+        self.node.create_subscription(UInt8MultiArray, "data", self._receive, 10)
+        self.node.create_service(Trigger, "trigger", lambda request, response: response)
+        self.client = self.node.create_client(Trigger, "trigger")
+        self.request = Trigger.Request()
+        self.client.wait_for_service(10)
 
-    node.create_timer(1 / hz, tick)
-    cpu, start = time.process_time(), time.perf_counter()
-    while time.perf_counter() < start + seconds:
-        rclpy.spin_once(node, timeout_sec=0.1)
-    used = (time.process_time() - cpu) / (time.perf_counter() - start)
-    node.destroy_node()
-    since = [now - ticks[0] for now in ticks]
-    # Distance to the nearest point of the grid: a tick that was missed does not count for those after it.
-    late = [abs(elapsed - round(elapsed * hz) / hz) * 1e3 for elapsed in since]
-    return {
-        f"cpu_{hz:.0f}hz_percent": 100 * used,
-        f"jitter_{hz:.0f}hz_p50_ms": statistics.median(late),
-        f"jitter_{hz:.0f}hz_p99_ms": _percentile(late, 0.99),
-        f"lost_{hz:.0f}hz": float(max(0, len(ticks) - len(received) - 1)),
-    }
+    def _receive(self, message: Any) -> None:
+        self.received += 1
 
+    def spin(self, seconds: float) -> None:
+        """Run callbacks for some time."""
+        end = time.perf_counter() + seconds
+        while (left := end - time.perf_counter()) > 0:
+            self.executor.spin_once(timeout_sec=left)
 
-def idle_cpu(seconds: float) -> dict[str, float]:
-    """Spin a node that has nothing to do."""
-    import rclpy
+    def publish_at(self, hz: float, size: int, seconds: float) -> list[float]:
+        """Publish at a rate; return when that was done."""
+        ticks: list[float] = []
+        message = self.make(size)
 
-    node = rclpy.create_node("idle")
-    executor = rclpy.get_global_executor()
-    executor.add_node(node)
-    executor.spin_once(timeout_sec=0.2)
-    cpu, start = time.process_time(), time.perf_counter()
-    while (left := start + seconds - time.perf_counter()) > 0:
-        executor.spin_once(timeout_sec=left)
-    used = (time.process_time() - cpu) / (time.perf_counter() - start)
-    executor.remove_node(node)
-    node.destroy_node()
-    return {"idle_cpu_percent": 100 * used}
+        def tick() -> None:
+            ticks.append(time.perf_counter())
+            self.publisher.publish(message)
 
+        timer = self.node.create_timer(1 / hz, tick)
+        self.spin(seconds)
+        self.node.destroy_timer(timer)
+        return ticks
 
-def service_round_trip(count: int) -> dict[str, float]:
-    """Call a service of the same process."""
-    import rclpy
-    from std_srvs.srv import Trigger
-
-    node = rclpy.create_node("service")
-    node.create_service(Trigger, "trigger", lambda request, response: response)
-    client = node.create_client(Trigger, "trigger")
-    client.wait_for_service(10)
-    executor: Any = rclpy.get_global_executor()
-    executor.add_node(node)
-    times = []
-    for _ in range(count):
-        start = time.perf_counter()
-        future = client.call_async(Trigger.Request())
+    def call(self) -> None:
+        """Call a service and wait for its response."""
+        future = self.client.call_async(self.request)
         while not future.done():
-            executor.spin_once(timeout_sec=1)
+            self.executor.spin_once(timeout_sec=1)
+
+
+class Bare:
+    """The same with cyclonedds alone, as its documentation shows it: a wait set, a struct of bytes."""
+
+    def __init__(self) -> None:
+        from dataclasses import dataclass
+
+        from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
+        from cyclonedds.domain import DomainParticipant
+        from cyclonedds.idl import IdlStruct
+        from cyclonedds.idl.types import sequence, uint8
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+
+        @dataclass
+        class Sample(IdlStruct, typename="Sample"):  # type: ignore[call-arg]
+            data: sequence[uint8]  # type: ignore[valid-type]
+
+        # The annotation has to be the type itself, not its name.
+        Sample.__annotations__["data"] = sequence[uint8]
+        participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
+        qos = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
+        state = ViewState.Any | InstanceState.Any | SampleState.NotRead
+        self.waitset = WaitSet(participant)
+        self.writers: dict[str, Any] = {}
+        self.readers: dict[str, Any] = {}
+        self.kept: list[Any] = []
+        for name in ("data", "request", "reply"):
+            topic = Topic(participant, name, Sample)
+            self.writers[name] = DataWriter(participant, topic, qos)
+            self.readers[name] = DataReader(participant, topic, qos)
+            self.kept.append(ReadCondition(self.readers[name], state))
+            self.waitset.attach(self.kept[-1])
+        self.make = lambda size: Sample(data=bytes(size))
+        self.received = 0
+
+    def spin(self, seconds: float) -> None:
+        """Take what comes for some time."""
+        end = time.perf_counter() + seconds
+        while (left := end - time.perf_counter()) > 0:
+            self.waitset.wait(int(left * 1e9))
+            self.received += len(self.readers["data"].take(10))
+
+    def publish_at(self, hz: float, size: int, seconds: float) -> list[float]:
+        """Publish at a rate; return when that was done."""
+        ticks: list[float] = []
+        message = self.make(size)
+        start = time.perf_counter()
+        while (now := time.perf_counter()) < start + seconds:
+            self.spin(start + (int((now - start) * hz) + 1) / hz - now)
+            ticks.append(time.perf_counter())
+            self.writers["data"].write(message)
+        return ticks
+
+    def call(self) -> None:
+        """Send a request, answer it, take the answer."""
+        self.writers["request"].write(self.make(1))
+        while True:
+            self.waitset.wait(10**9)
+            for _ in self.readers["request"].take(1):
+                self.writers["reply"].write(self.make(1))
+            if self.readers["reply"].take(1):
+                return
+
+
+SIDES: dict[str, Any] = {"rclpy": Rclpy, "bare": Bare}
+
+
+def measure(name: str, quick: bool) -> dict[str, float]:
+    """Measure one side in this process."""
+    side = SIDES[name]()
+    figures: dict[str, float] = {}
+    seconds = 2.0 if quick else 10.0
+
+    def cpu_of(work: Any) -> tuple[Any, float]:
+        cpu, start = time.process_time(), time.perf_counter()
+        result = work()
+        return result, 100 * (time.process_time() - cpu) / (time.perf_counter() - start)
+
+    side.spin(0.3)
+    figures["idle_cpu_percent"] = cpu_of(lambda: side.spin(seconds))[1]
+    for payload, size in SIZES.items():
+        for hz in RATES_HZ:
+            side.received = 0
+            ticks, cpu = cpu_of(lambda hz=hz, size=size: side.publish_at(hz, size, seconds))
+            side.spin(0.2)
+            key = f"{payload}_{hz}hz"
+            figures[f"cpu_{key}_percent"] = cpu
+            figures[f"reached_{key}_hz"] = side.received / seconds
+            if payload == "small":
+                since = [tick - ticks[0] for tick in ticks]
+                # To the nearest point of the grid: a tick that was missed does not count for those after it.
+                late = [abs(elapsed - round(elapsed * hz) / hz) * 1e3 for elapsed in since]
+                figures[f"jitter_{hz}hz_p50_ms"] = statistics.median(late)
+                figures[f"jitter_{hz}hz_p99_ms"] = percentile(late, 0.99)
+    times = []
+    for _ in range(200 if quick else 2000):
+        start = time.perf_counter()
+        side.call()
         times.append((time.perf_counter() - start) * 1e3)
-    executor.remove_node(node)
-    node.destroy_node()
-    return {"service_p50_ms": statistics.median(times), "service_p99_ms": _percentile(times, 0.99)}
+    figures |= {"service_p50_ms": statistics.median(times), "service_p99_ms": percentile(times, 0.99)}
+    figures["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    if name == "rclpy":
+        figures["memory_per_node_kb"] = memory_per_node(20)
+    return figures
 
 
-def memory_per_node(count: int) -> dict[str, float]:
-    """Growth of the resident set with nodes of one process."""
+def memory_per_node(count: int) -> float:
+    """Growth of the resident set with nodes of one process, in kB."""
     import rclpy
 
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    def resident_kb() -> int:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * resource.getpagesize() // 1024
+
+    before = resident_kb()
     nodes = [rclpy.create_node(f"memory_{number}") for number in range(count)]
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    grown = resident_kb() - before
     for node in nodes:
         node.destroy_node()
-    return {"memory_process_mb": before / 1024, "memory_per_node_kb": (after - before) / count}
+    return grown / count
 
 
-def start_up(count: int) -> dict[str, float]:
-    """Time from the first import to the first publisher, in fresh processes."""
-    command = [sys.executable, "-c", START]
-    times = [float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) for _ in range(count)]
-    return {"start_up_s": statistics.median(times)}
+def run(name: str, quick: bool) -> dict[str, float]:
+    """Measure one side in a process of its own, and its start-up in others."""
+    starts = [_output([sys.executable, "-c", START[name]]) for _ in range(3 if quick else 10)]
+    flags = ["--quick"] if quick else []
+    figures: dict[str, float] = json.loads(_output([sys.executable, __file__, "--side", name, *flags]))
+    figures["start_up_s"] = min(float(text) for text in starts)
+    return figures
+
+
+def _output(command: list[str]) -> str:
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=600).stdout.splitlines()[-1]
 
 
 def main() -> None:
@@ -127,26 +248,31 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="shorter runs")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if "ROS_DISTRO" not in os.environ:
         sys.path.insert(0, str(SOURCE))
         os.environ["PYTHONPATH"] = f"{SOURCE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
     os.environ.setdefault("ROS_DOMAIN_ID", str(101 + os.getpid() % 60))
-    import rclpy
-
-    seconds = 2.0 if arguments.quick else 10.0
-    figures = start_up(3 if arguments.quick else 10)
-    rclpy.init(args=[])
-    figures.update(idle_cpu(seconds))
-    for hz in (10.0, 100.0, 1000.0):
-        figures.update(cpu_at_rate(hz, seconds))
-    figures.update(service_round_trip(200 if arguments.quick else 2000))
-    figures.update(memory_per_node(20))
-    rclpy.shutdown()
-    runtime = f"genuine rclpy ({os.environ['ROS_DISTRO']})" if "ROS_DISTRO" in os.environ else "rclpy_embedded"
-    print(f"{runtime}:")
-    for name, value in figures.items():
-        print(f"  {name:<24}{value:>10.3f}")
+    if arguments.side:
+        print(json.dumps(measure(arguments.side, arguments.quick)))
+        return
+    genuine = os.environ.get("ROS_DISTRO")
+    label = f"rclpy ({genuine})" if genuine else "rclpy_embedded"
+    rclpy = run("rclpy", arguments.quick)
+    bare = run("bare", arguments.quick) if importlib.util.find_spec("cyclonedds") else {}
+    print(f"{'':<26}{label:>16}{'cyclonedds':>14}{'ratio':>8}")
+    figures: dict[str, float] = {}
+    for key, value in rclpy.items():
+        figures[f"rclpy_{key}"] = value
+        line = f"{key:<26}{value:>16.3f}"
+        if key in bare:
+            figures[f"cyclonedds_{key}"] = bare[key]
+            line += f"{bare[key]:>14.3f}"
+            if bare[key] > 0 and not key.startswith("reached"):
+                figures[f"ratio_{key}"] = value / bare[key]
+                line += f"{value / bare[key]:>8.2f}"
+        print(line)
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
 

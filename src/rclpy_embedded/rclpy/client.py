@@ -11,9 +11,10 @@ from typing import Any
 from cyclonedds.core import DDSException, DDSStatus, WaitSet
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle, RCLError
+from rclpy.exceptions import RCLError
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, delete, raw_type
+from rclpy.impl.dds import any_sample, raw_type
+from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
@@ -26,7 +27,7 @@ from rosidl_embedded.typesupport import service_type_support
 _LONGEST_WAIT_S = 0.25
 
 
-class Client:
+class Client(Endpoint):
     """Sends requests; made by ``Node.create_client``."""
 
     def __init__(
@@ -42,11 +43,8 @@ class Client:
         self.context = context
         self.srv_type = srv_type
         self.srv_name = srv_name
-        self._service_name = srv_name
         self.qos_profile = qos_profile
         self.callback_group = callback_group
-        self._session = session
-        self._local_node = local_node
         self._pending_requests: dict[int, Future] = {}
         self._sequence_number = 0
         self._lock = threading.Lock()
@@ -54,30 +52,16 @@ class Client:
         self._request, self._response = support.request, support.response
         self._sample = raw_type(self._request.dds_name)
         prefix = f"clientid={session.next_id()};"
-        self._writer: Any = session.writer(f"rq{srv_name}Request", self._request, qos_profile, prefix)
-        self._reader: Any = session.reader(f"rr{srv_name}Reply", self._response, qos_profile, prefix)
-        self._guid = self._writer.get_instance_handle() & 0xFFFFFFFFFFFFFFFF
-        self.condition: Any = any_sample(self._reader)
-        session.add_endpoints(local_node, reader=self._reader, writer=self._writer)
-
-    @property
-    def handle(self) -> Any:
-        """The DDS reader of replies.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        if self._reader is None:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self._reader
+        writer = session.writer(f"rq{srv_name}Request", self._request, qos_profile, prefix)
+        reader = session.reader(f"rr{srv_name}Reply", self._response, qos_profile, prefix)
+        self._guid = writer.get_instance_handle() & 0xFFFFFFFFFFFFFFFF
+        self.condition = any_sample(reader)
+        super().__init__(session, local_node, srv_name, reader=reader, writer=writer)
 
     @property
     def service_name(self) -> str:
         """Full name of the service."""
-        assert self.handle
-        return self._service_name
+        return self._full_name()
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response. In a callback this would wait for itself.
@@ -150,7 +134,7 @@ class Client:
                 header, response = self._response.deserialize_with_prefix(sample.data, HEADER.size)
                 return HEADER.unpack(header)[1], response
             except (ValueError, struct.error) as error:
-                faults.count(self._service_name, f"malformed response from '{self._service_name}': {error}")
+                faults.count(self._name, f"malformed response from '{self._name}': {error}")
         return None
 
     def _take(self) -> Callable[[], Any] | None:
@@ -207,10 +191,3 @@ class Client:
                 return False
             waitset.wait(int(remaining * 1e9))
         return False
-
-    def destroy(self) -> None:
-        """Remove it from the graph; better call ``Node.destroy_client``."""
-        if self._reader is not None:
-            reader, self._reader = self._reader, None
-            delete(self.condition)
-            self._session.remove_endpoints(self._local_node, reader=reader, writer=self._writer)

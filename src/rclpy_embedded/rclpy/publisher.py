@@ -8,8 +8,9 @@ from cyclonedds.core import DDSException
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.exceptions import InvalidHandle, RCLError
+from rclpy.exceptions import RCLError
 from rclpy.impl.dds import INFINITE_NS, raw_type
+from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.liveliness import assert_liveliness
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
@@ -27,7 +28,7 @@ def _acked(writer: Any, timeout_ns: int) -> bool:
         return False
 
 
-class Publisher:
+class Publisher(Endpoint):
     """Sends messages on a topic; made by ``Node.create_publisher``."""
 
     def __init__(
@@ -44,34 +45,17 @@ class Publisher:
     ) -> None:
         self.msg_type = msg_type
         self.topic = topic
-        self._topic_name = topic_name
         self.qos_profile = qos_profile
-        self._session = session
-        self._local_node = local_node
         self._support = type_support(msg_type)
         self._sample = raw_type(self._support.dds_name)
-        self._writer: Any = session.writer("rt" + topic_name, self._support, qos_profile)
-        session.add_endpoints(local_node, writer=self._writer)
-        self.event_handlers = event_callbacks.create_event_handlers(callback_group, self._writer, topic, logger_name)
-
-    @property
-    def handle(self) -> Any:
-        """The DDS writer.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        if self._writer is None:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self._writer
+        writer = session.writer("rt" + topic_name, self._support, qos_profile)
+        super().__init__(session, local_node, topic_name, writer=writer)
+        self.event_handlers = event_callbacks.create_event_handlers(callback_group, writer, topic, logger_name)
 
     @property
     def topic_name(self) -> str:
         """Full name of the topic."""
-        assert self.handle
-        return self._topic_name
+        return self._full_name()
 
     @property
     def logger_name(self) -> str:
@@ -128,11 +112,3 @@ class Publisher:
             if remaining <= 0:
                 return False
         return True
-
-    def destroy(self) -> None:
-        """Remove it from the graph; better call ``Node.destroy_publisher``."""
-        if self._writer is not None:
-            writer, self._writer = self._writer, None
-            for handler in self.event_handlers:
-                handler.destroy()
-            self._session.remove_endpoints(self._local_node, writer=writer)

@@ -11,9 +11,10 @@ from typing import Any
 
 from cyclonedds.core import DDSException
 from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import InvalidHandle, RCLError
+from rclpy.exceptions import RCLError
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, delete, raw_type
+from rclpy.impl.dds import any_sample, raw_type
+from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
@@ -44,7 +45,7 @@ class ServiceInfo:
     publication_handle: int = 0
 
 
-class Service:
+class Service(Endpoint):
     """Answers requests; made by ``Node.create_service``."""
 
     def __init__(
@@ -59,40 +60,23 @@ class Service:
     ) -> None:
         self.srv_type = srv_type
         self.srv_name = srv_name
-        self._service_name = srv_name
         self.callback = callback
         self.callback_group = callback_group
         self.qos_profile = qos_profile
-        self._session = session
-        self._local_node = local_node
         support = service_type_support(srv_type)
         self._request, self._response = support.request, support.response
         self._sample = raw_type(self._response.dds_name)
         prefix = f"serviceid={session.next_id()};"
-        self._writer: Any = session.writer(f"rr{srv_name}Reply", self._response, qos_profile, prefix)
-        self._reader: Any = session.reader(f"rq{srv_name}Request", self._request, qos_profile, prefix)
-        self.condition: Any = any_sample(self._reader)
+        writer = session.writer(f"rr{srv_name}Reply", self._response, qos_profile, prefix)
+        reader = session.reader(f"rq{srv_name}Request", self._request, qos_profile, prefix)
+        self.condition = any_sample(reader)
         self._reachable: set[int] = set()
-        session.add_endpoints(local_node, reader=self._reader, writer=self._writer)
-
-    @property
-    def handle(self) -> Any:
-        """The DDS reader of requests.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        if self._reader is None:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self._reader
+        super().__init__(session, local_node, srv_name, reader=reader, writer=writer)
 
     @property
     def service_name(self) -> str:
         """Full name of the service."""
-        assert self.handle
-        return self._service_name
+        return self._full_name()
 
     def take_request(self) -> tuple[Any, ServiceInfo] | None:
         """Take the next request, None if there is none (or only a malformed one)."""
@@ -104,7 +88,7 @@ class Service:
                 header, request = self._request.deserialize_with_prefix(sample.data, HEADER.size)
                 request_id = RequestId(*HEADER.unpack(header))
             except (ValueError, struct.error) as error:
-                faults.count(self._service_name, f"malformed request to '{self._service_name}': {error}")
+                faults.count(self._name, f"malformed request to '{self._name}': {error}")
                 continue
             return request, ServiceInfo(info.source_timestamp, time.time_ns(), request_id, info.publication_handle)
         return None
@@ -155,6 +139,7 @@ class Service:
         """
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
+        assert self.handle
         if isinstance(header, ServiceInfo):
             request_id = header.request_id
             if not self._await_client(header):
@@ -163,16 +148,8 @@ class Service:
             request_id = header
         else:
             raise TypeError(f"Expected the header of a request, got {type(header)}")
-        assert self.handle
         prefix = HEADER.pack(request_id.writer_guid, request_id.sequence_number)
         try:
             self._writer.write(self._sample(self._response.serialize_with_prefix(prefix, response)))
         except DDSException as error:
             raise RCLError(f"failed to send response: {error}") from error
-
-    def destroy(self) -> None:
-        """Remove it from the graph; better call ``Node.destroy_service``."""
-        if self._reader is not None:
-            reader, self._reader = self._reader, None
-            delete(self.condition)
-            self._session.remove_endpoints(self._local_node, reader=reader, writer=self._writer)

@@ -10,9 +10,9 @@ from typing import Any, TypedDict
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidHandle
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, delete
+from rclpy.impl.dds import any_sample
+from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
 
@@ -28,7 +28,7 @@ class MessageInfo(TypedDict):
     reception_sequence_number: int | None
 
 
-class Subscription:
+class Subscription(Endpoint):
     """Receives messages of a topic; made by ``Node.create_subscription``."""
 
     class CallbackType(Enum):
@@ -53,18 +53,15 @@ class Subscription:
     ) -> None:
         self.msg_type = msg_type
         self.topic = topic
-        self._topic_name = topic_name
         self.callback = callback
         self.callback_group = callback_group
         self.qos_profile = qos_profile
         self.raw = raw
-        self._session = session
-        self._local_node = local_node
         self._support = type_support(msg_type)
-        self._reader: Any = session.reader("rt" + topic_name, self._support, qos_profile)
-        self.condition: Any = any_sample(self._reader)
-        session.add_endpoints(local_node, reader=self._reader)
-        self.event_handlers = event_callbacks.create_event_handlers(callback_group, self._reader, topic, logger_name)
+        reader = session.reader("rt" + topic_name, self._support, qos_profile)
+        self.condition = any_sample(reader)
+        super().__init__(session, local_node, topic_name, reader=reader)
+        self.event_handlers = event_callbacks.create_event_handlers(callback_group, reader, topic, logger_name)
 
     @property
     def callback(self) -> Callable[..., Any]:
@@ -90,23 +87,9 @@ class Subscription:
         )
 
     @property
-    def handle(self) -> Any:
-        """The DDS reader.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        if self._reader is None:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self._reader
-
-    @property
     def topic_name(self) -> str:
         """Full name of the topic."""
-        assert self.handle
-        return self._topic_name
+        return self._full_name()
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""
@@ -124,7 +107,7 @@ class Subscription:
                 try:
                     message = self._support.deserialize(sample.data)
                 except ValueError as error:
-                    faults.count(self._topic_name, f"malformed message on '{self._topic_name}': {error}")
+                    faults.count(self._name, f"malformed message on '{self._name}': {error}")
                     continue
             return message, MessageInfo(
                 source_timestamp=info.source_timestamp,
@@ -141,12 +124,3 @@ class Subscription:
         if self._callback_type is Subscription.CallbackType.MessageOnly:
             return lambda: self._callback(taken[0])
         return lambda: self._callback(*taken)
-
-    def destroy(self) -> None:
-        """Remove it from the graph; better call ``Node.destroy_subscription``."""
-        if self._reader is not None:
-            reader, self._reader = self._reader, None
-            for handler in self.event_handlers:
-                handler.destroy()
-            delete(self.condition)
-            self._session.remove_endpoints(self._local_node, reader=reader)
