@@ -116,6 +116,7 @@ class Meter:
         stamp = self._convert.stamp_ns(message.header.stamp)
         self.commanded.setdefault(stamp, time.monotonic())
         self.sources[stamp] = message.source
+        self._truth.axial_force, self._truth.spindle_speed = message.axial_force, message.spindle_speed
 
     def close(self):
         """Leave the graph."""

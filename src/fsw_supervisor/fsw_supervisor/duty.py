@@ -122,9 +122,8 @@ class Duty:
         if tick is None or stamp_ns > tick.stamp_ns:
             # Its measurement has not come here yet.
             self._early = (stamp_ns, source, command)
-            if tick is not None:
-                return
-        elif tick.stamp_ns - stamp_ns > NANOSECONDS:
+            return
+        if tick.stamp_ns - stamp_ns > NANOSECONDS:
             return
         self._follow(stamp_ns, source, command)
 

@@ -264,6 +264,14 @@ def test_wild_commands_do_not_move_the_standby(world):
     assert b.arbiter.applied == before
 
 
+def test_a_command_without_a_measurement_keeps_nobody_from_duty():
+    world = World()
+    a = world.add("a")
+    a.duty.on_command(world.stamp_ns, "x", Command(61.0, 310.0))
+    world.tick(3)
+    assert a.duty.role is Role.ACTIVE
+
+
 steps = st.lists(
     st.tuples(
         st.sampled_from(["run", "stop a", "stop b", "go a", "go b", "kill a", "kill b"]),
