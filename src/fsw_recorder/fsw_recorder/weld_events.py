@@ -67,14 +67,13 @@ def diagnostic_events(info: TopicInfo, raw: Sequence[tuple[int, bytes]], first_n
     for _, data in raw:
         try:
             message = decoder.decode(info.type_name, info.schema_text, data)
-        except BagError:
-            continue
-        stamp = message.header.stamp
-        time_s = (stamp.sec * 1_000_000_000 + stamp.nanosec - first_ns) * 1e-9
-        for status in message.status:
-            level = int(status.level)
-            if levels.get(status.name, 0) != level:
-                text = f"{status.name}: {_LEVELS.get(level, level)}: {status.message}"
-                events.append(WeldEvent(time_s, "diagnostic", text))
-            levels[status.name] = level
+            stamp = message.header.stamp
+            time_s = (stamp.sec * 1_000_000_000 + stamp.nanosec - first_ns) * 1e-9
+            statuses = [(status.name, int(status.level), status.message) for status in message.status]
+        except (BagError, AttributeError, TypeError, ValueError):
+            continue  # damaged, also where the damage is in the schema and renames its fields
+        for name, level, text in statuses:
+            if levels.get(name, 0) != level:
+                events.append(WeldEvent(time_s, "diagnostic", f"{name}: {_LEVELS.get(level, level)}: {text}"))
+            levels[name] = level
     return events
