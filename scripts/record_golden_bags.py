@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """Records the golden bags of the regression test anew: one small bag per paper scenario, with its figures of merit.
 
-usage: record_golden_bags.py [SCENARIO ...]
+usage: record_golden_bags.py [BAG ...]
+
+In closed loop the predictive controller welds and the decentralized one runs in shadow, so that a bag tests both; one
+scenario is welded by the decentralized controller as well.
 
 To be run when a change of plant or controllers is meant to change the welds; ``test/test_golden_bags.py`` then holds
 the new ones.
@@ -15,22 +18,23 @@ from pathlib import Path
 
 from _bootstrap import WORKSPACE, ensure
 
-SCENARIOS = (
-    "open_loop_force_steps",
-    "open_loop_speed_steps",
-    "reference_tracking",
-    "output_disturbances",
-    "model_uncertainty",
-)
-CONTROLLER = "decentral"
+#: bag: scenario, and the controller that welds in closed loop
+BAGS = {
+    "open_loop_force_steps": ("open_loop_force_steps", ""),
+    "open_loop_speed_steps": ("open_loop_speed_steps", ""),
+    "reference_tracking": ("reference_tracking", "nmpc"),
+    "reference_tracking_decentral": ("reference_tracking", "decentral"),
+    "output_disturbances": ("output_disturbances", "nmpc"),
+    "model_uncertainty": ("model_uncertainty", "nmpc"),
+}
 TOPICS = "/fsw/(depth|spindle_torque|thermocouple|reference|command|plant/truth|supervisor/state|[a-z_]+/proposal)"
-ATTACHMENTS = ("scenario.yaml", f"parameters/fsw_{CONTROLLER}.yaml")
+ATTACHMENTS = ("scenario.yaml", "parameters/fsw_nmpc.yaml", "parameters/fsw_decentral.yaml")
 GOLDEN = WORKSPACE / "test" / "golden"
 LARGEST_BYTES = 1_000_000
 
 
 def record(name: str, target: Path) -> None:
-    """Run a scenario in lockstep over DDS and keep what a replay and the figures of merit need."""
+    """Run the scenario of a bag in lockstep over DDS and keep what a replay and the figures of merit need."""
     from fsw_experiment import kpi
     from fsw_experiment.graph import WeldGraph
     from fsw_experiment.launcher import Launcher, free_domain
@@ -41,11 +45,12 @@ def record(name: str, target: Path) -> None:
     from fsw_recorder.signals import load_weld
     from fsw_recorder.topic_selection import TopicSelection
 
-    scenario = load(name)
-    if not scenario.open_loop:
-        scenario = parse(scenario.text, scenario.name, [f"controller={CONTROLLER}"])
+    scenario_name, controller = BAGS[name]
+    scenario = load(scenario_name)
+    if controller:
+        scenario = parse(scenario.text, scenario.name, [f"controller={controller}"])
     with tempfile.TemporaryDirectory(prefix="fsw_golden_") as folder:
-        graph = WeldGraph(scenario, Path(folder), () if scenario.open_loop else (CONTROLLER,))
+        graph = WeldGraph(scenario, Path(folder), ("decentral",) if controller else ())
         with free_domain() as domain, Launcher(Path(folder) / "log", domain) as launcher:
             graph.run(launcher)
         shutil.rmtree(target, ignore_errors=True)
@@ -53,6 +58,7 @@ def record(name: str, target: Path) -> None:
             graph.bag,
             target,
             WriterOptions(compression="zstd"),
+            stop_ns=end_of_scenario(graph.bag, scenario.duration_s),
             selection=TopicSelection(regex=TOPICS),
             keep_attachment=lambda file: file in ATTACHMENTS,
         )
@@ -64,12 +70,25 @@ def record(name: str, target: Path) -> None:
         raise SystemExit(f"{target}: larger than {LARGEST_BYTES} bytes; shorten the scenario or record fewer topics")
 
 
+def end_of_scenario(bag: Path, duration_s: float) -> int:
+    """Receive time of the first message of the tick after the scenario."""
+    from fsw_recorder.bag_reader import FOREVER_NS, BagReader
+    from fsw_recorder.tick_gaps import is_ticking, stamp_ns
+
+    last_ns = round((duration_s + 0.05) * 1e9)
+    with BagReader(bag) as reader:
+        for record in reader.records():
+            if is_ticking(record.topic) and (stamp_ns(record.data) or 0) > last_ns:
+                return record.log_time_ns
+    return FOREVER_NS
+
+
 def main() -> int:
-    """Record the scenarios that are named, or all."""
-    names = sys.argv[1:] or list(SCENARIOS)
-    unknown = [name for name in names if name not in SCENARIOS]
+    """Record the bags that are named, or all."""
+    names = sys.argv[1:] or list(BAGS)
+    unknown = [name for name in names if name not in BAGS]
     if unknown:
-        print(f"no golden scenario {', '.join(unknown)}; there are {', '.join(SCENARIOS)}", file=sys.stderr)
+        print(f"no golden bag {', '.join(unknown)}; there are {', '.join(BAGS)}", file=sys.stderr)
         return 2
     for name in names:
         record(name, GOLDEN / name)

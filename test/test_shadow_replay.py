@@ -32,7 +32,8 @@ def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path) -> 
         info = reader.info()
         counts = {name: topic.count for name, topic in reader.topics().items()}
     assert info.problems == [] and info.custom_data["shadow_of"] == WELD.name
-    assert counts["/fsw/depth"] == counts["/fsw/command"] == 10 * SECONDS
+    assert counts["/fsw/depth"] == 10 * SECONDS
+    assert counts["/fsw/command"] >= 10 * SECONDS - 1  # that of the last tick may have been received after the cut
     assert counts["/fsw/decentral/proposal"] >= 10 * SECONDS - 5
 
 

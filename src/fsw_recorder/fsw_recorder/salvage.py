@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_reader import FOREVER_NS, BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.topic_selection import TopicSelection
 
@@ -30,6 +30,7 @@ def salvage(
     progress: Callable[[float], None] | None = None,
     selection: TopicSelection | None = None,
     keep_attachment: Callable[[str], bool] = lambda _: True,
+    stop_ns: int = FOREVER_NS,
 ) -> SalvageResult:
     """Copy all readable messages and attachments of a bag into a new bag.
 
@@ -50,6 +51,8 @@ def salvage(
         Topics to copy; all by default.
     keep_attachment : callable, optional
         Says by name which attachments are copied; all by default.
+    stop_ns : int
+        Only messages received before.
 
     Raises
     ------
@@ -80,7 +83,7 @@ def salvage(
             for attachment in reader.attachments():
                 if keep_attachment(attachment.name):
                     writer.attach(attachment.name, attachment.media_type, attachment.data)
-            for record in reader.records(topics, progress=progress):
+            for record in reader.records(topics, stop_ns=stop_ns, progress=progress):
                 count += 1
                 if count % _BATCH == 0:
                     _drain(writer)
