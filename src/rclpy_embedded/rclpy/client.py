@@ -13,7 +13,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import RCLError
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, raw_type
+from rclpy.impl.dds import any_sample, matched, raw_type
 from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode, Session
@@ -158,11 +158,11 @@ class Client(Endpoint):
         writer, reader = self._writer, self._reader
         requests = {
             self._service_id(writer.get_matched_subscription_data, handle)
-            for handle in writer.get_matched_subscriptions()
+            for handle in matched(writer.get_matched_subscriptions)
         }
         replies = {
             self._service_id(reader.get_matched_publication_data, handle)
-            for handle in reader.get_matched_publications()
+            for handle in matched(reader.get_matched_publications)
         }
         return bool(requests & replies - {None})
 

@@ -9,7 +9,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import RCLError
-from rclpy.impl.dds import INFINITE_NS, raw_type
+from rclpy.impl.dds import INFINITE_NS, matched, raw_type
 from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.liveliness import assert_liveliness
 from rclpy.impl.session import LocalNode, Session
@@ -88,7 +88,7 @@ class Publisher(Endpoint):
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions match."""
-        return len(self.handle.get_matched_subscriptions())
+        return len(matched(self.handle.get_matched_subscriptions))
 
     def assert_liveliness(self) -> None:
         """Say that this publisher is alive, for liveliness MANUAL_BY_TOPIC."""

@@ -13,7 +13,7 @@ from cyclonedds.core import DDSException
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import RCLError
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, raw_type
+from rclpy.impl.dds import any_sample, matched, raw_type
 from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode, Session
@@ -120,7 +120,7 @@ class Service(Endpoint):
             client = user_data_field(publication.qos, "clientid")
             if client is None:
                 return True
-            for subscription in self._writer.get_matched_subscriptions():
+            for subscription in matched(self._writer.get_matched_subscriptions):
                 data = self._writer.get_matched_subscription_data(subscription)
                 if data is not None and user_data_field(data.qos, "clientid") == client:
                     self._reachable.add(handle)

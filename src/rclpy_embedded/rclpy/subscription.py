@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample
+from rclpy.impl.dds import any_sample, matched
 from rclpy.impl.endpoint import Endpoint
 from rclpy.impl.session import LocalNode, Session
 from rclpy.qos import QoSProfile
@@ -93,7 +93,7 @@ class Subscription(Endpoint):
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""
-        return len(self.handle.get_matched_publications())
+        return len(matched(self.handle.get_matched_publications))
 
     def take(self) -> tuple[Any, MessageInfo] | None:
         """Take the next message and what is known about it, None if there is none (or only a malformed one)."""

@@ -12,6 +12,7 @@ import rclpy
 from rclpy.clock import ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.impl.dds import matched
 from rclpy.task import Future
 from rclpy.time import Time
 from rclpy.timer import TimerInfo
@@ -136,3 +137,15 @@ def test_one_topic_from_many_threads(context: Context, node: Any) -> None:
         thread.join()
     assert errors == []
     assert node.count_subscribers("crowded") == len(made) == 80
+
+
+def test_matches_that_come_while_counting() -> None:
+    answers = [IndexError("invalid index"), IndexError("invalid index"), [1, 2]]
+
+    def handles() -> list[int]:
+        answer = answers.pop(0)
+        if isinstance(answer, IndexError):
+            raise answer
+        return answer
+
+    assert matched(handles) == [1, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,18 @@ def raw_type(dds_name: str) -> type[RawSample]:
 def any_sample(reader: DataReader) -> ReadCondition:
     """Return a condition that triggers while the reader holds any sample."""
     return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
+
+
+def matched(handles: Callable[[], list[int]]) -> list[int]:
+    """Return the handles of what matches an endpoint, from cyclonedds' own method for it.
+
+    That method counts first and reads then; a match that comes in between makes it fail, and asking again helps.
+    """
+    while True:
+        try:
+            return handles()
+        except IndexError:
+            continue
 
 
 def delete(entity: Entity | None) -> None:
