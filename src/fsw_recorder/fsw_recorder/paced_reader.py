@@ -6,6 +6,7 @@ message gets the simulated time at which it was received, so that a replay at ra
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 
@@ -13,13 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
-from fsw_recorder.tick_gaps import stamp_ns
+from fsw_recorder.tick_gaps import is_ticking, stamp_ns
 
 #: topics that tell the weld's time, the best first; their first field is a time
 _CLOCKS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/clock")
 #: further than this from the receive time, a stamp comes from another clock
 _OTHER_CLOCK_NS = 36_000 * 1_000_000_000
-_MARGIN_NS = 1_000_000
+#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is not believed
+_DISORDER_NS = 500_000_000
+_ANSWER_NS = 10_000_000
 #: share of a tick in which everything is played that was received in it
 _ANSWERED_WITHIN = 0.2
 
@@ -99,12 +102,28 @@ class PacedReader:
         progress: Callable[[float], None] | None = None,
     ) -> Iterator[BagRecord]:
         """Messages as of `BagReader.records`; all times are on the weld's clock."""
-        begin = 0 if start_ns <= self._times[0] else self._log_ns(start_ns) - _MARGIN_NS
-        end = FOREVER_NS if stop_ns >= FOREVER_NS else self._log_ns(stop_ns) + _MARGIN_NS
-        for record in self._reader.records(topics, max(begin, 0), end, progress):
-            weld_ns = self._weld_ns(record.log_time_ns)
+        begin = 0 if start_ns <= self._times[0] else self._log_ns(start_ns - _DISORDER_NS)
+        end = FOREVER_NS if stop_ns >= FOREVER_NS else self._log_ns(stop_ns + _DISORDER_NS)
+        waiting: list[tuple[int, int, BagRecord]] = []
+        for count, record in enumerate(self._reader.records(topics, max(begin, 0), end, progress)):
+            received = self._weld_ns(record.log_time_ns)
+            weld_ns = self._own_ns(record, received)
             if start_ns <= weld_ns < stop_ns:
-                yield record._replace(log_time_ns=weld_ns)
+                heapq.heappush(waiting, (weld_ns, count, record._replace(log_time_ns=weld_ns)))
+            while waiting and waiting[0][0] < received - _DISORDER_NS:
+                yield heapq.heappop(waiting)[2]
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+    def _own_ns(self, record: BagRecord, received: int) -> int:
+        """Time at which a message is played: measurements all at their stamp, answers soon after it.
+
+        The order of receipt is that in which the recorder came to read its topics, not that in which they were sent.
+        """
+        stamp = stamp_ns(record.data) if is_ticking(record.topic) else None
+        if stamp is None or abs(stamp - received) > _DISORDER_NS:
+            return received
+        return stamp if record.topic in _CLOCKS else max(stamp + _ANSWER_NS, min(received, stamp + 2 * _ANSWER_NS))
 
     def _weld_ns(self, log_ns: int) -> int:
         return _mapped(log_ns, self._logs, self._times)

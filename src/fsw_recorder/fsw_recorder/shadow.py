@@ -14,6 +14,8 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.weld_signals import WeldSignals
 
 FloatArray = npt.NDArray[np.float64]
+#: kN or rpm; the units on the wire are others, and each conversion rounds
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +33,13 @@ class HandleDifference:
     mean : float
         Mean absolute difference.
     first_tick : int
-        First tick that differs at all; -1 when none does.
+        First tick that differs by more than rounding; -1 when none does.
     first_s : float
         Its time [s]; NaN when none differs.
     first : float
         Difference at that tick; 0 when none differs.
     differing : int
-        Number of ticks that differ at all.
+        Number of ticks that differ by more than rounding.
     """
 
     unit: str
@@ -102,16 +104,16 @@ class ShadowReport:
             f"{self.controller} in shadow: {self.ticks} ticks replayed, {self.unanswered} without a proposal, "
             f"{self.unhealthy} not healthy"
         ]
-        if self.missed:
-            text = (
-                "the controller did not say whether it got" if self.missed < 0 else f"{self.missed} samples missed of"
-            )
-            lines.append(f"note: {text} all samples in time; at a lower --rate it has more time")
+        if self.missed < 0:
+            lines.append("note: the controller does not say whether it got all samples")
+        elif self.missed:
+            text = f"{self.missed} samples reached the controller too late or never"
+            lines.append(f"note: {text}; at a lower --rate it has more time")
         for one in self.comparisons:
             lines.append(f"compared with {one.against}, {one.ticks} ticks (shadow minus recorded):")
             for name, handle in (("axial force", one.force), ("spindle speed", one.speed)):
                 if handle.first_tick < 0:
-                    lines.append(f"  {name:13}  equal bit by bit")
+                    lines.append(f"  {name:13}  equal " + ("but for rounding" if handle.largest else "bit by bit"))
                     continue
                 lines.append(
                     f"  {name:13}  largest {handle.largest:.6g} {handle.unit} at {handle.largest_s:.1f} s, "
@@ -207,10 +209,11 @@ def compare_shadow(weld: WeldSignals, shadow: WeldSignals, name: str, missed: in
 
 
 def _difference(unit: str, values: FloatArray, ticks: npt.NDArray[np.int64], time_s: FloatArray) -> HandleDifference:
-    differing = np.flatnonzero(values != 0.0)
-    if not differing.size:
-        return HandleDifference(unit, 0.0, float("nan"), 0.0, -1, float("nan"), 0.0, 0)
     size = np.abs(values)
+    differing = np.flatnonzero(size > ROUNDING)
+    if not differing.size:
+        largest, mean = (float(size.max()), float(size.mean())) if size.size else (0.0, 0.0)
+        return HandleDifference(unit, largest, float("nan"), mean, -1, float("nan"), 0.0, 0)
     worst, first = int(np.argmax(size)), int(differing[0])
     return HandleDifference(
         unit=unit,

@@ -85,3 +85,21 @@ def test_stall_is_not_caught_up(tmp_path: Path) -> None:
         assert len(player.take_due(TICK_NS)) == 2
         player.hold_back(20 * TICK_NS)
         assert len(player.take_due(22 * TICK_NS)) == 1
+
+
+def test_order_of_receipt_does_not_part_a_tick(tmp_path: Path) -> None:
+    names = ("/fsw/depth", "/fsw/thermocouple", "/fsw/command")
+    with BagWriter(tmp_path / "bag") as writer:
+        for name in names:
+            writer.add_topic(RecordedTopic(name, "fsw_msgs/msg/ShoulderDepth"))
+        for tick in range(50):
+            stamp = (tick + 1) * TICK_NS
+            data = b"\x00\x01\x00\x00" + struct.pack("<iI", stamp // 10**9, stamp % 10**9)
+            received = BEGIN_NS + tick * FAST_NS
+            writer.write("/fsw/depth", data, received, received)
+            for name in names[1:]:  # read by the recorder only after the depth of the next tick
+                writer.write(name, data, received + FAST_NS * 11 // 10, received)
+    with BagReader(tmp_path / "bag") as reader:
+        played = [(one.topic, one.log_time_ns) for one in paced(reader).records()]
+    assert [name for name, _ in played] == ["/fsw/depth", "/fsw/thermocouple", "/fsw/command"] * 50
+    assert [time for name, time in played if name == names[1]] == [(tick + 1) * TICK_NS for tick in range(50)]

@@ -39,7 +39,7 @@ def test_first_and_largest_difference(weld_bag: Path) -> None:
     assert applied.force.largest == pytest.approx(2.0) and applied.force.largest_s == pytest.approx(9.0)
     assert applied.force.mean == pytest.approx(2.5 / 298) and applied.force.differing == 2
     assert applied.speed.differing == 0 and applied.ticks == 298 and report.unanswered == 1
-    assert "3 samples missed" in "\n".join(report.lines())
+    assert "3 samples reached the controller too late" in "\n".join(report.lines())
 
 
 def test_part_of_a_weld(weld_bag: Path) -> None:
