@@ -30,7 +30,7 @@ def interface_definition(type_name: str) -> str:
     try:
         return _installed_definition(type_name, get_package_share_directory)
     except (LookupError, OSError, ValueError):
-        return ""
+        return _embedded_definition(type_name)  # launch's Python packages may be there without any interfaces
 
 
 def interface_hash(type_name: str) -> str:
@@ -45,7 +45,7 @@ def interface_hash(type_name: str) -> str:
         hashes = {one["type_name"]: one["hash_string"] for one in json.loads(text)["type_hashes"]}
         return str(hashes.get(type_name, ""))
     except (LookupError, OSError, ValueError, TypeError):
-        return ""
+        return _embedded_hash(type_name)
 
 
 def message_class(type_name: str) -> Any:
