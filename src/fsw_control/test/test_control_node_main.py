@@ -1,9 +1,10 @@
 """Nodes as processes: how they end, and how they refuse to start."""
 
-import os
+import fcntl
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -17,13 +18,25 @@ from fsw_control.controller_node import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
-ENVIRONMENT = os.environ | {"ROS_DOMAIN_ID": "64"}
+
+
+@pytest.fixture(autouse=True)
+def domain_id(monkeypatch):
+    """A ROS domain that no other test on this machine uses now (the lock files are those of the launcher)."""
+    for domain in range(20, 101):
+        with (Path(tempfile.gettempdir()) / f"fsw_domain_{domain}.lock").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            yield domain
+            return
 
 
 def launch(*arguments):
     return subprocess.Popen(
         [sys.executable, str(EXAMPLE), *arguments],
-        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -39,8 +52,8 @@ def finish(process, seconds=20):
 
 
 @pytest.fixture
-def peer():
-    rclpy.init(domain_id=64)
+def peer(domain_id):
+    rclpy.init(domain_id=domain_id)
     node = rclpy.create_node("peer")
     yield node
     node.destroy_node()
