@@ -100,6 +100,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
         self._deadline.cancel()
+        self._armed_s: float | None = None
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
         self.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
@@ -139,8 +140,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._references.add(convert.stamp_ns(message.header.stamp), reference)
 
     def _on_deadline(self) -> None:
+        self._armed_s = None
         self._deadline.cancel()
-        self._consume(self._join.flush())
+        self._consume(self._join.expire(time.monotonic(), self._patience_s()))
 
     def _patience_s(self) -> float:
         # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
@@ -151,16 +153,16 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _consume(self, ticks: list[Tick]) -> None:
         for tick in ticks:
             self._tick(tick)
-        if not self._join.waiting:
-            if not self._deadline.is_canceled():
-                self._deadline.cancel()
+        begun_s = self._join.begun_s
+        due_s = begun_s + self._patience_s() if begun_s is not None else None
+        if due_s == self._armed_s:
             return
-        patience_ns = round(self._patience_s() * 1e9)
-        changed = self._deadline.timer_period_ns != patience_ns
-        if changed:
-            self._deadline.timer_period_ns = patience_ns
-        if changed or ticks or self._deadline.is_canceled():
-            self._deadline.reset()
+        self._armed_s = due_s
+        if due_s is None:
+            self._deadline.cancel()
+            return
+        self._deadline.timer_period_ns = max(100_000, round((due_s - time.monotonic()) * 1e9))
+        self._deadline.reset()
 
     def _tick(self, tick: Tick) -> None:
         if tick.restarted:

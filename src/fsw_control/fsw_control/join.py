@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 from fsw_control.contract import SENSORS
 
 NANOSECONDS = 1_000_000_000
+#: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
+_PENDING_TICKS = 2
+#: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
+_PUT_OFF_SHARE = 1.0 / 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +42,22 @@ class JoinCounts:
     jumps: int = 0
 
 
+@dataclass(slots=True)
+class _Pending:
+    """A tick that has begun: its samples, when the first came, and whether its deadline was put off once."""
+
+    stamp_ns: int
+    begun_s: float
+    values: dict[str, float] = field(default_factory=dict)
+    put_off: bool = False
+
+
 class TickJoin:
     """Collects samples into ticks, which come out in order of time and each stamp once.
 
     A tick is complete when all sensors came and the command that answers the tick before is known (a controller
-    needs to know what was applied); it is given up waiting for when a newer stamp arrives, or by :meth:`flush`.
+    needs to know what was applied). It is given up waiting for when all sensors that it lacks have sent newer samples
+    (a topic keeps its order), when the tick after the next begins, or by :meth:`expire`.
     A single stamp far from the last one is not believed until another sensor confirms it or all else is silent,
     so that one sensor with a broken clock cannot stop the others.
 
@@ -62,22 +77,27 @@ class TickJoin:
         self._command_ns: int | None = None
         self._awaits_command = True
         self._unanswered = 0
-        self._pending_ns: int | None = None
-        self._pending: dict[str, float] = {}
+        self._pending: list[_Pending] = []
         self._restarted = False
         self._strange: dict[str, tuple[int, float]] = {}
         self._heard_s = float("-inf")
         self._missed: frozenset[str] = frozenset()
 
     @property
-    def waiting(self) -> bool:
-        """Whether a tick has begun and is not complete."""
-        return self._pending_ns is not None
+    def begun_s(self) -> float | None:
+        """Arrival of the first sample of the oldest tick that is not complete; None when there is none."""
+        return self._pending[0].begun_s if self._pending else None
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Newest stamp of a tick, complete or not; None before the first."""
+        return self._pending[-1].stamp_ns if self._pending else self._last_ns
 
     @property
     def lacking(self) -> frozenset[str]:
-        """Sensors (and ``command``) that the tick that has begun still waits for."""
-        sensors = {sensor for sensor in SENSORS if sensor not in self._pending}
+        """Sensors (and ``command``) that the oldest tick that is not complete still waits for."""
+        values = self._pending[0].values if self._pending else {}
+        sensors = {sensor for sensor in SENSORS if sensor not in values}
         return frozenset(sensors if self._answered() else sensors | {"command"})
 
     @property
@@ -99,7 +119,7 @@ class TickJoin:
         now_s : float
             Time of arrival on any steady clock.
         """
-        anchor = self._pending_ns if self._pending_ns is not None else self._last_ns
+        anchor = self.newest_ns
         if anchor is not None and abs(stamp_ns - anchor) > self._jump_ns:
             return self._consider_jump(sensor, stamp_ns, value, now_s)
         self._heard_s = now_s
@@ -107,46 +127,68 @@ class TickJoin:
             same = stamp_ns == self._last_ns and sensor not in self._missed
             (self.counts.duplicate if same else self.counts.late)[sensor] += 1
             return []
-        return self._accept(sensor, stamp_ns, value)
+        return self._accept(sensor, stamp_ns, value, now_s)
 
     def add_command(self, stamp_ns: int) -> list[Tick]:
-        """Note that the command answering ``stamp_ns`` is known; return the tick that it completes, if any."""
+        """Note that the command answering ``stamp_ns`` is known; return the ticks that it completes, oldest first."""
         self._command_ns = stamp_ns
         self._awaits_command = True
         self._unanswered = 0
-        return self._release() if self._complete() else []
+        return self._release()
 
-    def flush(self) -> list[Tick]:
-        """Stop waiting: return the tick that has begun, if any, with what came."""
-        return self._release() if self._pending_ns is not None else []
+    def expire(self, now_s: float, patience_s: float) -> list[Tick]:
+        """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return what that releases.
 
-    def _accept(self, sensor: str, stamp_ns: int, value: float) -> list[Tick]:
-        ticks: list[Tick] = []
-        if self._pending_ns is not None and stamp_ns < self._pending_ns:
-            self.counts.late[sensor] += 1
-            return ticks
-        if self._pending_ns is not None and stamp_ns > self._pending_ns:
-            ticks = self._release()
-        self._pending_ns = stamp_ns
-        if sensor in self._pending:
+        When the call itself is late by more than that, this process could not run: what is in the queues is heard
+        first, once.
+        """
+        if not self._pending:
+            return []
+        tick = self._pending[0]
+        due_s = tick.begun_s + patience_s
+        if now_s > due_s + patience_s and not tick.put_off:
+            tick.begun_s, tick.put_off = now_s - (1.0 - _PUT_OFF_SHARE) * patience_s, True
+        elif now_s >= due_s:
+            return [self._pop(), *self._release()]
+        return []
+
+    def _accept(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
+        tick = next((tick for tick in self._pending if tick.stamp_ns == stamp_ns), None)
+        if tick is None:
+            if len(self._pending) == _PENDING_TICKS and stamp_ns < self._pending[0].stamp_ns:
+                self.counts.late[sensor] += 1
+                return []
+            tick = _Pending(stamp_ns, now_s)
+            self._pending.append(tick)
+            self._pending.sort(key=lambda tick: tick.stamp_ns)
+        if sensor in tick.values:
             self.counts.duplicate[sensor] += 1
-            return ticks
-        self._pending[sensor] = value
-        if self._complete():
-            ticks += self._release()
-        return ticks
-
-    def _complete(self) -> bool:
-        return self._pending_ns is not None and len(self._pending) == len(SENSORS) and self._answered()
+            return []
+        tick.values[sensor] = value
+        return self._release()
 
     def _answered(self) -> bool:
         if self._last_ns is None or self._restarted or not self._awaits_command:
             return True
         return self._command_ns is not None and self._command_ns >= self._last_ns
 
+    def _waits(self) -> bool:
+        """Whether the oldest tick may still become complete."""
+        newer = self._pending[1:]
+        if len(newer) >= _PENDING_TICKS:
+            return False
+        lacking = self.lacking
+        return bool(lacking) and not any(lacking <= set(tick.values) for tick in newer)
+
     def _release(self) -> list[Tick]:
-        assert self._pending_ns is not None
-        missed = [sensor for sensor in SENSORS if sensor not in self._pending]
+        ticks: list[Tick] = []
+        while self._pending and not self._waits():
+            ticks.append(self._pop())
+        return ticks
+
+    def _pop(self) -> Tick:
+        oldest = self._pending.pop(0)
+        missed = [sensor for sensor in SENSORS if sensor not in oldest.values]
         for sensor in missed:
             self.counts.missing[sensor] += 1
         if not self._answered():
@@ -155,11 +197,10 @@ class TickJoin:
             # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
             self._awaits_command = self._unanswered < 3
         self._missed = frozenset(missed)
-        tick = Tick(self._pending_ns, self._pending, self._restarted)
-        self._last_ns, self._pending_ns = self._pending_ns, None
-        self._pending, self._restarted = {}, False
+        tick = Tick(oldest.stamp_ns, oldest.values, self._restarted)
+        self._last_ns, self._restarted = oldest.stamp_ns, False
         self._strange.clear()
-        return [tick]
+        return tick
 
     def _consider_jump(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
         self.counts.late[sensor] += 1
@@ -167,12 +208,12 @@ class TickJoin:
         agreeing = {name: entry[1] for name, entry in self._strange.items() if entry[0] == stamp_ns}
         if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
             return []
-        ticks = self.flush()
+        ticks = [self._pop() for _ in range(len(self._pending))]
         self.counts.jumps += 1
         self._heard_s = now_s
         self._last_ns, self._command_ns, self._missed = None, None, frozenset()
         self._restarted = True
         self._strange.clear()
         for name, entry in agreeing.items():
-            ticks += self._accept(name, stamp_ns, entry)
+            ticks += self._accept(name, stamp_ns, entry, now_s)
         return ticks
