@@ -4,86 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any
+from typing import Any, ClassVar, Self
 
 from cyclonedds.core import DDSException, DDSStatus, Entity
 from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import UnsupportedEventTypeError
+from rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.logging import get_logger
 from rclpy.qos import QoSPolicyKind, qos_policy_name_from_kind
 from rclpy.waitable import Waitable
-
-__all__ = [
-    "EventHandler",
-    "PublisherEventCallbacks",
-    "QoSPublisherEventType",
-    "QoSSubscriptionEventType",
-    "SubscriptionEventCallbacks",
-    "UnsupportedEventTypeError",
-]
-
-
-class QoSPublisherEventType(IntEnum):
-    """Events of a publisher; the values are those of rcl."""
-
-    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
-    RCL_PUBLISHER_LIVELINESS_LOST = 1
-    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2
-    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3
-    RCL_PUBLISHER_MATCHED = 4
-
-
-class QoSSubscriptionEventType(IntEnum):
-    """Events of a subscription; the values are those of rcl."""
-
-    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
-    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1
-    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2
-    RCL_SUBSCRIPTION_MESSAGE_LOST = 3
-    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4
-    RCL_SUBSCRIPTION_MATCHED = 5
-
-
-@dataclass(frozen=True)
-class CountInfo:
-    """How often something happened: missed deadlines, lost liveliness, lost messages."""
-
-    total_count: int
-    total_count_change: int
-
-
-@dataclass(frozen=True)
-class IncompatibleQoSInfo(CountInfo):
-    """How many peers do not match, and the last policy that was why."""
-
-    last_policy_kind: QoSPolicyKind
-
-
-@dataclass(frozen=True)
-class MatchedInfo(CountInfo):
-    """How many peers match."""
-
-    current_count: int
-    current_count_change: int
-
-
-@dataclass(frozen=True)
-class LivelinessChangedInfo:
-    """How many publishers are alive and how many are not."""
-
-    alive_count: int
-    not_alive_count: int
-    alive_count_change: int
-    not_alive_count_change: int
-
-
-QoSRequestedDeadlineMissedInfo = QoSOfferedDeadlineMissedInfo = CountInfo
-QoSLivelinessLostInfo = QoSMessageLostInfo = CountInfo
-QoSLivelinessChangedInfo = LivelinessChangedInfo
-QoSRequestedIncompatibleQoSInfo = QoSOfferedIncompatibleQoSInfo = IncompatibleQoSInfo
-QoSSubscriptionMatchedInfo = QoSPublisherMatchedInfo = MatchedInfo
 
 # Policy ids of the DDS specification.
 _POLICIES = {
@@ -96,74 +26,97 @@ _POLICIES = {
 }
 
 
-def _count(status: Any) -> CountInfo:
-    return CountInfo(status.total_count, status.total_count_change)
+class _Info:
+    """What a callback gets: fields of the DDS status, under the same names."""
+
+    @classmethod
+    def of(cls, status: Any) -> Self:
+        return cls(*(getattr(status, field.name) for field in fields(cls)))  # type: ignore[arg-type]
+
+    def has_changed(self) -> bool:
+        return any(value for name, value in vars(self).items() if name.endswith("_change"))
 
 
-def _incompatible(status: Any) -> IncompatibleQoSInfo:
-    kind = _POLICIES.get(status.last_policy_id, QoSPolicyKind.INVALID)
-    return IncompatibleQoSInfo(status.total_count, status.total_count_change, kind)
+@dataclass(frozen=True)
+class CountInfo(_Info):
+    """How often something happened: missed deadlines, lost liveliness, lost messages."""
+
+    total_count: int
+    total_count_change: int
 
 
-def _matched(status: Any) -> MatchedInfo:
-    return MatchedInfo(status.total_count, status.total_count_change, status.current_count, status.current_count_change)
+@dataclass(frozen=True)
+class IncompatibleQoSInfo(CountInfo):
+    """How many peers do not match, and the last policy that was why."""
+
+    last_policy_id: int
+
+    @property
+    def last_policy_kind(self) -> QoSPolicyKind:
+        """The policy in the notation of ROS."""
+        return _POLICIES.get(self.last_policy_id, QoSPolicyKind.INVALID)
 
 
-def _liveliness(status: Any) -> LivelinessChangedInfo:
-    return LivelinessChangedInfo(
-        status.alive_count, status.not_alive_count, status.alive_count_change, status.not_alive_count_change
-    )
+@dataclass(frozen=True)
+class MatchedInfo(CountInfo):
+    """How many peers match."""
+
+    current_count: int
+    current_count_change: int
 
 
-# Event type -> status bit, name of the method that takes the status, translation. Incompatible types are never
-# reported: Cyclone DDS takes topics of the same name with other types for unrelated ones.
-_EVENTS: dict[IntEnum, tuple[int, str, Callable[[Any], Any]]] = {
-    QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED: (
-        DDSStatus.OfferedDeadlineMissed,
-        "get_offered_deadline_missed_status",
-        _count,
-    ),
-    QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST: (
-        DDSStatus.LivelinessLost,
-        "get_liveliness_lost_status",
-        _count,
-    ),
-    QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS: (
-        DDSStatus.OfferedIncompatibleQos,
-        "get_offered_incompatible_qos_status",
-        _incompatible,
-    ),
-    QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE: (0, "", _count),
-    QoSPublisherEventType.RCL_PUBLISHER_MATCHED: (
-        DDSStatus.PublicationMatched,
-        "get_publication_matched_status",
-        _matched,
-    ),
-}
-_SUBSCRIPTION_EVENTS: dict[IntEnum, tuple[int, str, Callable[[Any], Any]]] = {
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED: (
-        DDSStatus.RequestedDeadlineMissed,
-        "get_requested_deadline_missed_status",
-        _count,
-    ),
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED: (
-        DDSStatus.LivelinessChanged,
-        "get_liveliness_changed_status",
-        _liveliness,
-    ),
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS: (
-        DDSStatus.RequestedIncompatibleQos,
-        "get_requested_incompatible_qos_status",
-        _incompatible,
-    ),
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST: (DDSStatus.SampleLost, "get_sample_lost_status", _count),
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE: (0, "", _count),
-    QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED: (
-        DDSStatus.SubscriptionMatched,
-        "get_subscription_matched_status",
-        _matched,
-    ),
-}
+@dataclass(frozen=True)
+class LivelinessChangedInfo(_Info):
+    """How many publishers are alive and how many are not."""
+
+    alive_count: int
+    not_alive_count: int
+    alive_count_change: int
+    not_alive_count_change: int
+
+
+QoSRequestedDeadlineMissedInfo = QoSOfferedDeadlineMissedInfo = CountInfo
+QoSLivelinessLostInfo = QoSMessageLostInfo = IncompatibleTypeInfo = CountInfo
+QoSLivelinessChangedInfo = LivelinessChangedInfo
+QoSRequestedIncompatibleQoSInfo = QoSOfferedIncompatibleQoSInfo = IncompatibleQoSInfo
+QoSSubscriptionMatchedInfo = QoSPublisherMatchedInfo = MatchedInfo
+
+
+class _EventType(IntEnum):
+    """Number in rcl, name of the DDS status, and what the callback gets.
+
+    Incompatible types have no status: like rmw_cyclonedds_cpp, handlers for them are accepted, and like there they are
+    never called, since Cyclone DDS does not raise INCONSISTENT_TOPIC.
+    """
+
+    status: str
+    info: type[_Info]
+
+    def __new__(cls, value: int, status: str, info: type[_Info]) -> Self:
+        member = int.__new__(cls, value)
+        member._value_, member.status, member.info = value, status, info
+        return member
+
+
+class QoSPublisherEventType(_EventType):
+    """Events of a publisher."""
+
+    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0, "offered_deadline_missed", CountInfo
+    RCL_PUBLISHER_LIVELINESS_LOST = 1, "liveliness_lost", CountInfo
+    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2, "offered_incompatible_qos", IncompatibleQoSInfo
+    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3, "", CountInfo
+    RCL_PUBLISHER_MATCHED = 4, "publication_matched", MatchedInfo
+
+
+class QoSSubscriptionEventType(_EventType):
+    """Events of a subscription."""
+
+    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0, "requested_deadline_missed", CountInfo
+    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1, "liveliness_changed", LivelinessChangedInfo
+    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2, "requested_incompatible_qos", IncompatibleQoSInfo
+    RCL_SUBSCRIPTION_MESSAGE_LOST = 3, "sample_lost", CountInfo
+    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4, "", CountInfo
+    RCL_SUBSCRIPTION_MATCHED = 5, "subscription_matched", MatchedInfo
 
 
 class EventHandler(Waitable):
@@ -189,15 +142,16 @@ class EventHandler(Waitable):
     def __init__(
         self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: IntEnum, parent_impl: Entity
     ) -> None:
-        events = _SUBSCRIPTION_EVENTS if isinstance(event_type, QoSSubscriptionEventType) else _EVENTS
-        if event_type not in events:
+        if not isinstance(event_type, _EventType):
             raise UnsupportedEventTypeError(f"{event_type!r} is not supported by the middleware")
         super().__init__(callback_group)
         self.event_type = event_type
         self.callback = callback
-        self._status, method, self._info = events[event_type]
-        self._take_status = getattr(parent_impl, method) if method else None
         self.condition = parent_impl
+        self._status, self._take_status = 0, None
+        if event_type.status:
+            self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
+            self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
         parent_impl.set_status_mask(parent_impl.get_status_mask() | self._status)
         # What happened before the mask was set raised no status, but was counted.
         self._pending = self._read()
@@ -207,14 +161,14 @@ class EventHandler(Waitable):
         assert self.condition is not None
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
-    def _read(self) -> Any:
+    def _read(self) -> _Info | None:
         if self._take_status is None:
             return None
         try:
-            info = self._info(self._take_status())
+            info = self.event_type.info.of(self._take_status())
         except DDSException:  # deleted in the meantime
             return None
-        return info if any(value for name, value in vars(info).items() if name.endswith("_change")) else None
+        return info if info.has_changed() else None
 
     def take_data(self) -> Any:
         """Take the event's info; None if nothing changed."""
@@ -233,130 +187,78 @@ class EventHandler(Waitable):
         self._pending = None
 
 
-def _ignore(event: Any) -> None:
-    pass
+#: Former name.
+QoSEventHandler = EventHandler
 
 
-def _handlers(
-    callbacks: list[tuple[Callable[[Any], Any] | None, IntEnum]], callback_group: CallbackGroup, entity: Entity
-) -> list[EventHandler]:
-    # A new entity has every status in its mask; one that nobody takes would end every wait at once.
-    entity.set_status_mask(0)
-    return [
-        EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
-        for callback, event_type in callbacks
-        if callback is not None
-    ]
+@dataclass(kw_only=True, eq=False)
+class _EventCallbacks:
+    deadline: Callable[[CountInfo], Any] | None = None
+    incompatible_qos: Callable[[IncompatibleQoSInfo], Any] | None = None
+    liveliness: Callable[[Any], Any] | None = None
+    incompatible_type: Callable[[CountInfo], Any] | None = None
+    matched: Callable[[MatchedInfo], Any] | None = None
+    use_default_callbacks: bool = True
+
+    _EVENTS: ClassVar[dict[str, _EventType]]
+    _WARNING: ClassVar[str]
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, entity: Entity, topic_name: str, logger_name: str = "rclpy"
+    ) -> list[EventHandler]:
+        """Make the handlers of a publisher's writer or a subscription's reader."""
+
+        def warn(event: IncompatibleQoSInfo) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            get_logger(logger_name).warn(f"{self._WARNING.format(topic_name)} Last incompatible policy: {policy}")
+
+        defaults: dict[str, Any] = {}
+        if self.use_default_callbacks:
+            defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
+        # A new entity has every status in its mask; one that nobody takes would end every wait at once.
+        entity.set_status_mask(0)
+        return [
+            EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
+            for name, event_type in self._EVENTS.items()
+            if (callback := getattr(self, name) or defaults.get(name)) is not None
+        ]
 
 
-class SubscriptionEventCallbacks:
+@dataclass(kw_only=True, eq=False)
+class SubscriptionEventCallbacks(_EventCallbacks):
     """Callbacks for events of a subscription; each takes the event's info.
 
     Without `incompatible_qos` a warning is logged, unless `use_default_callbacks` is False. `incompatible_type` is
-    accepted and never called: the middleware does not report it.
+    accepted and never called, as with rmw_cyclonedds_cpp: Cyclone DDS does not report it.
     """
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[CountInfo], Any] | None = None,
-        incompatible_qos: Callable[[IncompatibleQoSInfo], Any] | None = None,
-        liveliness: Callable[[LivelinessChangedInfo], Any] | None = None,
-        message_lost: Callable[[CountInfo], Any] | None = None,
-        incompatible_type: Callable[[Any], Any] | None = None,
-        matched: Callable[[MatchedInfo], Any] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.incompatible_qos = incompatible_qos
-        self.liveliness = liveliness
-        self.message_lost = message_lost
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
+    liveliness: Callable[[LivelinessChangedInfo], Any] | None = None
+    message_lost: Callable[[CountInfo], Any] | None = None
 
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, subscription: Entity, topic_name: str, logger_name: str = "rclpy"
-    ) -> list[EventHandler]:
-        """Make the handlers of a subscription's reader."""
-
-        def warn(event: IncompatibleQoSInfo) -> None:
-            get_logger(logger_name).warn(
-                f"New publisher discovered on topic '{topic_name}', offering incompatible QoS. No messages will be "
-                f"received from it. Last incompatible policy: {qos_policy_name_from_kind(event.last_policy_kind)}"
-            )
-
-        kinds = QoSSubscriptionEventType
-        return _handlers(
-            [
-                (self.deadline, kinds.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED),
-                (
-                    self.incompatible_qos or (warn if self.use_default_callbacks else None),
-                    kinds.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
-                ),
-                (self.liveliness, kinds.RCL_SUBSCRIPTION_LIVELINESS_CHANGED),
-                (self.message_lost, kinds.RCL_SUBSCRIPTION_MESSAGE_LOST),
-                (
-                    self.incompatible_type or (_ignore if self.use_default_callbacks else None),
-                    kinds.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
-                ),
-                (self.matched, kinds.RCL_SUBSCRIPTION_MATCHED),
-            ],
-            callback_group,
-            subscription,
-        )
+    _EVENTS = {
+        "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
+        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
+        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+        "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    }
+    _WARNING = (
+        "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
+    )
 
 
-class PublisherEventCallbacks:
-    """Callbacks for events of a publisher; each takes the event's info.
+@dataclass(kw_only=True, eq=False)
+class PublisherEventCallbacks(_EventCallbacks):
+    """Callbacks for events of a publisher, as in `SubscriptionEventCallbacks`."""
 
-    Without `incompatible_qos` a warning is logged, unless `use_default_callbacks` is False. `incompatible_type` is
-    accepted and never called: the middleware does not report it.
-    """
+    liveliness: Callable[[CountInfo], Any] | None = None
 
-    def __init__(
-        self,
-        *,
-        deadline: Callable[[CountInfo], Any] | None = None,
-        liveliness: Callable[[CountInfo], Any] | None = None,
-        incompatible_qos: Callable[[IncompatibleQoSInfo], Any] | None = None,
-        incompatible_type: Callable[[Any], Any] | None = None,
-        matched: Callable[[MatchedInfo], Any] | None = None,
-        use_default_callbacks: bool = True,
-    ) -> None:
-        self.deadline = deadline
-        self.liveliness = liveliness
-        self.incompatible_qos = incompatible_qos
-        self.incompatible_type = incompatible_type
-        self.matched = matched
-        self.use_default_callbacks = use_default_callbacks
-
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, publisher: Entity, topic_name: str, logger_name: str = "rclpy"
-    ) -> list[EventHandler]:
-        """Make the handlers of a publisher's writer."""
-
-        def warn(event: IncompatibleQoSInfo) -> None:
-            get_logger(logger_name).warn(
-                f"New subscription discovered on topic '{topic_name}', requesting incompatible QoS. No messages will "
-                f"be sent to it. Last incompatible policy: {qos_policy_name_from_kind(event.last_policy_kind)}"
-            )
-
-        kinds = QoSPublisherEventType
-        return _handlers(
-            [
-                (self.deadline, kinds.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED),
-                (self.liveliness, kinds.RCL_PUBLISHER_LIVELINESS_LOST),
-                (
-                    self.incompatible_qos or (warn if self.use_default_callbacks else None),
-                    kinds.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
-                ),
-                (
-                    self.incompatible_type or (_ignore if self.use_default_callbacks else None),
-                    kinds.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
-                ),
-                (self.matched, kinds.RCL_PUBLISHER_MATCHED),
-            ],
-            callback_group,
-            publisher,
-        )
+    _EVENTS = {
+        "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
+        "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
+        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
+    }
+    _WARNING = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
