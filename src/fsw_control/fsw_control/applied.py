@@ -3,47 +3,136 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
+from math import isfinite
 
 from fsw_control.contract import Command
 
 #: More than a controller ever lags behind.
 _KEPT = 100
+_BEFORE_ALL_NS = -1
+
+
+@dataclass(frozen=True, slots=True)
+class AppliedCommand:
+    """A message seen on the command topic.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the measurement that it answers.
+    command : Command
+    source : str
+        Who computed it.
+    writer : str
+        Which supervisor sent it; empty where nobody says so.
+    healthy : bool
+        False: not to be applied.
+    """
+
+    stamp_ns: int
+    command: Command
+    source: str = ""
+    writer: str = ""
+    healthy: bool = True
 
 
 class AppliedCommands:
-    """Commands by the stamp of the measurement that each answers.
+    """Commands by the stamp of the measurement that each answers, as the plant obeys them: the first of each stamp.
 
     While another controller is in command, the command that answers a tick may arrive before this controller has
     seen all of the tick's samples. What it shall follow is the command before that.
+
+    Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
+    that one has fallen silent.
 
     Parameters
     ----------
     initial : Command
         Taken as applied until the first command.
+    period_s : float
+        Of the measurements. After 1.5 periods without a command a writer counts as silent.
+    reach_s : float
+        A command further than this from the newest measurement is of another time, and ignored.
+
+    Attributes
+    ----------
+    ignored : int
+        Commands that did not count, since start, without those sent again.
+    complaint : str
+        Why the last one did not count; empty if it did, or was sent again.
     """
 
-    def __init__(self, initial: Command) -> None:
-        self._commands: deque[tuple[int, Command, str]] = deque([(-1, initial, "")], maxlen=_KEPT)
+    def __init__(self, initial: Command, period_s: float = 0.1, reach_s: float = 1.0) -> None:
+        self._silence_s = 1.5 * period_s
+        self._reach_ns = round(reach_s * 1e9)
+        self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
+        self._heard_s = 0.0
+        self.ignored = 0
+        self.complaint = ""
 
     @property
     def latest(self) -> Command:
-        """The last command that came."""
-        return self._commands[-1][1]
+        """The last command that counts."""
+        return self._kept[-1].command
 
     @property
     def source(self) -> str:
         """Who computed the last command; empty before the first."""
-        return self._commands[-1][2]
+        return self._kept[-1].source
 
-    def add(self, stamp_ns: int, command: Command, source: str) -> None:
-        """Take the command that answers the measurement of ``stamp_ns``."""
-        while len(self._commands) > 1 and self._commands[-1][0] >= stamp_ns:
-            self._commands.pop()  # time went back, or the command was sent again
-        self._commands.append((stamp_ns, command, source))
+    def add(self, seen: AppliedCommand, newest_ns: int | None, now_s: float) -> bool:
+        """Take a command seen; returns whether it counts.
+
+        Parameters
+        ----------
+        seen : AppliedCommand
+            The command.
+        newest_ns : int or None
+            Newest stamp of a measurement; None before the first.
+        now_s : float
+            Time of arrival on any steady clock.
+        """
+        last = self._kept[-1]
+        self.complaint = self._complaint(seen, last, newest_ns, now_s)
+        if self.complaint:
+            self.ignored += 1
+            return False
+        self._heard_s = now_s
+        if seen.stamp_ns <= last.stamp_ns:
+            return False
+        self._kept.append(seen)
+        return True
+
+    def _complaint(self, seen: AppliedCommand, last: AppliedCommand, newest_ns: int | None, now_s: float) -> str:
+        command = seen.command
+        if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
+            return f"it is not finite: {command}"
+        if not seen.healthy:
+            return "it says that it must not be applied"
+        if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > self._reach_ns:
+            return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
+        if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer:
+            skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
+            if not skipped and now_s - self._heard_s <= self._silence_s:
+                return "the supervisor that is followed commands as well"
+            if newest_ns is not None and seen.stamp_ns > newest_ns:
+                return "it answers what has not been measured yet"
+        if seen.stamp_ns < last.stamp_ns:
+            return "a later measurement has been answered already"
+        if seen.stamp_ns == last.stamp_ns and seen.command != last.command:
+            return "this measurement has been answered already"
+        return ""
+
+    def restart(self) -> None:
+        """Time has jumped: what acts stays, the stamps begin anew."""
+        self._kept = deque([AppliedCommand(_BEFORE_ALL_NS, self.latest, self.source)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:
         """The command in force until the tick of ``tick_ns``; the oldest known one if all are newer."""
-        for stamp_ns, command, _ in reversed(self._commands):
-            if stamp_ns < tick_ns:
-                return command
-        return self._commands[0][1]
+        while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + self._reach_ns:
+            self._kept.pop()  # came before there was a measurement to compare it with
+        for seen in reversed(self._kept):
+            if seen.stamp_ns < tick_ns:
+                return seen.command
+        return self._kept[0].command

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
-from fsw_control.applied import AppliedCommands
+from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.contract import SENSORS, Command, Controller, Proposal
 from fsw_control.host import answer
 from fsw_control.join import Tick, TickJoin
@@ -66,7 +66,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._own = ParameterValues(self, own)
         self._controller = make(self._own.values)
         self._controller_name = name
-        self._applied = AppliedCommands(Command(self._settings["initial_force"], self._settings["initial_speed"]))
+        initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
+        self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
         self._join = TickJoin()
@@ -121,15 +122,15 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._consume(self._join.add(sensor, convert.stamp_ns(message.header.stamp), value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
-        command = convert.command(message)
-        if not (abs(command.force_kn) < float("inf") and abs(command.speed_rpm) < float("inf")):
-            self.get_logger().warning(
-                f"command from {message.source!r} is not finite, ignored", throttle_duration_sec=1.0
-            )
-            return
-        stamp_ns = convert.stamp_ns(message.header.stamp)
-        self._applied.add(stamp_ns, command, message.source)
-        self._consume(self._join.add_command(stamp_ns))
+        header = message.header
+        seen = AppliedCommand(
+            convert.stamp_ns(header.stamp), convert.command(message), message.source, header.frame_id, message.healthy
+        )
+        if self._applied.add(seen, self._join.newest_ns, time.monotonic()):
+            self._consume(self._join.add_command(seen.stamp_ns))
+        elif self._applied.complaint:
+            text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _on_reference(self, message: WeldReference) -> None:
         try:
@@ -167,6 +168,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _tick(self, tick: Tick) -> None:
         if tick.restarted:
             self._guard.reset()
+            self._applied.restart()
             self._controller.reset(self._applied.latest)
             self._last_ns = None
             self.get_logger().warning("time of the measurements has jumped: controller starts anew")
@@ -237,6 +239,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             "mean step time [ms]": f"{1e3 * self._step_time_s / max(self._steps, 1):.4f}",
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
             "applied from": self._applied.source,
+            "commands ignored": self._applied.ignored,
             "jumps of time": counts.jumps,
         }
         for sensor in SENSORS:

@@ -261,6 +261,20 @@ def test_bad_commands_and_references_are_ignored(start):
     assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
 
 
+def test_commands_that_the_supervisor_did_not_send_are_ignored(start):
+    peer = start()
+    peer.refer()
+    peer.tick(1000)
+    peer.command(1000, force=77.0)
+    for k, writer in ((0, ""), (1000, ""), (1000, "stranger"), (1001, "stranger"), (10**9, "stranger")):
+        message = convert.command_message(Command(61.0, 310.0), k * STEP_NS, "echo")
+        message.header.frame_id = writer
+        peer.commands.publish(message)
+    peer.wait(lambda: peer.node._applied.ignored == 5)
+    peer.tick(1001)
+    assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
+
+
 def test_parameters_reach_the_controller_at_runtime_if_they_are_good(start):
     peer = start("--ros-args", "-p", "gain:=2.0")
     assert peer.controller.gain == 2.0

@@ -106,17 +106,17 @@ class Duty:
         self._believed = self._arbiter.applied
         return decisions
 
-    def on_command(self, stamp_ns: int, source: str, command: Command) -> None:
-        """Take a message seen on the command topic."""
+    def on_command(self, writer: str, stamp_ns: int, source: str, command: Command) -> None:
+        """Take a message seen on the command topic; ``writer`` is the supervisor that sent it, empty for a stranger."""
         if self.role is Role.ACTIVE:
             own = self._arbiter.on_command(stamp_ns, source, command)
             tick = self._arbiter.tick
             newer = tick is not None and self._last_ns < stamp_ns <= tick.stamp_ns
-            if not own and newer and self._fence_s is not None:
+            if not own and newer and writer and self._fence_s is not None:
                 self._yield("another supervisor has commanded while this one was held up")
                 self._follow(stamp_ns, source, command)
             return
-        if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
+        if not writer or not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
             return
         tick = self._arbiter.tick
         if tick is None or stamp_ns > tick.stamp_ns:

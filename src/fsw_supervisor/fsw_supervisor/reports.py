@@ -18,11 +18,13 @@ from fsw_supervisor.tick import Decision
 _WIRE_MODE = {Mode.START: Mode.HOLD}
 
 
-def command(decision: Decision) -> WeldCommand:
-    """Command message of a decision."""
-    return convert.command_message(
+def command(decision: Decision, identity: str) -> WeldCommand:
+    """Command message of a decision; ``identity`` tells supervisors apart and stands in the frame id."""
+    message = convert.command_message(
         decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
     )
+    message.header.frame_id = identity
+    return message
 
 
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
@@ -50,7 +52,7 @@ def mode(arbiter: Arbiter) -> str:
 
 
 def state(arbiter: Arbiter, now: Time, identity: str) -> SupervisorState:
-    """The latched state; ``identity`` tells supervisors apart and stands in the frame id."""
+    """The latched state; ``identity`` as for :func:`command`."""
     message = SupervisorState(
         target_controller=arbiter.machine.target,
         actual_controller=arbiter.machine.active,
@@ -65,7 +67,7 @@ def state(arbiter: Arbiter, now: Time, identity: str) -> SupervisorState:
     )
     message.header.stamp, message.header.frame_id = now, identity
     if arbiter.last is not None:
-        message.applied = command(arbiter.last)
+        message.applied = command(arbiter.last, identity)
     return message
 
 

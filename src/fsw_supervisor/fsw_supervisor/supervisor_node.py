@@ -172,7 +172,8 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_status(name, sensors, message.selected, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
-        self._duty.on_command(convert.stamp_ns(message.header.stamp), message.source, convert.command(message))
+        writer, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
+        self._duty.on_command(writer, stamp_ns, message.source, convert.command(message))
         self._publish([])
 
     def _on_claim(self, message: SupervisorState) -> None:
@@ -204,7 +205,7 @@ class SupervisorNode(Node):
             # The publisher needs some time to be known before its first command.
             self._open_commands()
         for decision in permitted:
-            self._open_commands().publish(reports.command(decision))
+            self._open_commands().publish(reports.command(decision, self._identity))
         wakeup_s = self._duty.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)

@@ -41,7 +41,7 @@ class Member:
 
     def publish(self, decisions):
         for decision in self.duty.pass_on(decisions, self.world.now_s):
-            self.world.command(decision)
+            self.world.command(self.identity, decision)
         seen = (self.duty.role, self.arbiter.machine.revision)
         if seen != self.told or self.duty.asserting or self.world.now_s >= self.tell_s:
             self.told, self.duty.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
@@ -79,8 +79,8 @@ class World:
         for member in list(self.members) if members is None else members:
             heapq.heappush(self.events, (self.now_s + delay_s, next(self.order), member, call))
 
-    def command(self, decision):
-        sent = (decision.stamp_ns, decision.source, decision.command)
+    def command(self, writer, decision):
+        sent = (writer, decision.stamp_ns, decision.source, decision.command)
         if decision.stamp_ns > max(self.accepted, default=0):
             assert abs(decision.command.force_kn - self.acting.force_kn) <= 1.0 + 1e-9
             self.accepted[decision.stamp_ns] = decision.source
@@ -259,15 +259,16 @@ def test_without_measurements_nobody_takes_over(world):
 def test_wild_commands_do_not_move_the_standby(world):
     b = world.members[1]
     before = b.arbiter.applied
-    b.duty.on_command(world.stamp_ns, "x", Command(float("nan"), 400.0))
-    b.duty.on_command(world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
+    b.duty.on_command("a", world.stamp_ns, "x", Command(float("nan"), 400.0))
+    b.duty.on_command("a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
+    b.duty.on_command("", world.stamp_ns, "x", Command(61.0, 310.0))
     assert b.arbiter.applied == before
 
 
 def test_a_command_without_a_measurement_keeps_nobody_from_duty():
     world = World()
     a = world.add("a")
-    a.duty.on_command(world.stamp_ns, "x", Command(61.0, 310.0))
+    a.duty.on_command("b", world.stamp_ns, "x", Command(61.0, 310.0))
     world.tick(3)
     assert a.duty.role is Role.ACTIVE
 
