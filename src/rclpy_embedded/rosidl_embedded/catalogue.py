@@ -10,29 +10,23 @@ from __future__ import annotations
 
 import importlib.machinery
 import os
+import re
 import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from .definition import (
-    BoundedSequence,
-    Field,
-    InvalidInterfaceError,
-    Structure,
-    UnknownInterfaceError,
-    namespaced,
-)
+from .definition import BoundedSequence, Field, InvalidInterfaceError, Structure, UnknownInterfaceError, namespaced
 from .parser import parse_service, parse_structure
 
 INTERFACE_PATH = "RCLPY_EMBEDDED_INTERFACE_PATH"
 _SHARE = Path(__file__).parent / "share"
-_SERVICE_PARTS = ("_Request", "_Response", "_Event")
+_SERVICE_PART = re.compile(r"_(Request|Response|Event)$")
 
 
 @cache
 def structure(type_name: str) -> Structure:
-    """Find the definition of a message, or of a service's request, response or event.
+    """Find the definition of a message, of a service's request, response or event, or of a service made of these three.
 
     Parameters
     ----------
@@ -48,24 +42,35 @@ def structure(type_name: str) -> Structure:
     """
     package, kind, name = split_name(type_name)
     if kind == "srv":
-        base, part = service_part(name)
-        if part == "_Event":
-            return _event(f"{package}/srv/{base}")
-        if not part:
-            raise UnknownInterfaceError(f"{type_name!r} is a service, not a message")
-        return service(f"{package}/srv/{base}")[_SERVICE_PARTS.index(part)]
+        return _service(_SERVICE_PART.sub("", type_name))[type_name]
     path = _find_file(package, kind, name)
     return parse_structure(_read(path), type_name, str(path))
 
 
 @cache
-def service(type_name: str) -> tuple[Structure, Structure]:
-    """Find request and response of a service such as ``std_srvs/srv/Trigger``; raises like `structure`."""
+def _service(type_name: str) -> dict[str, Structure]:
+    path = _find_file(*split_name(type_name))
+    request, response = parse_service(_read(path), type_name, str(path))
+    # As service introspection publishes it; part of the service's type hash.
+    event = Structure(
+        f"{type_name}_Event",
+        (
+            Field("info", namespaced("service_msgs/msg/ServiceEventInfo")),
+            Field("request", BoundedSequence(namespaced(request.type_name), 1)),
+            Field("response", BoundedSequence(namespaced(response.type_name), 1)),
+        ),
+    )
+    parts = {"request_message": request, "response_message": response, "event_message": event}
+    whole = Structure(type_name, tuple(Field(name, namespaced(part.type_name)) for name, part in parts.items()))
+    return {found.type_name: found for found in (whole, *parts.values())}
+
+
+def source(type_name: str) -> tuple[str, str]:
+    """Find kind (``msg``, ``srv``) and text of an interface; parts of services are ``implicit``, without text."""
+    if _SERVICE_PART.search(type_name):
+        return "implicit", ""
     package, kind, name = split_name(type_name)
-    if kind != "srv":
-        raise UnknownInterfaceError(f"{type_name!r} is a message, not a service")
-    path = _find_file(package, kind, name)
-    return parse_service(_read(path), type_name, str(path))
+    return kind, _read(_find_file(package, kind, name))
 
 
 def split_name(type_name: str) -> tuple[str, str, str]:
@@ -84,12 +89,9 @@ def split_name(type_name: str) -> tuple[str, str, str]:
     return parts[0], parts[1], parts[2]
 
 
-def service_part(name: str) -> tuple[str, str]:
-    """Split ``Trigger_Request`` into ``Trigger`` and ``_Request``; the part is empty for the service itself."""
-    for part in _SERVICE_PARTS:
-        if name.endswith(part):
-            return name[: -len(part)], part
-    return name, ""
+def is_service(type_name: str) -> bool:
+    """Tell a service from a message and from the request, response or event of a service."""
+    return "/srv/" in type_name and not _SERVICE_PART.search(type_name)
 
 
 def interface_names(package: str, kind: str) -> list[str]:
@@ -157,16 +159,3 @@ def _python_folders_on(package: str, search_path: tuple[str, ...]) -> tuple[Path
 def _ament_folders(package: str) -> Iterator[Path]:
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         yield from _with_interfaces(Path(prefix) / "share" / package)
-
-
-def _event(type_name: str) -> Structure:
-    """Event of a service as service introspection publishes it; part of the service's type hash."""
-    request, response = service(type_name)
-    return Structure(
-        f"{type_name}_Event",
-        (
-            Field("info", namespaced("service_msgs/msg/ServiceEventInfo")),
-            Field("request", BoundedSequence(namespaced(request.type_name), 1)),
-            Field("response", BoundedSequence(namespaced(response.type_name), 1)),
-        ),
-    )

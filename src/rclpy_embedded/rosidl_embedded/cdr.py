@@ -20,8 +20,6 @@ from typing import Any, cast
 from . import catalogue
 from .checks import CHECK_FIELDS
 from .definition import (
-    CODES,
-    PACKED,
     AbstractGenericString,
     AbstractSequence,
     AbstractType,
@@ -42,7 +40,7 @@ _ZEROS = tuple(bytes(n) for n in range(9))
 def minimum_size(type_: AbstractType) -> int:
     """Least number of bytes that a value takes, without alignment."""
     if isinstance(type_, BasicType):
-        return CODES[type_.typename][1]
+        return type_.traits.size
     if isinstance(type_, Array):
         return type_.size * minimum_size(type_.value_type)
     if isinstance(type_, NamespacedType):
@@ -130,7 +128,7 @@ class _Generator(ABC):
 
     def value(self, type_: AbstractType, target: str) -> None:
         if isinstance(type_, BasicType):
-            self.scalar(*CODES[type_.typename], target)
+            self.scalar(type_.traits.code, type_.traits.size, target)
         elif isinstance(type_, NamespacedType):
             self.nested(type_, target)
         elif isinstance(type_, AbstractGenericString):
@@ -236,7 +234,7 @@ class _Encoder(_Generator):
         self.line(f"{local} = {target}")
         self.refuse(f"len({local}) != {type_.size}", f"{target.rpartition('._')[2]} must have {type_.size} values")
         if isinstance(element, BasicType):
-            size = CODES[element.typename][1]
+            size = element.traits.size
             self.align(size)
             self.end_string()
             self.line(f"buf += {self.contents(element, local)}")
@@ -256,8 +254,8 @@ class _Encoder(_Generator):
         if not isinstance(element, BasicType):
             self.loop_over(element, local)
             return
-        size = CODES[element.typename][1]
-        contents = local if element.typename in PACKED else self.contents(element, local)
+        size = element.traits.size
+        contents = local if element.is_number else self.contents(element, local)
         if size > 4 and (self.modulus < size or self.offset % size):
             self.line(f"if {local}: buf += Z[{HEADER_SIZE} - len(buf) & {size - 1}]")
         self.line(f"buf += {contents}")
@@ -340,15 +338,15 @@ class _Decoder(_Generator):
     def array(self, type_: Array, target: str) -> None:
         element = type_.value_type
         if isinstance(element, BasicType):
-            size = CODES[element.typename][1]
+            size = element.traits.size
             self.align(size)
             self.flush()
             self.line(f"e = p + {size * type_.size}")
-            if element.typename in PACKED:
+            if element.is_number:
                 import numpy as np
 
                 self.names["frombuffer"] = np.frombuffer
-                code = CODES[element.typename][0]
+                code = element.traits.code
                 dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
                 self.line(f"{target} = frombuffer(d, {dtype}, {type_.size}, p).astype({native})")
             else:
@@ -372,12 +370,12 @@ class _Decoder(_Generator):
             self.refuse(f"{local} * {minimum_size(element)} > len(d) - p", "sequence goes beyond the end")
             self.loop_over(element, local, target)
             return
-        code, size = CODES[element.typename]
+        code, size = element.traits[:2]
         if size > 4 and (self.modulus < size or self.offset % size):
             self.line(f"if {local}: p = (p + 3 & -8) + 4")
         self.line(f"e = p + {local} * {size}" if size > 1 else f"e = p + {local}")
         self.refuse("e > len(d)", "sequence goes beyond the end")
-        if element.typename in PACKED:
+        if element.is_number:
             self.names["memoryview"] = memoryview
             values = self.name("a")
             self.line(f"{target} = {values} = array({code!r})")

@@ -7,25 +7,39 @@ The type classes carry the names and attributes of ``rosidl_parser.definition``,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-# Code and size of each basic type, as modules struct, array and numpy have it.
-CODES = {
-    "boolean": ("?", 1),
-    "octet": ("c", 1),
-    "int8": ("b", 1),
-    "uint8": ("B", 1),
-    "int16": ("h", 2),
-    "uint16": ("H", 2),
-    "int32": ("i", 4),
-    "uint32": ("I", 4),
-    "int64": ("q", 8),
-    "uint64": ("Q", 8),
-    "float": ("f", 4),
-    "double": ("d", 8),
+
+class Traits(NamedTuple):
+    """What there is to know of a basic type."""
+
+    #: As modules struct, array and numpy call it.
+    code: str
+    size: int
+    #: Class of a single value.
+    python: str
+    #: Number in ``type_description_interfaces/msg/FieldType``.
+    type_id: int
+
+
+TRAITS = {
+    "int8": Traits("b", 1, "int", 2),
+    "uint8": Traits("B", 1, "int", 3),
+    "int16": Traits("h", 2, "int", 4),
+    "uint16": Traits("H", 2, "int", 5),
+    "int32": Traits("i", 4, "int", 6),
+    "uint32": Traits("I", 4, "int", 7),
+    "int64": Traits("q", 8, "int", 8),
+    "uint64": Traits("Q", 8, "int", 9),
+    "float": Traits("f", 4, "float", 10),
+    "double": Traits("d", 8, "float", 11),
+    "boolean": Traits("?", 1, "bool", 15),
+    "octet": Traits("c", 1, "bytes", 16),
 }
-# Elements that Python messages keep in numpy arrays (fixed size) or array.array (sequences) instead of lists.
-PACKED = frozenset(CODES) - {"boolean", "octet"}
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
+    **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
+}
 EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME = "structure_needs_at_least_one_member"
 
 
@@ -50,6 +64,16 @@ class BasicType(AbstractNestableType):
     """A number, boolean or octet, under its IDL name (``double``, ``boolean``, ``octet``, ``uint8`` ...)."""
 
     typename: str
+
+    @property
+    def traits(self) -> Traits:
+        """What there is to know of the type."""
+        return TRAITS[self.typename]
+
+    @property
+    def is_number(self) -> bool:
+        """Whether messages keep several values in a numpy array (fixed size) or array.array (sequence), not a list."""
+        return self.traits.python in ("int", "float")
 
 
 class AbstractGenericString(AbstractNestableType):
@@ -164,13 +188,9 @@ class Structure:
     constants: tuple[Constant, ...] = ()
 
     def references(self) -> list[str]:
-        """Names of the structures that the fields are made of, in order of first use."""
-        found: dict[str, None] = {}
-        for field in self.fields:
-            element = element_type(field.type)
-            if isinstance(element, NamespacedType):
-                found[element.type_name] = None
-        return list(found)
+        """Names of the structures that the fields are made of, sorted."""
+        elements = (element_type(field.type) for field in self.fields)
+        return sorted({element.type_name for element in elements if isinstance(element, NamespacedType)})
 
 
 def element_type(type_: AbstractType) -> AbstractType:

@@ -10,38 +10,29 @@ from typing import Any
 from . import catalogue
 from .definition import (
     EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME,
-    AbstractGenericString,
-    AbstractString,
-    AbstractType,
     Array,
     BasicType,
     BoundedSequence,
+    BoundedString,
+    BoundedWString,
+    Field,
     NamespacedType,
-    Structure,
     UnboundedSequence,
+    UnboundedString,
+    UnboundedWString,
     element_type,
 )
 
-# type_description_interfaces/msg/FieldType: ids of single values, and what an array or sequence adds.
-_TYPE_IDS = {
-    "int8": 2,
-    "uint8": 3,
-    "int16": 4,
-    "uint16": 5,
-    "int32": 6,
-    "uint32": 7,
-    "int64": 8,
-    "uint64": 9,
-    "float": 10,
-    "double": 11,
-    "boolean": 15,
-    "octet": 16,
+# type_description_interfaces/msg/FieldType: numbers of single values, and what an array or sequence adds.
+_TYPE_IDS: dict[type, int] = {
+    NamespacedType: 1,
+    UnboundedString: 17,
+    UnboundedWString: 18,
+    BoundedString: 21,
+    BoundedWString: 22,
 }
-_NESTED, _STRING, _WSTRING, _BOUNDED_STRING, _BOUNDED_WSTRING = 1, 17, 18, 21, 22
-_ARRAY, _BOUNDED_SEQUENCE, _UNBOUNDED_SEQUENCE = 48, 96, 144
-
-_MSG_NAMES = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
-_SEPARATOR = "=" * 80
+_NESTED_IDS: dict[type, int] = {Array: 48, BoundedSequence: 96, UnboundedSequence: 144}
+_EMPTY = (Field(EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME, BasicType("uint8")),)
 
 
 @cache
@@ -59,138 +50,64 @@ def type_hash(type_name: str) -> str:
 def type_description(type_name: str) -> dict[str, Any]:
     """Description of an interface with the members of ``type_description_interfaces/msg/TypeDescription``.
 
-    Default values are left out, as they are from the hash.
-
-    Raises
-    ------
-    UnknownInterfaceError
-        If the interface or one that it refers to is not known.
+    Default values are left out, as they are from the hash. Raises like `type_hash`.
     """
-    referenced: dict[str, Any] = {}
-    package, kind, name = catalogue.split_name(type_name)
-    type_name = f"{package}/{kind}/{name}"
-    if kind == "srv" and not catalogue.service_part(name)[1]:
-        catalogue.service(type_name)
-        parts = [("request_message", "_Request"), ("response_message", "_Response"), ("event_message", "_Event")]
-        fields = [_field(member, _NESTED, nested=f"{type_name}{part}") for member, part in parts]
-        for _, part in parts:
-            _collect(f"{type_name}{part}", referenced)
-    else:
-        _collect(type_name, referenced)
-        fields = referenced.pop(type_name)
+    main, *referenced = _with_references(type_name)
     return {
-        "type_description": {"type_name": type_name, "fields": fields},
-        "referenced_type_descriptions": [{"type_name": key, "fields": referenced[key]} for key in sorted(referenced)],
+        "type_description": _describe(main),
+        "referenced_type_descriptions": [_describe(name) for name in sorted(referenced)],
     }
 
 
-def _collect(type_name: str, found: dict[str, Any]) -> None:
-    if type_name in found:
-        return
-    definition = catalogue.structure(type_name)
-    found[type_name] = [_describe(field.name, field.type) for field in definition.fields] or [
-        _field(EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME, _TYPE_IDS["uint8"])
+def type_sources(type_name: str) -> list[dict[str, str]]:
+    """Texts of an interface and of what it refers to, as ``type_description_interfaces/msg/TypeSource`` has them."""
+    return [
+        {"type_name": name, "encoding": encoding, "raw_file_contents": text}
+        for name in _with_references(type_name)
+        for encoding, text in [catalogue.source(name)]
     ]
-    for name in definition.references():
-        _collect(name, found)
-
-
-def _field(name: str, type_id: int, capacity: int = 0, string_capacity: int = 0, nested: str = "") -> dict[str, Any]:
-    return {
-        "name": name,
-        "type": {
-            "type_id": type_id,
-            "capacity": capacity,
-            "string_capacity": string_capacity,
-            "nested_type_name": nested,
-        },
-    }
-
-
-def _describe(name: str, type_: AbstractType) -> dict[str, Any]:
-    capacity, offset = 0, 0
-    if isinstance(type_, Array):
-        capacity, offset = type_.size, _ARRAY
-    elif isinstance(type_, BoundedSequence):
-        capacity, offset = type_.maximum_size, _BOUNDED_SEQUENCE
-    elif isinstance(type_, UnboundedSequence):
-        offset = _UNBOUNDED_SEQUENCE
-    element = element_type(type_)
-    if isinstance(element, NamespacedType):
-        return _field(name, offset + _NESTED, capacity, nested=element.type_name)
-    if isinstance(element, AbstractGenericString):
-        narrow = isinstance(element, AbstractString)
-        if element.maximum_size is not None:
-            type_id = _BOUNDED_STRING if narrow else _BOUNDED_WSTRING
-            return _field(name, offset + type_id, capacity, element.maximum_size)
-        return _field(name, offset + (_STRING if narrow else _WSTRING), capacity)
-    assert isinstance(element, BasicType)
-    return _field(name, offset + _TYPE_IDS[element.typename], capacity)
 
 
 @cache
 def interface_definition(type_name: str) -> str:
-    """Definition of a message with all that it refers to, in the ``ros2msg`` format of rosbag2's MCAP schemas.
-
-    For a service the definitions of request and response are separated by ``---``, and what they refer to follows.
-    """
-    package, kind, name = catalogue.split_name(type_name)
-    if kind == "srv" and not catalogue.service_part(name)[1]:
-        roots = list(catalogue.service(type_name))
-    else:
-        roots = [catalogue.structure(f"{package}/{kind}/{name}")]
-    text = "---\n".join(_definition_text(root) for root in roots)
-    pending = [reference for root in roots for reference in root.references()]
-    seen: dict[str, None] = {}
-    while pending:
-        reference = pending.pop(0)
-        if reference in seen:
-            continue
-        seen[reference] = None
-        definition = catalogue.structure(reference)
-        pending += definition.references()
-        text += f"{_SEPARATOR}\nMSG: {_short_name(reference)}\n{_definition_text(definition)}"
+    """Text of a message with all that it refers to, as rosbag2 writes it into MCAP schemas (``ros2msg``)."""
+    main, *referenced = type_sources(type_name)
+    text = main["raw_file_contents"]
+    for source in referenced:
+        name = source["type_name"].replace("/msg/", "/")
+        text += f"\n{'=' * 80}\nMSG: {name}\n{source['raw_file_contents']}"
     return text
 
 
-def _short_name(type_name: str) -> str:
-    return type_name.replace("/msg/", "/")
+def _with_references(type_name: str) -> list[str]:
+    """Full name of an interface and of all that it refers to, each before its own references, as rosbag2 has them."""
+    found: list[str] = []
+
+    def add(name: str) -> None:
+        if name not in found:
+            found.append(name)
+            for reference in catalogue.structure(name).references():
+                add(reference)
+
+    add("/".join(catalogue.split_name(type_name)))
+    return found
 
 
-def _definition_text(definition: Structure) -> str:
-    lines = [f"{type_text(item.type)} {item.name}={value_text(item.value)}" for item in definition.constants]
-    for field in definition.fields:
-        default = "" if field.default is None else f" {value_text(field.default)}"
-        lines.append(f"{type_text(field.type)} {field.name}{default}")
-    return "".join(f"{line}\n" for line in lines)
+def _describe(type_name: str) -> dict[str, Any]:
+    fields = catalogue.structure(type_name).fields or _EMPTY
+    return {"type_name": type_name, "fields": [_describe_field(field) for field in fields]}
 
 
-def type_text(type_: AbstractType) -> str:
-    """Type as ``.msg`` files write it."""
-    element = element_type(type_)
-    if isinstance(element, NamespacedType):
-        text = _short_name(element.type_name)
-    elif isinstance(element, AbstractGenericString):
-        text = "string" if isinstance(element, AbstractString) else "wstring"
-        text += f"<={element.maximum_size}" if element.has_maximum_size() else ""
-    else:
-        assert isinstance(element, BasicType)
-        text = _MSG_NAMES.get(element.typename, element.typename)
-    if isinstance(type_, Array):
-        return f"{text}[{type_.size}]"
-    if isinstance(type_, BoundedSequence):
-        return f"{text}[<={type_.maximum_size}]"
-    return f"{text}[]" if isinstance(type_, UnboundedSequence) else text
-
-
-def value_text(value: Any) -> str:
-    """Value of a constant or default as ``.msg`` files write it."""
-    if isinstance(value, bytes):
-        return str(value[0])
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return '"' + value.replace('"', '\\"') + '"'
-    if isinstance(value, list):
-        return "[" + ", ".join(value_text(item) for item in value) + "]"
-    return repr(value)
+def _describe_field(field: Field) -> dict[str, Any]:
+    type_, element = field.type, element_type(field.type)
+    type_id = element.traits.type_id if isinstance(element, BasicType) else _TYPE_IDS[type(element)]
+    capacity = type_.size if isinstance(type_, Array) else 0
+    return {
+        "name": field.name,
+        "type": {
+            "type_id": type_id + _NESTED_IDS.get(type(type_), 0),
+            "capacity": type_.maximum_size if isinstance(type_, BoundedSequence) else capacity,
+            "string_capacity": element.maximum_size if isinstance(element, BoundedString | BoundedWString) else 0,
+            "nested_type_name": element.type_name if isinstance(element, NamespacedType) else "",
+        },
+    }

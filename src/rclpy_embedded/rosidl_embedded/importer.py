@@ -34,9 +34,9 @@ def lazy_interfaces(module_name: str) -> tuple[Callable[[str], Any], Callable[[]
             return list_attributes()
         if name.startswith("_") or not name.isidentifier():
             raise AttributeError(f"module {module_name!r} has no attribute {name!r}")
-        whole = kind == "srv" and not catalogue.service_part(name)[1]
+        type_name = f"{package}/{kind}/{name}"
         try:
-            cls = (get_service if whole else get_message)(f"{package}/{kind}/{name}")
+            cls = (get_service if catalogue.is_service(type_name) else get_message)(type_name)
         except UnknownInterfaceError as error:
             raise AttributeError(f"module {module_name!r} has no {name!r}: {error}") from None
         setattr(sys.modules[module_name], name, cls)

@@ -10,33 +10,34 @@ from __future__ import annotations
 
 import copy
 from array import array
+from collections.abc import Callable
+from operator import attrgetter
 from threading import RLock
 from typing import Any, NoReturn, cast
 
 from . import catalogue
 from .checks import CHECK_FIELDS, NAMESPACE, check_source, packed_array, packed_sequence, python_type
 from .definition import (
-    CODES,
-    PACKED,
-    AbstractNestedType,
     AbstractSequence,
     AbstractType,
     AbstractWString,
     Array,
     BasicType,
     BoundedSequence,
+    BoundedString,
+    BoundedWString,
     Field,
     InvalidInterfaceError,
     NamespacedType,
     Structure,
+    UnknownInterfaceError,
     element_type,
 )
 
 _lock = RLock()
-_messages: dict[str, type] = {}
-_services: dict[str, type] = {}
+_classes: dict[str, type] = {}
 _pending: list[str] = []
-_UNSET: Any = object()
+_DEFAULTS = {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0", "str": "''"}
 
 
 def get_message(type_name: str) -> Any:
@@ -54,106 +55,85 @@ def get_message(type_name: str) -> Any:
     InvalidInterfaceError
         If its definition is wrong.
     """
-    cls = _messages.get(type_name)
-    if cls is not None:
-        return cls
+    return _get_class(type_name, False, _make_message)
+
+
+def get_service(type_name: str) -> Any:
+    """Class of a service, e.g. ``std_srvs/srv/Trigger``, with Request, Response, Event; raises like `get_message`."""
+    return _get_class(type_name, True, _make_service)
+
+
+def _get_class(type_name: str, is_service: bool, make: Callable[[Structure], type]) -> type:
     full_name = "/".join(catalogue.split_name(type_name))
+    if catalogue.is_service(full_name) is not is_service:
+        raise UnknownInterfaceError(f"{type_name!r} is not a {'service' if is_service else 'message'}")
     with _lock:
-        if full_name not in _messages:
+        if full_name not in _classes:
             if full_name in _pending:
                 raise InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
             _pending.append(full_name)
             try:
-                _messages[full_name] = _make_message(catalogue.structure(full_name))
+                _classes[full_name] = make(catalogue.structure(full_name))
             finally:
                 _pending.pop()
-        return _messages[full_name]
-
-
-def get_service(type_name: str) -> Any:
-    """Class of a service such as ``std_srvs/srv/Trigger``, with ``Request``, ``Response`` and ``Event``.
-
-    Raises
-    ------
-    UnknownInterfaceError
-        If there is no such service.
-    InvalidInterfaceError
-        If its definition is wrong.
-    """
-    cls = _services.get(type_name)
-    if cls is not None:
-        return cls
-    catalogue.service(type_name)
-    with _lock:
-        if type_name not in _services:
-            _services[type_name] = _make_service(type_name)
-        return _services[type_name]
+        return _classes[full_name]
 
 
 def field_type_text(type_: AbstractType) -> str:
     """Type as ``get_fields_and_field_types()`` shows it: ``double[3]``, ``sequence<std_msgs/Header>``."""
-    element = element_type(type_)
-    if isinstance(element, BasicType):
-        text = element.typename
-    elif isinstance(element, NamespacedType):
-        text = f"{element.namespaces[0]}/{element.name}"
-    else:
-        bound = getattr(element, "maximum_size", None)
-        text = ("wstring" if isinstance(element, AbstractWString) else "string") + (f"<{bound}>" if bound else "")
-    if isinstance(type_, Array):
-        return f"{text}[{type_.size}]"
-    if isinstance(type_, BoundedSequence):
-        return f"sequence<{text}, {type_.maximum_size}>"
-    return f"sequence<{text}>" if isinstance(type_, AbstractSequence) else text
+    match type_:
+        case BasicType(typename):
+            return typename
+        case NamespacedType():
+            return f"{type_.namespaces[0]}/{type_.name}"
+        case Array(element, size):
+            return f"{field_type_text(element)}[{size}]"
+        case BoundedSequence(element, bound):
+            return f"sequence<{field_type_text(element)}, {bound}>"
+        case AbstractSequence(value_type=element):
+            return f"sequence<{field_type_text(element)}>"
+    text = "wstring" if isinstance(type_, AbstractWString) else "string"
+    return f"{text}<{type_.maximum_size}>" if isinstance(type_, BoundedString | BoundedWString) else text
 
 
-def _make_service(type_name: str) -> type:
-    package, _, name = type_name.split("/")
+def _make_service(definition: Structure) -> type:
+    package, _, name = definition.type_name.split("/")
 
     def refuse(self: object) -> NoReturn:
         raise NotImplementedError("Service classes can not be instantiated")
 
     # The event, which only service introspection uses, is made when it is asked for.
-    event = property(lambda cls: get_message(f"{type_name}_Event"))
-    metaclass = type(
-        f"Metaclass_{name}", (type,), {"_TYPE_NAME": type_name, "__module__": f"{package}.srv", "Event": event}
-    )
-    members = {part: get_message(f"{type_name}_{part}") for part in ("Request", "Response")}
-    return cast(type, metaclass(name, (), {"__module__": f"{package}.srv", "__init__": refuse, **members}))
+    event = property(lambda cls: get_message(f"{definition.type_name}_Event"))
+    module = {"__module__": f"{package}.srv"}
+    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, "Event": event, **module})
+    members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Request", "Response")}
+    return cast(type, metaclass(name, (), {"__init__": refuse, **members, **module}))
 
 
 def _make_message(definition: Structure) -> type:
     package, kind, name = definition.type_name.split("/")
-    module = f"{package}.{kind}"
+    module = {"__module__": f"{package}.{kind}"}
+    fields = definition.fields
     values = {constant.name: constant.value for constant in definition.constants}
-    values |= {f"{f.name.upper()}__DEFAULT": f.default for f in definition.fields if f.default is not None}
+    values |= {f"{field.name.upper()}__DEFAULT": field.default for field in fields if field.default is not None}
+    functions = _functions(definition)
+    members = {
+        "__doc__": f"Message class '{name}'.",
+        "__slots__": [*(f"_{field.name}" for field in fields), "_check_fields"],
+        "_fields_and_field_types": {field.name: field_type_text(field.type) for field in fields},
+        "SLOT_TYPES": tuple(field.type for field in fields),
+        "__init__": functions["__init__"],
+        "__eq__": _equal,
+        "__repr__": _repr,
+        "get_fields_and_field_types": classmethod(_get_fields_and_field_types),
+    }
+    for field in fields:
+        setter, text = functions[f"set_{field.name}"], f"Message field '{field.name}'."
+        members[field.name] = property(attrgetter(f"_{field.name}"), setter, doc=text)
     # Read-only on the class by a property of its metaclass; a plain attribute for its instances.
     properties = {key: _read_only(value) for key, value in values.items()}
-    metaclass = type(
-        f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, "__module__": module}
-    )
-    # In capitals, because arguments of the constructor and members of the class have the names of fields.
-    namespace: dict[str, Any] = {
-        **NAMESPACE,
-        "__name__": module,
-        "Metaclass": metaclass,
-        "UNSET": _UNSET,
-        "CHECK": CHECK_FIELDS,
-        "VALUES": values,
-        "PROPERTY": property,
-        "CLASSMETHOD": classmethod,
-        "HASATTR": hasattr,
-        "RANGE": range,
-        "ARRAY": array,
-        "PACKED_SEQUENCE": packed_sequence,
-        "PACKED_ARRAY": packed_array,
-        "REJECT": _reject,
-        "TYPES": tuple(field.type for field in definition.fields),
-        "REPR": _repr,
-    }
-    source = "\n".join(_class_source(definition, values, namespace))
-    exec(compile(source, f"<{definition.type_name}>", "exec"), namespace)
-    return cast(type, namespace[name])
+    metaclass = type(f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, **module})
+    return cast(type, metaclass(name, (), {**values, **members, **module}))
 
 
 def _read_only(value: Any) -> property:
@@ -164,129 +144,104 @@ def _reject(unknown: dict[str, Any]) -> NoReturn:
     raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(unknown))}")
 
 
+def _get_fields_and_field_types(cls: Any) -> dict[str, str]:
+    return dict(cls._fields_and_field_types)
+
+
+def _equal(self: Any, other: object) -> bool:
+    if not isinstance(other, type(self)):
+        return False
+    same = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
+    # Arrays of numpy are compared element by element.
+    return all(one if isinstance(one, bool) else one.all() for one in same)
+
+
 def _repr(self: Any) -> str:
     cls = type(self)
     texts = []
-    for name, text in cls._fields_and_field_types.items():
+    for name in cls._fields_and_field_types:
         value = getattr(self, name)
-        shown = repr(value)
-        if text.startswith("sequence<") and isinstance(value, array):
-            shown = shown[len("array('d', ") : -1] if len(value) else "[]"
-        texts.append(f"{name}={shown}")
+        texts.append(f"{name}={value.tolist() if isinstance(value, array) else value!r}")
     return f"{cls.__module__}.{cls.__name__}({', '.join(texts)})"
 
 
-def _class_source(definition: Structure, values: dict[str, Any], namespace: dict[str, Any]) -> list[str]:
-    name = definition.type_name.rpartition("/")[2]
-    fields = definition.fields
-    arguments = "".join(f"{field.name}=UNSET, " for field in fields)
-    shown = {field.name: field_type_text(field.type) for field in fields}
-    lines = [
-        f"class {name}(metaclass=Metaclass):",
-        f'    """Message class \'{name}\'."""',
-        f"    __slots__ = {[*(f'_{field.name}' for field in fields), '_check_fields']}",
-        f"    _fields_and_field_types = {shown}",
-        "    SLOT_TYPES = TYPES",
-        "    __repr__ = REPR",
-        *(f"    {key} = VALUES['{key}']" for key in values),
-        f"    def __init__(_self, *, {arguments}check_fields=CHECK, **_unknown):",
-        "        _self._check_fields = check_fields",
-        "        if _unknown: REJECT(_unknown)",
+def _functions(definition: Structure) -> dict[str, Any]:
+    """Compile the constructor ``__init__`` and a function ``set_<name>`` for every field."""
+    # In capitals, because arguments of the constructor have the names of fields.
+    namespace: dict[str, Any] = {
+        **NAMESPACE,
+        "UNSET": object(),
+        "CHECK": CHECK_FIELDS,
+        "HASATTR": hasattr,
+        "RANGE": range,
+        "ARRAY": array,
+        "PACKED_SEQUENCE": packed_sequence,
+        "PACKED_ARRAY": packed_array,
+        "REJECT": _reject,
+        "TYPES": {field.name: field.type for field in definition.fields},
+    }
+    arguments = "".join(f"{field.name}=UNSET, " for field in definition.fields)
+    constructor = [
+        f"def __init__(_self, *, {arguments}check_fields=CHECK, **_unknown):",
+        "    _self._check_fields = check_fields",
+        "    if _unknown: REJECT(_unknown)",
     ]
-    for field in fields:
-        default, given = _construction(field, namespace)
-        lines += [
-            f"        if {field.name} is UNSET: _self._{field.name} = {default}",
-            f"        else: _self.{field.name} = {given}",
+    setters = []
+    for field in definition.fields:
+        class_name = _class_name(field.type, namespace)
+        default, given = _construction(field, class_name, namespace)
+        constructor += [
+            f"    if {field.name} is UNSET: _self._{field.name} = {default}",
+            f"    else: _self.{field.name} = {given}",
         ]
-    same = [f"(self._{f.name} != other._{f.name})" + (".any()" if _packing(f.type) == "array" else "") for f in fields]
-    lines += [
-        "    def __eq__(self, other):",
-        "        if not isinstance(other, self.__class__): return False",
-        f"        return not ({' or '.join(same) or 'False'})",
-        "    @CLASSMETHOD",
-        "    def get_fields_and_field_types(cls):",
-        "        return cls._fields_and_field_types.copy()",
-    ]
-    for index, field in enumerate(fields):
-        lines += _property(field, index)
-    return lines
+        setters += [f"def set_{field.name}(self, value):", *_assignment(field, class_name)]
+    exec(compile("\n".join(constructor + setters), f"<{definition.type_name}>", "exec"), namespace)
+    return namespace
 
 
-def _packing(type_: AbstractType) -> str:
-    """Container of several numbers: ``array`` (numpy), ``sequence`` (array.array), or neither."""
-    element = element_type(type_)
-    if element is type_ or not (isinstance(element, BasicType) and element.typename in PACKED):
-        return ""
-    return "array" if isinstance(type_, Array) else "sequence"
-
-
-def _class_name(type_: AbstractType, namespace: dict[str, Any] | None = None) -> str:
-    """How the generated source calls the class of a nested message, put into the namespace if one is given."""
+def _class_name(type_: AbstractType, namespace: dict[str, Any]) -> str:
+    """What the generated source calls the class of single values; that of a nested message gets into the namespace."""
     element = element_type(type_)
     if not isinstance(element, NamespacedType):
-        return ""
-    name = "__".join((*element.namespaces, element.name))
-    if namespace is not None:
-        namespace[name] = get_message(element.type_name)
+        return python_type(element)
+    name = element.type_name.replace("/", "__")
+    namespace[name] = get_message(element.type_name)
     return name
 
 
-def _construction(field: Field, namespace: dict[str, Any]) -> tuple[str, str]:
+def _construction(field: Field, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
     """Source of the default value, and of the value to assign when one was given to the constructor."""
-    name, type_ = field.name, field.type
-    element = element_type(type_)
-    packing = _packing(type_)
-    class_name = _class_name(type_, namespace)
-    if packing:
-        assert isinstance(element, BasicType)
-        code = CODES[element.typename][0]
-        if packing == "sequence":
-            default = f"ARRAY('{code}')" if field.default is None else f"ARRAY('{code}', {field.default})"
+    name, type_, default = field.name, field.type, field.default
+    match type_:
+        case Array(BasicType(is_number=True) as element, size):
+            import numpy as np
+
+            namespace.update(NUMPY_ARRAY=np.array, ZEROS=np.zeros)
+            code = element.traits.code
+            values = f"ZEROS({size}, '{code}')" if default is None else f"NUMPY_ARRAY({default}, '{code}')"
+            return values, f"NUMPY_ARRAY({name}, '{code}')"
+        case AbstractSequence(value_type=BasicType(is_number=True) as element):
+            code = element.traits.code
             # Converted before the check, so that integers do for floats: as in rosidl only when constructing.
-            return default, f"{name} if HASATTR({name}, 'dtype') else ARRAY('{code}', {name})"
-        import numpy as np
-
-        namespace.update(NUMPY_ARRAY=np.array, ZEROS=np.zeros)
-        assert isinstance(type_, Array)
-        default = (
-            f"ZEROS({type_.size}, '{code}')" if field.default is None else f"NUMPY_ARRAY({field.default}, '{code}')"
-        )
-        return default, f"NUMPY_ARRAY({name}, '{code}')"
-    if field.default is not None:
-        return repr(field.default), name
-    if isinstance(type_, AbstractNestedType):
-        if not isinstance(type_, Array):
-            return "[]", name
-        return f"[{_default(element, class_name)} for _ in RANGE({type_.size})]", name
-    return _default(element, class_name), name
+            values = f"ARRAY('{code}', {default})" if default else f"ARRAY('{code}')"
+            return values, f"{name} if HASATTR({name}, 'dtype') else ARRAY('{code}', {name})"
+    single = _DEFAULTS.get(class_name) or f"{class_name}()"
+    if default is not None:
+        return repr(default), name
+    if isinstance(type_, Array):
+        return f"[{single} for _ in RANGE({type_.size})]", name
+    return "[]" if isinstance(type_, AbstractSequence) else single, name
 
 
-def _default(element: AbstractType, class_name: str) -> str:
-    if class_name:
-        return f"{class_name}()"
-    python = python_type(element)
-    return {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0", "str": "''"}[python]
-
-
-def _property(field: Field, index: int) -> list[str]:
+def _assignment(field: Field, class_name: str) -> list[str]:
+    """Source of the body of a setter."""
     name, type_ = field.name, field.type
-    lines = [
-        "    @PROPERTY",
-        f"    def {name}(self):",
-        f'        """Message field \'{name}\'."""',
-        f"        return self._{name}",
-        f"    @{name}.setter",
-        f"    def {name}(self, value):",
-    ]
-    packing = _packing(type_)
-    if packing:
-        element = element_type(type_)
-        assert isinstance(element, BasicType)
-        code = CODES[element.typename][0]
-        arguments = f"value, '{name}', TYPES[{index}], '{code}', self._check_fields"
-        return [*lines, f"        self._{name} = PACKED_{packing.upper()}({arguments})"]
-    lines.append("        if self._check_fields:")
-    for condition, text in check_source(name, type_, _class_name(type_)):
-        lines.append(f"            assert {condition}, {text!r}")
-    return [*lines, f"        self._{name} = value"]
+    match type_:
+        case Array(BasicType(is_number=True) as element) | AbstractSequence(BasicType(is_number=True) as element):
+            pack = "PACKED_ARRAY" if isinstance(type_, Array) else "PACKED_SEQUENCE"
+            arguments = f"value, '{name}', TYPES['{name}'], '{element.traits.code}', self._check_fields"
+            return [f"    self._{name} = {pack}({arguments})"]
+    lines = ["    if self._check_fields:"]
+    for condition, text in check_source(name, type_, class_name):
+        lines.append(f"        assert {condition}, {text!r}")
+    return [*lines, f"    self._{name} = value"]

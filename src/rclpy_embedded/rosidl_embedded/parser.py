@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from .definition import (
+    INTEGER_RANGES,
     AbstractGenericString,
     AbstractNestableType,
     AbstractType,
@@ -27,14 +28,9 @@ from .definition import (
     UnboundedWString,
 )
 
-INTEGER_RANGES: dict[str, tuple[int, int]] = {
-    **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
-    **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
-    "octet": (0, 255),
-}
 # Names in .msg files -> IDL. A .msg char has been an uint8 since ROS 2 began.
 BASIC_TYPES = {
-    **{name: name for name in INTEGER_RANGES if name != "octet"},
+    **{name: name for name in INTEGER_RANGES},
     "bool": "boolean",
     "byte": "octet",
     "char": "uint8",
@@ -134,10 +130,9 @@ def basic_value(value: Any, typename: str) -> Any:
         return bool(value)
     if typename in ("float", "double") and isinstance(value, int | float):
         return float(value)
-    if typename in INTEGER_RANGES and isinstance(value, int):
-        low, high = INTEGER_RANGES[typename]
-        if low <= value <= high:
-            return bytes([value]) if typename == "octet" else int(value)
+    low, high = INTEGER_RANGES.get("uint8" if typename == "octet" else typename, (1, 0))
+    if isinstance(value, int) and low <= value <= high:
+        return bytes([value]) if typename == "octet" else int(value)
     raise ValueError(f"{value!r} is not a value of type {typename}")
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from . import catalogue
 from .checks import python_type
 from .definition import (
-    PACKED,
     AbstractNestedType,
     AbstractType,
     Array,
@@ -93,7 +92,7 @@ def _annotations(type_: AbstractType, owner: str) -> tuple[str, str]:
     if not isinstance(type_, AbstractNestedType):
         return python, python
     taken = f"Sequence[{python}]"
-    if isinstance(element, BasicType) and element.typename in PACKED:
+    if isinstance(element, BasicType) and element.is_number:
         held = "NDArray[Any]" if isinstance(type_, Array) else f"array[{python}]"
         return f"{taken} | {held}" + ("" if isinstance(type_, Array) else " | NDArray[Any]"), held
     return taken, f"list[{python}]"

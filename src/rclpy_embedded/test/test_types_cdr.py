@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rosidl_embedded import DeserializationError, SerializationError, catalogue
 from rosidl_embedded.definition import (
+    INTEGER_RANGES,
     AbstractGenericString,
     AbstractType,
     Array,
@@ -22,7 +23,6 @@ from rosidl_embedded.definition import (
     NamespacedType,
     element_type,
 )
-from rosidl_embedded.parser import INTEGER_RANGES
 from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -209,7 +209,8 @@ def test_service_and_message_are_not_confused() -> None:
 
 
 def test_definition_text_holds_all_that_is_referred_to() -> None:
-    bar = "=" * 80
+    # With the empty lines of the definitions that rosbag2 writes.
+    bar = "\n" + "=" * 80
     assert interface_definition("sensor_msgs/msg/Temperature") == (
         "std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"
         f"{bar}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
