@@ -21,7 +21,7 @@ from . import catalogue
 from .checks import CHECK_FIELDS
 from .definition import (
     AbstractGenericString,
-    AbstractSequence,
+    AbstractNestedType,
     AbstractType,
     AbstractWString,
     Array,
@@ -133,11 +133,9 @@ class _Generator(ABC):
             self.nested(type_, target)
         elif isinstance(type_, AbstractGenericString):
             self.string(type_, target)
-        elif isinstance(type_, Array):
-            self.array(type_, target)
         else:
-            assert isinstance(type_, AbstractSequence)
-            self.sequence(type_, target)
+            assert isinstance(type_, AbstractNestedType)
+            self.several(type_, target)
 
     def compile(self, head: str, label: str) -> Any:
         source = "\n".join((head, *self.lines))
@@ -162,10 +160,7 @@ class _Generator(ABC):
     def string(self, type_: AbstractGenericString, target: str) -> None: ...
 
     @abstractmethod
-    def array(self, type_: Array, target: str) -> None: ...
-
-    @abstractmethod
-    def sequence(self, type_: AbstractSequence, target: str) -> None: ...
+    def several(self, type_: AbstractNestedType, target: str) -> None: ...
 
 
 class _Encoder(_Generator):
@@ -228,48 +223,37 @@ class _Encoder(_Generator):
         self.terminate = True
         self.known(1)
 
-    def array(self, type_: Array, target: str) -> None:
-        element = type_.value_type
-        local = self.name("a")
+    def several(self, type_: AbstractNestedType, target: str) -> None:
+        element, local, name = type_.value_type, self.name("a"), target.rpartition("._")[2]
         self.line(f"{local} = {target}")
-        self.refuse(f"len({local}) != {type_.size}", f"{target.rpartition('._')[2]} must have {type_.size} values")
-        if isinstance(element, BasicType):
-            size = element.traits.size
-            self.align(size)
-            self.end_string()
-            self.line(f"buf += {self.contents(element, local)}")
-            self.advance(size * type_.size)
-            return
-        self.loop_over(element, local)
-
-    def sequence(self, type_: AbstractSequence, target: str) -> None:
-        element = type_.value_type
-        local = self.name("a")
-        self.line(f"{local} = {target}")
-        self.scalar("I", 4, f"len({local})")
-        self.flush()
+        if isinstance(type_, Array):
+            self.refuse(f"len({local}) != {type_.size}", f"{name} must have {type_.size} values")
+        else:
+            self.scalar("I", 4, f"len({local})")
+            self.flush()
         if isinstance(type_, BoundedSequence):
             bound = type_.maximum_size
-            self.refuse(f"len({local}) > {bound}", f"{target.rpartition('._')[2]} must have at most {bound} values")
+            self.refuse(f"len({local}) > {bound}", f"{name} must have at most {bound} values")
         if not isinstance(element, BasicType):
-            self.loop_over(element, local)
+            self.close()
+            item = self.name("i")
+            self.loop(f"for {item} in {local}:", lambda: self.value(element, item))
             return
-        size = element.traits.size
-        contents = local if element.is_number else self.contents(element, local)
+        contents, size = f"{local}.tobytes()", element.traits.size
+        if element.typename == "octet":
+            contents = f"b''.join({local})"
+        elif element.typename == "boolean":
+            contents = f"bytes(map(bool, {local}))"
+        if isinstance(type_, Array):
+            self.align(size)
+            self.end_string()
+            self.line(f"buf += {contents}")
+            self.advance(size * type_.size)
+            return
         if size > 4 and (self.modulus < size or self.offset % size):
             self.line(f"if {local}: buf += Z[{HEADER_SIZE} - len(buf) & {size - 1}]")
-        self.line(f"buf += {contents}")
+        self.line(f"buf += {local if element.is_number else contents}")
         self.known(min(size, 4))
-
-    def contents(self, element: BasicType, local: str) -> str:
-        if element.typename == "octet":
-            return f"b''.join({local})"
-        return f"bytes(map(bool, {local}))" if element.typename == "boolean" else f"{local}.tobytes()"
-
-    def loop_over(self, element: AbstractType, local: str) -> None:
-        self.close()
-        item = self.name("i")
-        self.loop(f"for {item} in {local}:", lambda: self.value(element, item))
 
 
 class _Decoder(_Generator):
@@ -308,7 +292,7 @@ class _Decoder(_Generator):
         self.line(f"{local}._check_fields = {CHECK_FIELDS}")
 
     def nested(self, type_: NamespacedType, target: str) -> None:
-        local = self.name("m")
+        local = self.name("m") if "." in target else target
         self.create(type_.type_name, local)
         if local != target:
             self.line(f"{target} = {local}")
@@ -335,71 +319,60 @@ class _Decoder(_Generator):
         if type_.has_maximum_size():
             self.refuse(f"len({target}) > {type_.maximum_size}", "string is longer than its bound")
 
-    def array(self, type_: Array, target: str) -> None:
+    def several(self, type_: AbstractNestedType, target: str) -> None:
         element = type_.value_type
-        if isinstance(element, BasicType):
-            size = element.traits.size
-            self.align(size)
-            self.flush()
-            self.line(f"e = p + {size * type_.size}")
-            if element.is_number:
-                import numpy as np
-
-                self.names["frombuffer"] = np.frombuffer
-                code = element.traits.code
-                dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
-                self.line(f"{target} = frombuffer(d, {dtype}, {type_.size}, p).astype({native})")
-            else:
-                self.refuse("e > len(d)", "array goes beyond the end")
-                self.line(f"{target} = {self.elements(element)}")
-            self.line("p = e")
-            self.advance(size * type_.size)
-            return
-        self.flush()
-        self.refuse(f"{type_.size * minimum_size(element)} > len(d) - p", "array goes beyond the end")
-        self.loop_over(element, str(type_.size), target)
-
-    def sequence(self, type_: AbstractSequence, target: str) -> None:
-        element = type_.value_type
-        local = self.name("n")
-        self.scalar("I", 4, local)
+        if isinstance(type_, Array):
+            count, what = str(type_.size), "array"
+        else:
+            count, what = self.name("n"), "sequence"
+            self.scalar("I", 4, count)
         self.flush()
         if isinstance(type_, BoundedSequence):
-            self.refuse(f"{local} > {type_.maximum_size}", "sequence is longer than its bound")
+            self.refuse(f"{count} > {type_.maximum_size}", "sequence is longer than its bound")
         if not isinstance(element, BasicType):
-            self.refuse(f"{local} * {minimum_size(element)} > len(d) - p", "sequence goes beyond the end")
-            self.loop_over(element, local, target)
+            self.refuse(f"{count} * {minimum_size(element)} > len(d) - p", f"{what} goes beyond the end")
+            self.loop_over(element, count, target)
             return
         code, size = element.traits[:2]
-        if size > 4 and (self.modulus < size or self.offset % size):
-            self.line(f"if {local}: p = (p + 3 & -8) + 4")
-        self.line(f"e = p + {local} * {size}" if size > 1 else f"e = p + {local}")
-        self.refuse("e > len(d)", "sequence goes beyond the end")
-        if element.is_number:
-            self.names["memoryview"] = memoryview
-            values = self.name("a")
-            self.line(f"{target} = {values} = array({code!r})")
-            self.line(f"{values}.frombytes(memoryview(d)[p:e])")
-            if size > 1 and self.order != NATIVE:
-                self.line(f"{values}.byteswap()")
-        else:
-            self.line(f"{target} = {self.elements(element)}")
-        self.line("p = e")
-        self.known(min(size, 4))
+        if isinstance(type_, Array):
+            self.align(size)
+        elif size > 4 and (self.modulus < size or self.offset % size):
+            self.line(f"if {count}: p = (p + 3 & -8) + 4")
+        self.line(f"e = p + {count} * {size}" if size > 1 else f"e = p + {count}")
+        if isinstance(type_, Array) and element.is_number:
+            import numpy as np
 
-    def elements(self, element: BasicType) -> str:
-        return "[b != 0 for b in d[p:e]]" if element.typename == "boolean" else "[d[i:i + 1] for i in range(p, e)]"
+            self.names["frombuffer"] = np.frombuffer
+            dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
+            self.line(f"{target} = frombuffer(d, {dtype}, {count}, p).astype({native})")
+        else:
+            self.refuse("e > len(d)", f"{what} goes beyond the end")
+            self.elements(element, target)
+        self.line("p = e")
+        if isinstance(type_, Array):
+            self.advance(size * type_.size)
+        else:
+            self.known(min(size, 4))
+
+    def elements(self, element: BasicType, target: str) -> None:
+        """Read all from `p` to `e`."""
+        if element.typename == "boolean":
+            self.line(f"{target} = [b != 0 for b in d[p:e]]")
+        elif element.typename == "octet":
+            self.line(f"{target} = [d[i:i + 1] for i in range(p, e)]")
+        else:
+            values = self.name("a")
+            self.line(f"{target} = {values} = array({element.traits.code!r})")
+            self.line(f"{values}.frombytes(memoryview(d)[p:e])")
+            if element.traits.size > 1 and self.order != NATIVE:
+                self.line(f"{values}.byteswap()")
 
     def loop_over(self, element: AbstractType, count: str, target: str) -> None:
         values, item = self.name("a"), self.name("i")
         self.line(f"{target} = {values} = []")
 
         def read() -> None:
-            if isinstance(element, NamespacedType):
-                self.create(element.type_name, item)
-                self.fields(catalogue.structure(element.type_name), item)
-            else:
-                self.value(element, item)
+            self.value(element, item)
             self.close()
             self.line(f"{values}.append({item})")
 
