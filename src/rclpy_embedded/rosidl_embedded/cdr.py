@@ -28,8 +28,9 @@ from .definition import (
     BasicType,
     BoundedSequence,
     NamespacedType,
-    Structure,
+    namespaced,
 )
+from .message import get_message
 
 HEADER_SIZE = 4
 NATIVE = "<" if sys.byteorder == "little" else ">"
@@ -120,10 +121,11 @@ class _Generator(ABC):
         self.depth -= 1
         self.known(modulus, offset)
 
-    def fields(self, definition: Structure, target: str) -> None:
-        for field in definition.fields:
+    def fields(self, type_: NamespacedType, target: str) -> None:
+        fields = catalogue.structure(type_.type_name).fields
+        for field in fields:
             self.value(field.type, f"{target}._{field.name}")
-        if not definition.fields:
+        if not fields:
             self.scalar("B", 1, self.filler)
 
     def value(self, type_: AbstractType, target: str) -> None:
@@ -204,7 +206,7 @@ class _Encoder(_Generator):
     def nested(self, type_: NamespacedType, target: str) -> None:
         local = self.name("m")
         self.line(f"{local} = {target}")
-        self.fields(catalogue.structure(type_.type_name), local)
+        self.fields(type_, local)
 
     def string(self, type_: AbstractGenericString, target: str) -> None:
         local = self.name("s")
@@ -261,9 +263,8 @@ class _Decoder(_Generator):
 
     filler = "_"
 
-    def __init__(self, order: str, message_class: Callable[[str], type]) -> None:
+    def __init__(self, order: str) -> None:
         super().__init__(order)
-        self.message_class = message_class
         self.names.update(new=object.__new__, array=array)
 
     def flush(self) -> None:
@@ -286,17 +287,13 @@ class _Decoder(_Generator):
             self.line("p = (p + 3 & -8) + 4" if size == 8 else f"p = p + {size - 1} & -{size}")
             self.known(size)
 
-    def create(self, type_name: str, local: str) -> None:
-        cls = self.message_class(type_name)
-        self.line(f"{local} = new({self.constant('C', cls)})")
-        self.line(f"{local}._check_fields = {CHECK_FIELDS}")
-
     def nested(self, type_: NamespacedType, target: str) -> None:
         local = self.name("m") if "." in target else target
-        self.create(type_.type_name, local)
+        self.line(f"{local} = new({self.constant('C', get_message(type_.type_name))})")
+        self.line(f"{local}._check_fields = {CHECK_FIELDS}")
         if local != target:
             self.line(f"{target} = {local}")
-        self.fields(catalogue.structure(type_.type_name), local)
+        self.fields(type_, local)
 
     def string(self, type_: AbstractGenericString, target: str) -> None:
         local = self.name("n")
@@ -382,34 +379,19 @@ class _Decoder(_Generator):
 def make_encoder(type_name: str) -> Callable[[Any, bytearray], None]:
     """Make the function that appends a message, in native byte order, to a buffer with the 4 byte header."""
     generator = _Encoder(NATIVE)
-    generator.fields(catalogue.structure(type_name), "m")
+    generator.fields(namespaced(type_name), "m")
     generator.close()
     return cast(Callable[[Any, bytearray], None], generator.compile("def run(m, buf):", f"encode {type_name}"))
 
 
-def make_decoder(
-    type_name: str, message_class: Callable[[str], type], order: str = "<"
-) -> Callable[[bytes, int], tuple[Any, int]]:
+def make_decoder(type_name: str, order: str) -> Callable[[bytes, int], tuple[Any, int]]:
     """Make the function that reads a message from a buffer: ``decoder(data, position) -> (message, end)``.
 
-    Parameters
-    ----------
-    type_name : str
-        Message to read.
-    message_class : callable
-        Gives the class of a type name.
-    order : str
-        ``<`` little endian, ``>`` big endian.
-
-    Notes
-    -----
-    The function raises ValueError (UnicodeDecodeError is one), IndexError or
-    struct.error on malformed input. Sequence lengths are compared with what is left of the data before anything is
-    allocated.
+    The byte order is ``<`` or ``>``. The function raises ValueError (UnicodeDecodeError is one), IndexError or
+    struct.error on malformed input; lengths are compared with what is left of the data before anything is allocated.
     """
-    generator = _Decoder(order, message_class)
-    generator.create(type_name, "m")
-    generator.fields(catalogue.structure(type_name), "m")
+    generator = _Decoder(order)
+    generator.nested(namespaced(type_name), "m")
     generator.close()
     generator.line("return m, p")
     return cast(Callable[[bytes, int], tuple[Any, int]], generator.compile("def run(d, p):", f"decode {type_name}"))

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from functools import cached_property
-from typing import Any, cast
+from functools import cache, cached_property
+from typing import Any
 
-from . import catalogue, description
 from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
+from .description import interface_definition, type_hash
 from .message import get_message, get_service
-
-interface_definition = description.interface_definition
-type_hash = description.type_hash
 
 _HEADER = b"\x00\x01\x00\x00" if NATIVE == "<" else bytes(4)
 _ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
@@ -48,25 +45,19 @@ class TypeSupport:
         self.type_name: str = cls._TYPE_NAME
         package, kind, name = self.type_name.split("/")
         self.dds_name = f"{package}::{kind}::dds_::{name}_"
-        self._decoders: dict[str, Callable[[bytes, int], tuple[Any, int]]] = {}
+        self._decoders: dict[bytes, Callable[[bytes, int], tuple[Any, int]]] = {}
 
     @cached_property
     def type_hash(self) -> str:
         """RIHS01 hash of the type's description."""
-        return description.type_hash(self.type_name)
+        return type_hash(self.type_name)
 
     @cached_property
     def _encode(self) -> Callable[[Any, bytearray], None]:
         return make_encoder(self.type_name)
 
     def serialize(self, msg: Any) -> bytes:
-        """Encode a message: 4 byte encapsulation header and CDR, not padded.
-
-        Raises
-        ------
-        SerializationError
-            If a field holds a value of a wrong type or length.
-        """
+        """Encode a message: 4 byte encapsulation header and CDR, not padded; see `serialize_with_prefix`."""
         return self.serialize_with_prefix(b"", msg)
 
     def serialize_with_prefix(self, prefix: bytes, msg: Any) -> bytes:
@@ -87,13 +78,7 @@ class TypeSupport:
         return bytes(data)
 
     def deserialize(self, data: bytes | memoryview) -> Any:
-        """Decode a message; up to three bytes of padding at the end are accepted.
-
-        Raises
-        ------
-        DeserializationError
-            If the data are not the encoding of such a message.
-        """
+        """Decode a message; up to three bytes of padding at the end are accepted; see `deserialize_with_prefix`."""
         return self.deserialize_with_prefix(data, 0)[1]
 
     def deserialize_with_prefix(self, data: bytes | memoryview, size: int) -> tuple[bytes, Any]:
@@ -108,7 +93,7 @@ class TypeSupport:
             data = bytes(data)
         start = HEADER_SIZE + size
         try:
-            decode = self._decoders[_ORDERS[data[:2]]]
+            decode = self._decoders[data[:2]]
         except KeyError:
             decode = self._decoder(data[:2])
         try:
@@ -116,9 +101,8 @@ class TypeSupport:
         except (IndexError, ValueError, struct.error) as error:
             raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
         if not 0 <= len(data) - end <= _MAX_PADDING:
-            raise DeserializationError(
-                f"{len(data)} bytes are not a {self.type_name}: {len(data) - end} bytes too many"
-            )
+            surplus = len(data) - end
+            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {surplus} bytes too many")
         return data[HEADER_SIZE:start], msg
 
     def _decoder(self, encapsulation: bytes) -> Callable[[bytes, int], tuple[Any, int]]:
@@ -127,9 +111,8 @@ class TypeSupport:
             raise DeserializationError(
                 f"not a {self.type_name}: encapsulation {encapsulation.hex() or 'missing'}, only plain CDR is supported"
             )
-        if order not in self._decoders:
-            self._decoders[order] = make_decoder(self.type_name, get_message, order)
-        return self._decoders[order]
+        decoder = self._decoders[encapsulation] = make_decoder(self.type_name, order)
+        return decoder
 
 
 class ServiceTypeSupport:
@@ -154,41 +137,26 @@ class ServiceTypeSupport:
     @cached_property
     def type_hash(self) -> str:
         """RIHS01 hash of the service's description."""
-        return description.type_hash(self.type_name)
+        return type_hash(self.type_name)
 
 
-_supports: dict[type, Any] = {}
-
-
+@cache
 def type_support(cls: Any) -> TypeSupport:
-    """Type support of a message class.
-
-    Raises
-    ------
-    TypeError
-        If `cls` is not a message class of this package.
-    """
-    return cast(TypeSupport, _support(cls, TypeSupport, "message", "__slots__"))
+    """Type support of a message class; TypeError if `cls` is none of this package."""
+    _require(cls, "message", "__slots__")
+    return TypeSupport(cls)
 
 
+@cache
 def service_type_support(cls: Any) -> ServiceTypeSupport:
-    """Type support of a service class.
-
-    Raises
-    ------
-    TypeError
-        If `cls` is not a service class of this package.
-    """
-    return cast(ServiceTypeSupport, _support(cls, ServiceTypeSupport, "service", "Request"))
+    """Type support of a service class; TypeError if `cls` is none of this package."""
+    _require(cls, "service", "Request")
+    return ServiceTypeSupport(cls)
 
 
-def _support(cls: Any, kind: type[Any], what: str, attribute: str) -> Any:
-    found = _supports.get(cls) if isinstance(cls, type) else None
-    if found is None or not isinstance(found, kind):
-        if not (isinstance(cls, type) and hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
-            raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")
-        found = _supports.setdefault(cls, kind(cls))
-    return found
+def _require(cls: Any, what: str, attribute: str) -> None:
+    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
+        raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")
 
 
 __all__ = [
@@ -196,7 +164,6 @@ __all__ = [
     "SerializationError",
     "ServiceTypeSupport",
     "TypeSupport",
-    "catalogue",
     "get_message",
     "get_service",
     "interface_definition",
