@@ -73,7 +73,9 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters = _parameters_by_hand(controllers, record, speed)
     else:
         simulated = {} if speed is None else {"fsw_plant": {"speed": speed}}
-        graph = WeldGraph(scenario, folder, controllers, speed is None, record, simulated)
+        graph = WeldGraph(
+            scenario, folder, controllers, realtime=speed is None, record=record, extra_parameters=simulated
+        )
         controllers = graph.all_controllers
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
         parameters = graph.parameter_file(folder / "scenario.yaml")
