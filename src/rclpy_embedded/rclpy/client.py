@@ -2,66 +2,34 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-from cyclonedds.core import DDSException, DDSStatus, WaitSet
-from rclpy.callback_groups import CallbackGroup
+from cyclonedds.core import DDSStatus, WaitSet
 from rclpy.context import Context
-from rclpy.exceptions import RCLError
-from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, matched, raw_type
-from rclpy.impl.endpoint import Endpoint
+from rclpy.impl.dds import matched
 from rclpy.impl.graph import user_data_field
-from rclpy.impl.session import LocalNode, Session
-from rclpy.qos import QoSProfile
-from rclpy.service import HEADER
+from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint
 from rclpy.task import Future
-
-from rosidl_embedded.typesupport import service_type_support
 
 # A wait for a service looks at least this often whether the context is still up.
 _LONGEST_WAIT_S = 0.25
 
 
-class Client(Endpoint):
+class Client(ServiceEndpoint):
     """Sends requests; made by ``Node.create_client``."""
 
-    def __init__(
-        self,
-        context: Context,
-        session: Session,
-        local_node: LocalNode,
-        srv_type: Any,
-        srv_name: str,
-        qos_profile: QoSProfile,
-        callback_group: CallbackGroup,
-    ) -> None:
+    _is_server = False
+
+    def __init__(self, *args: Any, context: Context) -> None:
+        super().__init__(*args)
         self.context = context
-        self.srv_type = srv_type
-        self.srv_name = srv_name
-        self.qos_profile = qos_profile
-        self.callback_group = callback_group
         self._pending_requests: dict[int, Future] = {}
         self._sequence_number = 0
         self._lock = threading.Lock()
-        support = service_type_support(srv_type)
-        self._request, self._response = support.request, support.response
-        self._sample = raw_type(self._request.dds_name)
-        prefix = f"clientid={session.next_id()};"
-        writer = session.writer(f"rq{srv_name}Request", self._request, qos_profile, prefix)
-        reader = session.reader(f"rr{srv_name}Reply", self._response, qos_profile, prefix)
-        self._guid = writer.get_instance_handle() & 0xFFFFFFFFFFFFFFFF
-        self.condition = any_sample(reader)
-        super().__init__(session, local_node, srv_name, reader=reader, writer=writer)
-
-    @property
-    def service_name(self) -> str:
-        """Full name of the service."""
-        return self._full_name()
+        self._guid = self._writer.get_instance_handle() & 0xFFFFFFFFFFFFFFFF
 
     def call(self, request: Any, timeout_sec: float | None = None) -> Any:
         """Send a request and wait for the response. In a callback this would wait for itself.
@@ -93,19 +61,18 @@ class Client(Endpoint):
         """
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
-        assert self.handle
+        self._check()
+        future = Future()
         with self._lock:
-            number = self._sequence_number + 1
-            data = self._request.serialize_with_prefix(HEADER.pack(self._guid, number), request)
-            self._sequence_number = number
-            future = Future()
+            self._sequence_number += 1
+            number = self._sequence_number
             # Known before it is sent: the response may come before write returns.
             self._pending_requests[number] = future
             try:
-                self._writer.write(self._sample(data))
-            except DDSException as error:
+                self._send(RequestId(self._guid, number), request)
+            except Exception:
                 del self._pending_requests[number]
-                raise RCLError(f"failed to send request: {error}") from error
+                raise
         future.add_done_callback(self.remove_pending_request)
         return future
 
@@ -124,18 +91,9 @@ class Client(Endpoint):
 
     def take_response(self) -> tuple[int, Any] | None:
         """Take the next response to this client and the number of its request, None if there is none."""
-        for sample in self.handle.take(1):
-            if not sample.sample_info.valid_data:
-                continue
-            # Replies to all clients of the service come by; only our own are worth decoding.
-            if sample.data[4:12] != self._guid.to_bytes(8, "little"):
-                continue
-            try:
-                header, response = self._response.deserialize_with_prefix(sample.data, HEADER.size)
-                return HEADER.unpack(header)[1], response
-            except (ValueError, struct.error) as error:
-                faults.count(self._name, f"malformed response from '{self._name}': {error}")
-        return None
+        # Replies to all clients of the service come by; only our own are worth decoding.
+        taken = self._receive(self._guid.to_bytes(8, "little"))
+        return None if taken is None else (taken[0].sequence_number, taken[1])
 
     def _take(self) -> Callable[[], Any] | None:
         taken = self.take_response()
@@ -154,7 +112,7 @@ class Client(Endpoint):
 
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
-        assert self.handle
+        self._check()
         writer, reader = self._writer, self._reader
         requests = {
             self._service_id(writer.get_matched_subscription_data, handle)
@@ -177,7 +135,7 @@ class Client(Endpoint):
             return True
         self._writer.set_status_mask(DDSStatus.PublicationMatched)
         self._reader.set_status_mask(DDSStatus.SubscriptionMatched)
-        waitset = WaitSet(self._session.participant)
+        waitset = WaitSet(self._local_node.session.participant)
         waitset.attach(self._writer)
         waitset.attach(self._reader)
         deadline = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec

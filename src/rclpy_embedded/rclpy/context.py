@@ -149,7 +149,7 @@ class Context:
 
     def _close_when_unused(self) -> None:
         """Leave the graph once it is shut down and its last node is destroyed."""
-        if not self._ok and self._session is not None and not any(node._alive for node in list(self._nodes)):
+        if not self._ok and self._session is not None and not self._nodes:
             self._session.close()
 
     def _wake_all(self) -> None:

@@ -307,10 +307,10 @@ class Executor:
             nodes = list(self._nodes)
         for node in nodes:
             for target, entities in (
-                (self._timers, node._timers),
-                (self._guards, node._guards),
-                (self._readers, [*node._subscriptions, *node._clients, *node._services]),
-                (self._events, node._waitables),
+                (self._timers, node.timers),
+                (self._guards, node.guards),
+                (self._readers, [*node.subscriptions, *node.clients, *node.services]),
+                (self._events, node.waitables),
             ):
                 for entity in list(entities):
                     if self.can_execute(entity):

@@ -7,21 +7,21 @@ from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle
+from rclpy.impl.handle import Destroyable
 from rclpy.utilities import get_default_context
 
 
-class GuardCondition:
+class GuardCondition(Destroyable):
     """Has its callback called after ``trigger``; made by ``Node.create_guard_condition``."""
 
     def __init__(
         self, callback: Callable[[], Any] | None, callback_group: CallbackGroup | None, context: Context | None = None
     ) -> None:
+        super().__init__()
         self._context = get_default_context() if context is None else context
         self.callback = callback
         self.callback_group = callback_group
         self._triggered = False
-        self._destroyed = False
 
     def trigger(self) -> None:
         """Have the callback called, once for any number of triggers before it.
@@ -31,15 +31,10 @@ class GuardCondition:
         InvalidHandle
             After destruction.
         """
-        if self._destroyed:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
+        self._check()
         self._triggered = True
         self._context._wake_all()
 
     def _take(self) -> Callable[[], Any] | None:
         self._triggered = False
         return self.callback
-
-    def destroy(self) -> None:
-        """End it; better call ``Node.destroy_guard_condition``."""
-        self._destroyed = True

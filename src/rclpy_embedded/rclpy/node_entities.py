@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -12,7 +12,6 @@ from rclpy.constants import S_TO_NS
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.guard_condition import GuardCondition
-from rclpy.impl.best_available import resolve
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions, declare_qos_parameters
@@ -23,16 +22,14 @@ from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
 from rclpy.waitable import Waitable
 
 if TYPE_CHECKING:
-    from rclpy.impl.session import LocalNode, Session
+    from rclpy.impl.session import LocalNode
 
 
 class NodeEntities:
     """The entities of a Node, and the methods that make and destroy them."""
 
     _context: Context
-    _session: Session
-    _local_node: LocalNode
-    _logger_name: str
+    handle: LocalNode
     _clock: Clock
     resolve_topic_name: Callable[..., str]
     resolve_service_name: Callable[..., str]
@@ -45,27 +42,54 @@ class NodeEntities:
         self._services: list[Service] = []
         self._timers: list[Timer] = []
         self._guards: list[GuardCondition] = []
-        self._waitables: list[Waitable] = []
+        self.__waitables: list[Waitable] = []
         self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
         self._rate_group = ReentrantCallbackGroup()
 
-    def _destroy_all(self) -> None:
-        kinds: tuple[list[Any], ...] = (
-            self._publishers,
-            self._subscriptions,
-            self._clients,
-            self._services,
-            self._timers,
-            self._guards,
-        )
-        for entities in kinds:
-            while entities:
-                self._destroy(entities[0], entities)
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """Publishers of this node."""
+        yield from self._publishers
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions of this node."""
+        yield from self._subscriptions
+
+    @property
+    def clients(self) -> Iterator[Client]:
+        """Service clients of this node."""
+        yield from self._clients
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """Service servers of this node."""
+        yield from self._services
+
+    @property
+    def timers(self) -> Iterator[Timer]:
+        """Timers of this node."""
+        yield from self._timers
+
+    @property
+    def guards(self) -> Iterator[GuardCondition]:
+        """Guard conditions of this node."""
+        yield from self._guards
+
+    @property
+    def waitables(self) -> Iterator[Waitable]:
+        """Waitables of this node: event handlers, and what was added."""
+        yield from self.__waitables
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """The group of everything that is created without one."""
+        return self._default_callback_group
 
     # Creating
 
     @staticmethod
-    def _profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+    def __profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
         if isinstance(qos_or_depth, QoSProfile):
             return qos_or_depth
         if not isinstance(qos_or_depth, int):
@@ -74,38 +98,28 @@ class NodeEntities:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
 
-    def _add(self, entity: Any, group: CallbackGroup, entities: list[Any]) -> Any:
-        group.add_entity(entity)
+    def __add(self, entity: Any, entities: list[Any]) -> Any:
+        entity.callback_group.add_entity(entity)
         entities.append(entity)
         self._wake_executor()
         return entity
 
-    def _new_publisher(
+    def __topic(
         self,
         msg_type: Any,
         topic: str,
-        profile: QoSProfile,
-        event_callbacks: PublisherEventCallbacks | None = None,
-        callback_group: CallbackGroup | None = None,
-        publisher_class: type[Publisher] = Publisher,
-        options: QoSOverridingOptions | None = None,
-    ) -> Publisher:
+        qos_profile: QoSProfile | int,
+        options: QoSOverridingOptions | None,
+        *,
+        writer: bool,
+    ) -> tuple[str, QoSProfile]:
+        """Return full name and profile of a publisher or subscription to be made."""
+        profile = self.__profile(qos_profile)
         check_is_valid_msg_type(msg_type)
         name = self.resolve_topic_name(topic)
         if options is not None:
-            profile = declare_qos_parameters("publisher", self, name, profile, options)
-        profile = resolve(profile, self._session, "rt" + name, writer=True)
-        return publisher_class(
-            self._session,
-            self._local_node,
-            msg_type,
-            topic,
-            name,
-            profile,
-            event_callbacks or PublisherEventCallbacks(),
-            callback_group or self._default_callback_group,
-            self._logger_name,
-        )
+            profile = declare_qos_parameters("publisher" if writer else "subscription", self, name, profile, options)
+        return name, profile
 
     def create_publisher(
         self,
@@ -125,17 +139,12 @@ class NodeEntities:
         InvalidTopicNameException
             If the name is invalid.
         """
-        publisher = self._new_publisher(
-            msg_type,
-            topic,
-            self._profile(qos_profile),
-            event_callbacks,
-            callback_group,
-            publisher_class,
-            qos_overriding_options,
-        )
+        group = callback_group or self._default_callback_group
+        name, profile = self.__topic(msg_type, topic, qos_profile, qos_overriding_options, writer=True)
+        callbacks = event_callbacks or PublisherEventCallbacks()
+        publisher = publisher_class(self.handle, msg_type, topic, name, profile, callbacks, group)
         self._publishers.append(publisher)
-        self._waitables.extend(publisher.event_handlers)
+        self.__waitables.extend(publisher.event_handlers)
         self._wake_executor()
         return publisher
 
@@ -163,27 +172,13 @@ class NodeEntities:
             If the callback takes neither one nor two arguments.
         """
         group = callback_group or self._default_callback_group
-        profile = self._profile(qos_profile)
-        check_is_valid_msg_type(msg_type)
-        name = self.resolve_topic_name(topic)
-        if qos_overriding_options is not None:
-            profile = declare_qos_parameters("subscription", self, name, profile, qos_overriding_options)
-        profile = resolve(profile, self._session, "rt" + name, writer=False)
+        name, profile = self.__topic(msg_type, topic, qos_profile, qos_overriding_options, writer=False)
+        callbacks = event_callbacks or SubscriptionEventCallbacks()
         subscription = Subscription(
-            self._session,
-            self._local_node,
-            msg_type,
-            topic,
-            name,
-            callback,
-            group,
-            profile,
-            raw,
-            event_callbacks or SubscriptionEventCallbacks(),
-            self._logger_name,
+            self.handle, msg_type, topic, name, profile, callbacks, group, callback=callback, raw=raw
         )
-        self._waitables.extend(subscription.event_handlers)
-        return self._add(subscription, group, self._subscriptions)
+        self.__waitables.extend(subscription.event_handlers)
+        return self.__add(subscription, self._subscriptions)
 
     def create_client(
         self,
@@ -197,9 +192,8 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
-        client = Client(self._context, self._session, self._local_node, srv_type, name, qos_profile, group)
-        client.srv_name = srv_name
-        return self._add(client, group, self._clients)
+        client = Client(self.handle, srv_type, srv_name, name, qos_profile, group, context=self._context)
+        return self.__add(client, self._clients)
 
     def create_service(
         self,
@@ -220,9 +214,8 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
-        service = Service(self._session, self._local_node, srv_type, name, callback, group, qos_profile)
-        service.srv_name = srv_name
-        return self._add(service, group, self._services)
+        service = Service(self.handle, srv_type, srv_name, name, qos_profile, group, callback=callback)
+        return self.__add(service, self._services)
 
     def create_timer(
         self,
@@ -242,14 +235,14 @@ class NodeEntities:
             context=self._context,
             autostart=autostart,
         )
-        return self._add(timer, group, self._timers)
+        return self.__add(timer, self._timers)
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Create a guard condition, whose callback is called after its ``trigger``."""
         group = callback_group or self._default_callback_group
-        return self._add(GuardCondition(callback, group, context=self._context), group, self._guards)
+        return self.__add(GuardCondition(callback, group, context=self._context), self._guards)
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
         """Create a rate of `frequency` Hz; ValueError unless it is positive."""
@@ -260,52 +253,65 @@ class NodeEntities:
 
     def add_waitable(self, waitable: Waitable) -> None:
         """Have an executor wait for something else."""
-        self._waitables.append(waitable)
+        self.__waitables.append(waitable)
         self._wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
         """Undo `add_waitable`."""
-        self._waitables.remove(waitable)
+        self.__waitables.remove(waitable)
         self._wake_executor()
 
     # Destroying
 
-    def _destroy(self, entity: Any, entities: list[Any]) -> bool:
+    def __destroy(self, entity: Any, entities: list[Any]) -> bool:
         if entity not in entities:
             return False
         entities.remove(entity)
         for handler in getattr(entity, "event_handlers", ()):
-            self._waitables.remove(handler)
+            self.__waitables.remove(handler)
         entity.destroy()
         self._wake_executor()
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
         """Destroy a publisher of this node; return whether it was one."""
-        return self._destroy(publisher, self._publishers)
+        return self.__destroy(publisher, self._publishers)
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription of this node; return whether it was one."""
-        return self._destroy(subscription, self._subscriptions)
+        return self.__destroy(subscription, self._subscriptions)
 
     def destroy_client(self, client: Client) -> bool:
         """Destroy a client of this node; return whether it was one."""
-        return self._destroy(client, self._clients)
+        return self.__destroy(client, self._clients)
 
     def destroy_service(self, service: Service) -> bool:
         """Destroy a service of this node; return whether it was one."""
-        return self._destroy(service, self._services)
+        return self.__destroy(service, self._services)
 
     def destroy_timer(self, timer: Timer) -> bool:
         """Destroy a timer of this node; return whether it was one."""
-        return self._destroy(timer, self._timers)
+        return self.__destroy(timer, self._timers)
 
     def destroy_guard_condition(self, guard: GuardCondition) -> bool:
         """Destroy a guard condition of this node; return whether it was one."""
-        return self._destroy(guard, self._guards)
+        return self.__destroy(guard, self._guards)
 
     def destroy_rate(self, rate: Rate) -> bool:
         """Destroy a rate of this node; return whether it was one."""
         done = self.destroy_timer(rate._timer)
         rate.destroy()
         return done
+
+    def destroy_node(self) -> None:
+        """Destroy everything that is left."""
+        for entities in (
+            self._publishers,
+            self._subscriptions,
+            self._clients,
+            self._services,
+            self._timers,
+            self._guards,
+        ):
+            while entities:
+                self.__destroy(entities[0], entities)

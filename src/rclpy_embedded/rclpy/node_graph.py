@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from rclpy.impl.dds import profile_from_dds
 from rclpy.impl.graph import (
@@ -25,24 +26,32 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
+def _info(graph: Graph, endpoint: Endpoint, is_writer: bool) -> TopicEndpointInfo:
+    node = graph.node_of(endpoint)
+    return TopicEndpointInfo(
+        node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
+        node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
+        topic_type=ros_type(endpoint.dds_type) or endpoint.dds_type,
+        topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
+        endpoint_type=TopicEndpointTypeEnum.PUBLISHER if is_writer else TopicEndpointTypeEnum.SUBSCRIPTION,
+        endpoint_gid=list(endpoint.guid),
+        qos_profile=profile_from_dds(endpoint.qos),
+    )
+
+
 class NodeGraph:
     """The graph queries of a Node. Names may be relative or private; they are not remapped."""
 
     _context: Context
-
-    def get_name(self) -> str:
-        """Return the node's name."""
-        raise NotImplementedError()
-
-    def get_namespace(self) -> str:
-        """Return the node's namespace."""
-        raise NotImplementedError()
+    get_name: Callable[[], str]
+    get_namespace: Callable[[], str]
+    resolve_topic_name: Callable[[str], str]
 
     @property
-    def _graph(self) -> Graph:
+    def __graph(self) -> Graph:
         return self._context.session.graph
 
-    def _full_name(self, name: str, *, is_service: bool = False) -> str:
+    def __full_name(self, name: str, *, is_service: bool = False) -> str:
         full = expand_topic_name(name, self.get_name(), self.get_namespace())
         validate_full_topic_name(full, is_service=is_service)
         return full
@@ -51,105 +60,88 @@ class NodeGraph:
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
         """Return topics and types of a node's publishers; NodeNameNonExistentError if there is no such node."""
-        return self._topics_of(node_name, node_namespace, no_demangle, writers=True)
+        return self.__topics_of(node_name, node_namespace, no_demangle, writers=True)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
         """Return topics and types of a node's subscriptions; NodeNameNonExistentError if there is no such node."""
-        return self._topics_of(node_name, node_namespace, no_demangle, writers=False)
+        return self.__topics_of(node_name, node_namespace, no_demangle, writers=False)
 
-    def _topics_of(self, name: str, namespace: str, no_demangle: bool, *, writers: bool) -> NamesAndTypes:
-        endpoints = self._graph.endpoints_by_node(name, namespace, writers=writers)
+    def __topics_of(self, name: str, namespace: str, no_demangle: bool, *, writers: bool) -> NamesAndTypes:
+        endpoints = self.__graph.endpoints_by_node(name, namespace, writers=writers)
         return names_and_types(endpoints, str if no_demangle else ros_topic)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return services and types of a node's servers; NodeNameNonExistentError if there is no such node."""
-        endpoints = self._graph.endpoints_by_node(node_name, node_namespace, writers=False)
+        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=False)
         return names_and_types([e for e in endpoints if e.dds_topic.startswith("rq/")], ros_service)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return services and types of a node's clients; NodeNameNonExistentError if there is no such node."""
-        endpoints = self._graph.endpoints_by_node(node_name, node_namespace, writers=False)
+        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=False)
         return names_and_types([e for e in endpoints if e.dds_topic.startswith("rr/")], ros_service)
 
-    def _all_endpoints(self) -> list[Endpoint]:
-        graph = self._graph
+    def __all_endpoints(self) -> list[Endpoint]:
+        graph = self.__graph
         return graph.endpoints(writers=True) + graph.endpoints(writers=False)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Return all topics and their types."""
-        return names_and_types(self._all_endpoints(), str if no_demangle else ros_topic)
+        return names_and_types(self.__all_endpoints(), str if no_demangle else ros_topic)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services and their types."""
-        return names_and_types(self._all_endpoints(), ros_service)
+        return names_and_types(self.__all_endpoints(), ros_service)
 
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes."""
-        return [node.name for node in self._graph.nodes()]
+        return [node.name for node in self.__graph.nodes()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
         """Return the full names of all nodes."""
-        return [f"{node.namespace.rstrip('/')}/{node.name}" for node in self._graph.nodes()]
+        return [f"{node.namespace.rstrip('/')}/{node.name}" for node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
         """Return name and namespace of all nodes."""
-        return [(node.name, node.namespace) for node in self._graph.nodes()]
+        return [(node.name, node.namespace) for node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         """Return name, namespace and enclave of all nodes."""
-        graph = self._graph
+        graph = self.__graph
         return [(node.name, node.namespace, graph.enclave(node.participant)) for node in graph.nodes()]
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic."""
-        return len(self._graph.endpoints_of("rt" + self._full_name(topic_name), writers=True))
+        return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=True))
 
     def count_subscribers(self, topic_name: str) -> int:
         """Return the number of subscriptions of a topic."""
-        return len(self._graph.endpoints_of("rt" + self._full_name(topic_name), writers=False))
+        return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=False))
 
     def count_clients(self, service_name: str) -> int:
         """Return the number of clients of a service."""
-        name = self._full_name(service_name, is_service=True)
-        return len(self._graph.endpoints_of(f"rr{name}Reply", writers=False))
+        name = self.__full_name(service_name, is_service=True)
+        return len(self.__graph.endpoints_of(f"rr{name}Reply", writers=False))
 
     def count_services(self, service_name: str) -> int:
         """Return the number of servers of a service."""
-        name = self._full_name(service_name, is_service=True)
-        return len(self._graph.endpoints_of(f"rq{name}Request", writers=False))
+        name = self.__full_name(service_name, is_service=True)
+        return len(self.__graph.endpoints_of(f"rq{name}Request", writers=False))
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return node, type, GID and QoS of each publisher of a topic; with `no_mangle`, of a DDS topic."""
-        return self._infos(topic_name, no_mangle, writers=True)
+        return self.__infos(topic_name, no_mangle, writers=True)
 
     def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Return node, type, GID and QoS of each subscription of a topic; with `no_mangle`, of a DDS topic."""
-        return self._infos(topic_name, no_mangle, writers=False)
+        return self.__infos(topic_name, no_mangle, writers=False)
 
-    def _infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
-        dds_topic = topic_name if no_mangle else "rt" + self._remapped(self._full_name(topic_name))
-        graph = self._graph
+    def __infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
+        dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
+        graph = self.__graph
         graph.nodes()
-        return [self._info(graph, endpoint, writers) for endpoint in graph.endpoints_of(dds_topic, writers=writers)]
-
-    def _remapped(self, full_name: str) -> str:
-        """Return a full topic name after the node's remap rules."""
-        return full_name
-
-    @staticmethod
-    def _info(graph: Graph, endpoint: Endpoint, is_writer: bool) -> TopicEndpointInfo:
-        node: Any = graph.node_of(endpoint)
-        return TopicEndpointInfo(
-            node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
-            node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-            topic_type=ros_type(endpoint.dds_type) or endpoint.dds_type,
-            topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
-            endpoint_type=TopicEndpointTypeEnum.PUBLISHER if is_writer else TopicEndpointTypeEnum.SUBSCRIPTION,
-            endpoint_gid=list(endpoint.guid),
-            qos_profile=profile_from_dds(endpoint.qos),
-        )
+        return [_info(graph, endpoint, writers) for endpoint in graph.endpoints_of(dds_topic, writers=writers)]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait up to `timeout` seconds until a node is there; return whether it is."""

@@ -5,17 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from cyclonedds.core import DDSException
-from rclpy.callback_groups import CallbackGroup
+from cyclonedds.internal import DDS
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import RCLError
-from rclpy.impl.dds import INFINITE_NS, matched, raw_type
-from rclpy.impl.endpoint import Endpoint
-from rclpy.impl.liveliness import assert_liveliness
-from rclpy.impl.session import LocalNode, Session
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
-
-from rosidl_embedded.typesupport import type_support
+from rclpy.impl.dds import INFINITE_NS, matched
+from rclpy.impl.endpoint import TopicEndpoint
+from rclpy.qos import QoSReliabilityPolicy
 
 # In between, Python gets the chance to handle a signal.
 _LONGEST_WAIT_NS = 500_000_000
@@ -28,39 +23,15 @@ def _acked(writer: Any, timeout_ns: int) -> bool:
         return False
 
 
-class Publisher(Endpoint):
+class Publisher(TopicEndpoint):
     """Sends messages on a topic; made by ``Node.create_publisher``."""
 
-    def __init__(
-        self,
-        session: Session,
-        local_node: LocalNode,
-        msg_type: Any,
-        topic: str,
-        topic_name: str,
-        qos_profile: QoSProfile,
-        event_callbacks: PublisherEventCallbacks,
-        callback_group: CallbackGroup,
-        logger_name: str,
-    ) -> None:
-        self.msg_type = msg_type
-        self.topic = topic
-        self.qos_profile = qos_profile
-        self._support = type_support(msg_type)
-        self._sample = raw_type(self._support.dds_name)
-        writer = session.writer("rt" + topic_name, self._support, qos_profile)
-        super().__init__(session, local_node, topic_name, writer=writer)
-        self.event_handlers = event_callbacks.create_event_handlers(callback_group, writer, topic, logger_name)
-
-    @property
-    def topic_name(self) -> str:
-        """Full name of the topic."""
-        return self._full_name()
+    _is_writer = True
 
     @property
     def logger_name(self) -> str:
         """Name of the node's logger."""
-        return f"{self._local_node.namespace.strip('/')}/{self._local_node.name}".strip("/").replace("/", ".")
+        return self._local_node.logger_name
 
     def publish(self, msg: Any) -> None:
         """Send a message, or the bytes of a serialized one.
@@ -72,7 +43,7 @@ class Publisher(Endpoint):
         InvalidHandle
             After destruction.
         """
-        writer = self._writer if self._writer is not None else self.handle
+        writer = self._handle or self.handle
         if isinstance(msg, self.msg_type):
             data = self._support.serialize(msg)
         elif isinstance(msg, bytes):
@@ -82,7 +53,7 @@ class Publisher(Endpoint):
         else:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         try:
-            writer.write(self._sample(data))
+            writer.write(writer.data_type(data))
         except DDSException as error:
             raise RCLError(f"Failed to publish: {error}") from error
 
@@ -92,7 +63,10 @@ class Publisher(Endpoint):
 
     def assert_liveliness(self) -> None:
         """Say that this publisher is alive, for liveliness MANUAL_BY_TOPIC."""
-        assert_liveliness(self.handle)
+        # The Python API of Cyclone DDS lacks this one call.
+        code = DDS._dll_handle.dds_assert_liveliness(self.handle._ref)
+        if code < 0:
+            raise DDSException(code, "while asserting liveliness")
 
     def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008
         """Wait until every matching reliable subscription has acknowledged everything.

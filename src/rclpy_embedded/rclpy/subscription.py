@@ -11,12 +11,10 @@ from typing import Any, TypedDict
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl import faults
-from rclpy.impl.dds import any_sample, matched
-from rclpy.impl.endpoint import Endpoint
-from rclpy.impl.session import LocalNode, Session
+from rclpy.impl.dds import matched
+from rclpy.impl.endpoint import TopicEndpoint
+from rclpy.impl.session import LocalNode
 from rclpy.qos import QoSProfile
-
-from rosidl_embedded.typesupport import type_support
 
 
 class MessageInfo(TypedDict):
@@ -28,7 +26,7 @@ class MessageInfo(TypedDict):
     reception_sequence_number: int | None
 
 
-class Subscription(Endpoint):
+class Subscription(TopicEndpoint):
     """Receives messages of a topic; made by ``Node.create_subscription``."""
 
     class CallbackType(Enum):
@@ -37,31 +35,25 @@ class Subscription(Endpoint):
         MessageOnly = 0
         WithMessageInfo = 1
 
+    _is_writer = False
+
     def __init__(
         self,
-        session: Session,
         local_node: LocalNode,
         msg_type: Any,
         topic: str,
-        topic_name: str,
-        callback: Callable[..., Any],
-        callback_group: CallbackGroup,
+        name: str,
         qos_profile: QoSProfile,
-        raw: bool,
         event_callbacks: SubscriptionEventCallbacks,
-        logger_name: str,
+        callback_group: CallbackGroup,
+        *,
+        callback: Callable[..., Any],
+        raw: bool,
     ) -> None:
-        self.msg_type = msg_type
-        self.topic = topic
         self.callback = callback
         self.callback_group = callback_group
-        self.qos_profile = qos_profile
         self.raw = raw
-        self._support = type_support(msg_type)
-        reader = session.reader("rt" + topic_name, self._support, qos_profile)
-        self.condition = any_sample(reader)
-        super().__init__(session, local_node, topic_name, reader=reader)
-        self.event_handlers = event_callbacks.create_event_handlers(callback_group, reader, topic, logger_name)
+        super().__init__(local_node, msg_type, topic, name, qos_profile, event_callbacks, callback_group)
 
     @property
     def callback(self) -> Callable[..., Any]:
@@ -85,11 +77,6 @@ class Subscription(Endpoint):
             "Subscription.__init__(): callback should be either be callable with one argument"
             "(to get only the message) or two (to get message and message info)"
         )
-
-    @property
-    def topic_name(self) -> str:
-        """Full name of the topic."""
-        return self._full_name()
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""

@@ -13,7 +13,7 @@ from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
-from rclpy.impl.handle import Handle
+from rclpy.impl.handle import Destroyable
 from rclpy.time import Time
 from rclpy.utilities import get_default_context
 
@@ -26,7 +26,7 @@ class TimerInfo:
     actual_call_time: Time
 
 
-class Timer(Handle):
+class Timer(Destroyable):
     """Calls back periodically, without drift: calls stay on the grid that creation or reset began.
 
     Parameters
@@ -57,11 +57,11 @@ class Timer(Handle):
     ) -> None:
         if int(timer_period_ns) < 0:
             raise RCLError(f"failed to create timer: timer period must be non-negative, got {timer_period_ns} ns")
+        super().__init__()
         self._context = get_default_context() if context is None else context
         self._clock = clock
         self._period_ns = int(timer_period_ns)
         self._canceled = not autostart
-        self._destroyed = False
         self._last_call_ns = clock._now_ns()
         self._next_call_ns = self._last_call_ns + self._period_ns
         self._credit_ns = 0
@@ -111,19 +111,6 @@ class Timer(Handle):
                 self._wants_info = True
 
     @property
-    def handle(self) -> Timer:
-        """The timer itself.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        if self._destroyed:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return self
-
-    @property
     def clock(self) -> Clock:
         """The clock that counts."""
         return self._clock
@@ -131,41 +118,49 @@ class Timer(Handle):
     @property
     def timer_period_ns(self) -> int:
         """Period in nanoseconds; a new one counts from the next call on."""
-        return self.handle._period_ns
+        self._check()
+        return self._period_ns
 
     @timer_period_ns.setter
     def timer_period_ns(self, value: float) -> None:
-        self.handle._period_ns = int(value)
+        self._check()
+        self._period_ns = int(value)
 
     def is_ready(self) -> bool:
         """Return whether it is due."""
-        return not self.handle._canceled and self._next_call_ns <= self._clock._now_ns()
+        self._check()
+        return not self._canceled and self._next_call_ns <= self._clock._now_ns()
 
     def is_canceled(self) -> bool:
         """Return whether it is canceled."""
-        return self.handle._canceled
+        self._check()
+        return self._canceled
 
     def cancel(self) -> None:
         """Stop it until ``reset``."""
-        self.handle._canceled = True
+        self._check()
+        self._canceled = True
 
     def reset(self) -> None:
         """Start it, or start the period anew."""
-        self.handle._next_call_ns = self._clock._now_ns() + self._period_ns
+        self._check()
+        self._next_call_ns = self._clock._now_ns() + self._period_ns
         self._canceled = False
         self._context._wake_all()
 
     def time_since_last_call(self) -> int:
         """Return the nanoseconds since the last call, or since creation."""
-        return self._clock._now_ns() - self.handle._last_call_ns
+        self._check()
+        return self._clock._now_ns() - self._last_call_ns
 
     def time_until_next_call(self) -> int | None:
         """Return the nanoseconds until it is due (negative if it is overdue), None if it is canceled."""
-        return None if self.handle._canceled else self._next_call_ns - self._clock._now_ns()
+        self._check()
+        return None if self._canceled else self._next_call_ns - self._clock._now_ns()
 
     def _wait_ns(self) -> int | None:
         """Nanoseconds an executor may wait for this timer; None if no wait would end it (canceled, simulated time)."""
-        if self._canceled or self._destroyed:
+        if self._canceled or self._handle is None:
             return None
         remaining = self._next_call_ns - self._clock._now_ns()
         if remaining > 0 and isinstance(self._clock, ROSClock) and self._clock.ros_time_is_active:
@@ -189,7 +184,7 @@ class Timer(Handle):
         )
 
     def _take(self) -> Callable[[], Any] | None:
-        if self._destroyed or not self.is_ready():
+        if self._handle is None or not self.is_ready():
             return None
         info = self.call()
         callback = self._callback
@@ -199,7 +194,7 @@ class Timer(Handle):
 
     def destroy(self) -> None:
         """End it; better call ``Node.destroy_timer``."""
-        self._destroyed = True
+        super().destroy()
         if self._jumps is not None:
             self._jumps.unregister()
             self._jumps = None
@@ -243,7 +238,7 @@ class Rate:
             raise ROSInterruptException()
         if self._is_destroyed:
             raise RuntimeError("Rate cannot sleep because it has been destroyed")
-        if self._timer._destroyed:
+        if self._timer._handle is None:
             self.destroy()
             raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
         with self._lock:

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.impl.dds import delete
-from rclpy.impl.session import LocalNode, Session
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.impl.best_available import resolve
+from rclpy.impl.dds import any_sample, delete
+from rclpy.impl.handle import Destroyable
+from rclpy.impl.session import LocalNode, Reader, Writer
+from rclpy.qos import QoSProfile
+
+from rosidl_embedded.typesupport import type_support
 
 
-class Endpoint:
-    """One or two DDS entities under a name, until they are destroyed.
+class Endpoint(Destroyable):
+    """One or two DDS entities under a name, announced as a node's; the handle is the reader, if there is one.
 
     Parameters
     ----------
     name : str
         Full name of the topic or service.
-    reader, writer : Entity, optional
-        DDS entities, announced as the node's.
     """
 
     #: What wakes the executor.
@@ -25,39 +29,63 @@ class Endpoint:
     event_handlers: list[Any] | tuple[()] = ()
 
     def __init__(
-        self, session: Session, local_node: LocalNode, name: str, *, reader: Any = None, writer: Any = None
+        self, local_node: LocalNode, name: str, *, reader: Reader | None = None, writer: Writer | None = None
     ) -> None:
-        self._session = session
+        super().__init__(writer if reader is None else reader)
         self._local_node = local_node
         self._name = name
-        self._reader = reader
-        self._writer = writer
-        session.add_endpoints(local_node, reader=reader, writer=writer)
-
-    @property
-    def handle(self) -> Any:
-        """The DDS reader, that of a publisher the writer.
-
-        Raises
-        ------
-        InvalidHandle
-            After destruction.
-        """
-        entity = self._writer if self._reader is None else self._reader
-        if entity is None:
-            raise InvalidHandle("Cannot use Destroyable because destruction was requested")
-        return entity
-
-    def _full_name(self) -> str:
-        assert self.handle
-        return self._name
+        self._reader, self._writer = reader, writer
+        self.condition = None if reader is None else any_sample(reader)
+        local_node.session.add_endpoints(local_node, reader, writer)
 
     def destroy(self) -> None:
-        """Remove it from the graph; better call the node's method."""
-        reader, writer = self._reader, self._writer
-        if reader is not None or writer is not None:
-            self._reader = self._writer = None
+        """Remove it from the graph; better call the node's method for this."""
+        if self._handle is not None:
+            super().destroy()
             for handler in self.event_handlers:
                 handler.destroy()
             delete(self.condition)
-            self._session.remove_endpoints(self._local_node, reader=reader, writer=writer)
+            self._local_node.session.remove_endpoints(self._local_node, self._reader, self._writer)
+            self._reader = self._writer = None
+
+
+class TopicEndpoint(Endpoint):
+    """A publisher or subscription.
+
+    Parameters
+    ----------
+    topic : str
+        Name of the topic as it was given.
+    name : str
+        Full name of the topic.
+    """
+
+    _is_writer: ClassVar[bool]
+
+    def __init__(
+        self,
+        local_node: LocalNode,
+        msg_type: Any,
+        topic: str,
+        name: str,
+        qos_profile: QoSProfile,
+        event_callbacks: PublisherEventCallbacks | SubscriptionEventCallbacks,
+        callback_group: CallbackGroup,
+    ) -> None:
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self._support = type_support(msg_type)
+        session, dds_topic = local_node.session, "rt" + name
+        create = session.writer if self._is_writer else session.reader
+        entity = create(dds_topic, self._support, resolve(qos_profile, session, dds_topic, writer=self._is_writer))
+        super().__init__(local_node, name, **{"writer" if self._is_writer else "reader": entity})
+        self.event_handlers = event_callbacks.create_event_handlers(
+            callback_group, entity, topic, local_node.logger_name
+        )
+
+    @property
+    def topic_name(self) -> str:
+        """Full name of the topic."""
+        self._check()
+        return self._name

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
+
+from rclpy.exceptions import InvalidHandle
+
+DESTROYED = "Cannot use Destroyable because destruction was requested"
 
 
 class Handle:
@@ -16,3 +20,30 @@ class Handle:
         self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
     ) -> None:
         pass
+
+
+class Destroyable:
+    """Has a handle until it is destroyed."""
+
+    def __init__(self, handle: Any = None) -> None:
+        self._handle = Handle() if handle is None else handle
+
+    @property
+    def handle(self) -> Any:
+        """What the middleware knows it by.
+
+        Raises
+        ------
+        InvalidHandle
+            After destruction.
+        """
+        self._check()
+        return self._handle
+
+    def _check(self) -> None:
+        if self._handle is None:
+            raise InvalidHandle(DESTROYED)
+
+    def destroy(self) -> None:
+        """End it; better call the node's method for this."""
+        self._handle = None

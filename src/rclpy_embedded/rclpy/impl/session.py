@@ -5,10 +5,10 @@ from __future__ import annotations
 import atexit
 import threading
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
-from cyclonedds.core import Policy, Qos
+from cyclonedds.core import Entity, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.sub import DataReader, Subscriber
@@ -34,11 +34,6 @@ _INFO_WRITER = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCA
 _INFO_READER = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def type_hash_data(support: TypeSupport) -> str:
-    """Return the USER_DATA that carries a type's hash."""
-    return f"typehash={support.type_hash};"
-
-
 class Writer(Handle, DataWriter[RawSample]):
     """A writer of CDR."""
 
@@ -51,10 +46,21 @@ class Reader(Handle, DataReader[RawSample]):
 class LocalNode(Handle):
     """What a node of this participant announces."""
 
+    session: Session
     namespace: str
     name: str
     reader_gids: list[bytes] = field(default_factory=list)
     writer_gids: list[bytes] = field(default_factory=list)
+
+    @property
+    def full_name(self) -> str:
+        """Namespace and name."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+    @property
+    def logger_name(self) -> str:
+        """Name of the node's logger."""
+        return self.full_name[1:].replace("/", ".")
 
 
 class Session(Handle):
@@ -98,15 +104,18 @@ class Session(Handle):
 
     def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Writer:
         """Create a writer; `prefix` goes before the type hash in its USER_DATA."""
-        qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=True)
-        with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
-            return Writer(self.publisher, topic, qos)
+        return self._create(Writer, self.publisher, dds_topic, support, profile, prefix)
 
     def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Reader:
         """Create a reader; `prefix` goes before the type hash in its USER_DATA."""
-        qos = qos_to_dds(profile, prefix + type_hash_data(support), writer=False)
+        return self._create(Reader, self.subscriber, dds_topic, support, profile, prefix)
+
+    def _create(
+        self, kind: Any, parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
+    ) -> Any:
+        qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
-            return Reader(self.subscriber, topic, qos)
+            return kind(parent, topic, qos)
 
     def next_id(self) -> str:
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""
@@ -129,9 +138,7 @@ class Session(Handle):
             self._nodes.remove(node)
             self._announce()
 
-    def add_endpoints(
-        self, node: LocalNode, *, reader: DataReader | None = None, writer: DataWriter | None = None
-    ) -> None:
+    def add_endpoints(self, node: LocalNode, reader: Reader | None, writer: Writer | None) -> None:
         """Announce endpoints of a node, in one message."""
         with self._lock:
             if reader is not None:
@@ -140,9 +147,7 @@ class Session(Handle):
                 node.writer_gids.append(writer.guid.bytes)
             self._announce()
 
-    def remove_endpoints(
-        self, node: LocalNode, *, reader: DataReader | None = None, writer: DataWriter | None = None
-    ) -> None:
+    def remove_endpoints(self, node: LocalNode, reader: Reader | None, writer: Writer | None) -> None:
         """Withdraw endpoints of a node, then delete them."""
         with self._lock:
             if self._closed:

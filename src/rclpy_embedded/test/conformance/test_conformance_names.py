@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import rclpy
+import rclpy.node
 from rclpy.context import Context
 from rclpy.exceptions import (
     InvalidNamespaceException,
@@ -108,3 +109,34 @@ def test_remapping_of_one_node(remapped: Any) -> None:
 def test_hidden_names() -> None:
     assert topic_or_service_is_hidden("/fsw/_private/depth")
     assert not topic_or_service_is_hidden("/fsw/not_private")
+
+
+class BusyNode(rclpy.node.Node):
+    """Has attributes and methods of its own, with names a user may well think of."""
+
+    def __init__(self, context: Context) -> None:
+        self._rules = self._session = self._topic = self._handle = self._waitables = self._name = 1
+        super().__init__("busy", context=context)
+        self._executor = self._graph = self._profile = self._local_node = self._alive = self._rosout = 1
+
+    def destroy(self) -> None:
+        raise AssertionError("nobody asked for this")
+
+    _add = _check = _destroy = _info = _infos = _full_name = _remapped = _resolve = _destroy_all = destroy
+    _publish_event = _all_endpoints = _topics_of = _namespace = _logger_name = destroy
+
+
+def test_a_node_may_have_members_of_its_own(context: Context, spinner: Any) -> None:
+    node = BusyNode(context)
+    spinner.executor.add_node(node)
+    got: list[Any] = []
+    publisher = node.create_publisher(String, "chatter", 10)
+    node.create_subscription(String, "chatter", got.append, 10)
+    node.create_service(Trigger, "go", lambda request, response: response)
+    node.create_timer(0.01, lambda: publisher.publish(String(data=node.get_fully_qualified_name())))
+    assert spinner.until(lambda: got)
+    assert node.count_publishers("chatter") == len(node.get_publishers_info_by_topic("chatter")) == 1
+    node.declare_parameter("depth", 1.0)
+    node.get_logger().info("busy")
+    assert node._executor == node._topic == 1
+    node.destroy_node()

@@ -1,0 +1,90 @@
+"""What clients and servers of a service share."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from cyclonedds.core import DDSException
+from rclpy.callback_groups import CallbackGroup
+from rclpy.exceptions import RCLError
+from rclpy.impl import faults
+from rclpy.impl.endpoint import Endpoint
+from rclpy.impl.session import LocalNode
+from rclpy.qos import QoSProfile
+
+from rosidl_embedded.typesupport import service_type_support
+
+# Goes before requests and replies: the client's id and the number of the request.
+_HEADER = struct.Struct("<Qq")
+_ENCAPSULATION_SIZE = 4
+
+
+@dataclass(frozen=True)
+class RequestId:
+    """Which request of which client."""
+
+    writer_guid: int
+    sequence_number: int
+
+
+class ServiceEndpoint(Endpoint):
+    """One end of a service: sends requests and receives responses, or the other way round.
+
+    Parameters
+    ----------
+    srv_name : str
+        Name of the service as it was given.
+    name : str
+        Full name of the service.
+    """
+
+    _is_server: ClassVar[bool]
+
+    def __init__(
+        self,
+        local_node: LocalNode,
+        srv_type: Any,
+        srv_name: str,
+        name: str,
+        qos_profile: QoSProfile,
+        callback_group: CallbackGroup,
+    ) -> None:
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos_profile
+        self.callback_group = callback_group
+        support = service_type_support(srv_type)
+        requests, responses = (f"rq{name}Request", support.request), (f"rr{name}Reply", support.response)
+        received, sent = (requests, responses) if self._is_server else (responses, requests)
+        self._received, self._sent = received[1], sent[1]
+        session = local_node.session
+        prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
+        writer = session.writer(*sent, qos_profile, prefix)
+        reader = session.reader(*received, qos_profile, prefix)
+        super().__init__(local_node, name, reader=reader, writer=writer)
+
+    @property
+    def service_name(self) -> str:
+        """Full name of the service."""
+        self._check()
+        return self._name
+
+    def _send(self, request_id: RequestId, message: Any) -> None:
+        prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
+        try:
+            self._writer.write(self._writer.data_type(self._sent.serialize_with_prefix(prefix, message)))
+        except DDSException as error:
+            raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
+
+    def _receive(self, writer_guid: bytes = b"") -> tuple[RequestId, Any, Any] | None:
+        """Take the next message, its id and its SampleInfo; with `writer_guid`, only what belongs to this client."""
+        for sample in self.handle.take(1):
+            if sample.sample_info.valid_data and sample.data.startswith(writer_guid, _ENCAPSULATION_SIZE):
+                try:
+                    header, message = self._received.deserialize_with_prefix(sample.data, _HEADER.size)
+                    return RequestId(*_HEADER.unpack(header)), message, sample.sample_info
+                except (ValueError, struct.error) as error:
+                    faults.count(self._name, f"malformed {self._received.cls.__name__} on '{self._name}': {error}")
+        return None
