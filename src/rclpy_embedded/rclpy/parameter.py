@@ -5,11 +5,9 @@ from __future__ import annotations
 import array
 from collections.abc import Mapping
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rcl_interfaces.msg import Parameter as ParameterMsg
-    from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces import msg
 
 PARAMETER_SEPARATOR_STRING = "."
 
@@ -18,19 +16,6 @@ AllowableParameterValue = (
 )
 
 _ARRAYS = (list, tuple, array.array)
-#: Field of ParameterValue by type; the index is the value of ParameterType.
-_FIELDS = (
-    None,
-    "bool_value",
-    "integer_value",
-    "double_value",
-    "string_value",
-    "byte_array_value",
-    "bool_array_value",
-    "integer_array_value",
-    "double_array_value",
-    "string_array_value",
-)
 
 
 class Parameter:
@@ -72,41 +57,24 @@ class Parameter:
             """Return the type of a Python value; TypeError if no parameter can have it."""
             if parameter_value is None:
                 return cls.NOT_SET
-            # bool before int: a bool is an int too. An empty list counts as bytes, as in the genuine class.
-            scalars: tuple[tuple[type, Parameter.Type], ...] = (
-                (bool, cls.BOOL),
-                (int, cls.INTEGER),
-                (float, cls.DOUBLE),
-                (str, cls.STRING),
-            )
-            for kind, type_ in scalars:
+            if isinstance(parameter_value, _ARRAYS):
+                for type_, kind in _ARRAY_KINDS.items():
+                    if all(isinstance(item, kind) for item in parameter_value):
+                        return type_
+                raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
+            for type_, kind in _SCALAR_KINDS.items():
                 if isinstance(parameter_value, kind):
                     return type_
-            if not isinstance(parameter_value, _ARRAYS):
-                raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
-            arrays: tuple[tuple[type, Parameter.Type], ...] = (
-                (bytes, cls.BYTE_ARRAY),
-                (bool, cls.BOOL_ARRAY),
-                (int, cls.INTEGER_ARRAY),
-                (float, cls.DOUBLE_ARRAY),
-                (str, cls.STRING_ARRAY),
-            )
-            for kind, type_ in arrays:
-                if all(isinstance(item, kind) for item in parameter_value):
-                    return type_
-            raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
+            raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
             """Return whether a Python value is of this type."""
             if self is Parameter.Type.NOT_SET:
                 return parameter_value is None
-            kind = {"BOOL": bool, "INTEGER": int, "DOUBLE": float, "STRING": str, "BYTE": bytes}[
-                self.name.removesuffix("_ARRAY")
-            ]
-            if not self.name.endswith("_ARRAY"):
-                return isinstance(parameter_value, kind)
-            allowed = _ARRAYS if kind in (int, float) else (list, tuple)
-            return isinstance(parameter_value, allowed) and all(
+            if self in _SCALAR_KINDS:
+                return isinstance(parameter_value, _SCALAR_KINDS[self])
+            kind = _ARRAY_KINDS[self]
+            return isinstance(parameter_value, _ARRAYS if kind in (int, float) else (list, tuple)) and all(
                 isinstance(item, kind) and (not isinstance(item, bytes) or len(item) == 1) for item in parameter_value
             )
 
@@ -122,11 +90,10 @@ class Parameter:
         self._value = value
 
     @classmethod
-    def from_parameter_msg(cls, param_msg: ParameterMsg) -> Parameter:
+    def from_parameter_msg(cls, param_msg: msg.Parameter) -> Parameter:
         """Create a parameter from ``rcl_interfaces/msg/Parameter``; ValueError if its type is unknown."""
         type_ = Parameter.Type(value=param_msg.value.type)
-        field = _FIELDS[type_.value]
-        return cls(param_msg.name, type_, getattr(param_msg.value, field) if field else None)
+        return cls(param_msg.name, type_, getattr(param_msg.value, _field(type_), None))
 
     @property
     def name(self) -> str:
@@ -143,62 +110,63 @@ class Parameter:
         """Value; None if not set."""
         return self._value
 
-    def get_parameter_value(self) -> ParameterValue:
+    def get_parameter_value(self) -> msg.ParameterValue:
         """Return the value as ``rcl_interfaces/msg/ParameterValue``."""
-        from rcl_interfaces.msg import ParameterValue
-
-        value = ParameterValue(type=self._type_.value)
-        if field := _FIELDS[self._type_.value]:
-            setattr(value, field, self._value)
+        value = msg.ParameterValue(type=self._type_.value)
+        if self._type_ is not Parameter.Type.NOT_SET:
+            setattr(value, _field(self._type_), self._value)
         return value
 
-    def to_parameter_msg(self) -> ParameterMsg:
+    def to_parameter_msg(self) -> msg.Parameter:
         """Return the parameter as ``rcl_interfaces/msg/Parameter``."""
-        from rcl_interfaces.msg import Parameter as ParameterMsg
-
-        return ParameterMsg(name=self._name, value=self.get_parameter_value())
+        return msg.Parameter(name=self._name, value=self.get_parameter_value())
 
 
-def get_parameter_value(string_value: str) -> ParameterValue:
+# In the order in which a value is tried: a bool is an int too, and an empty list counts as bytes, as in ROS 2.
+_SCALAR_KINDS: dict[Parameter.Type, type] = {
+    Parameter.Type.BOOL: bool,
+    Parameter.Type.INTEGER: int,
+    Parameter.Type.DOUBLE: float,
+    Parameter.Type.STRING: str,
+}
+_ARRAY_KINDS: dict[Parameter.Type, type] = {
+    Parameter.Type.BYTE_ARRAY: bytes,
+    **{Parameter.Type[f"{type_.name}_ARRAY"]: kind for type_, kind in _SCALAR_KINDS.items()},
+}
+
+
+def _field(type_: Parameter.Type) -> str:
+    """Name of the field of a ParameterValue that holds a value of the type."""
+    return f"{type_.name.lower()}_value"
+
+
+def get_parameter_value(string_value: str) -> msg.ParameterValue:
     """Return a ParameterValue with the type that `string_value` looks like, read as YAML."""
     import yaml
-    from rcl_interfaces.msg import ParameterValue
 
     try:
         value = yaml.safe_load(string_value)
     except yaml.YAMLError:
         value = string_value
-    if isinstance(value, (bool, int, float)):
-        return Parameter("", value=value).get_parameter_value()
-    if isinstance(value, list):
-        for type_ in (
-            Parameter.Type.BOOL_ARRAY,
-            Parameter.Type.INTEGER_ARRAY,
-            Parameter.Type.DOUBLE_ARRAY,
-            Parameter.Type.STRING_ARRAY,
-        ):
-            if type_.check(value):
-                return Parameter("", type_, value).get_parameter_value()
-        value = string_value
-    return ParameterValue(
-        type=Parameter.Type.STRING.value, string_value=value if isinstance(value, str) else string_value
-    )
+    for type_ in (*_SCALAR_KINDS, *_ARRAY_KINDS):
+        if type_ is not Parameter.Type.BYTE_ARRAY and type_.check(value):
+            return Parameter("", type_, value).get_parameter_value()
+    return Parameter("", value=string_value).get_parameter_value()
 
 
-def parameter_value_to_python(parameter_value: ParameterValue) -> Any:
+def parameter_value_to_python(parameter_value: msg.ParameterValue) -> Any:
     """Return the value that a ParameterValue holds, arrays as lists; RuntimeError if its type is unknown."""
-    if not 0 <= parameter_value.type < len(_FIELDS):
-        raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
-    field = _FIELDS[parameter_value.type]
-    if field is None:
-        return None
-    value = getattr(parameter_value, field)
-    return list(value) if field.endswith("_array_value") else value
+    try:
+        type_ = Parameter.Type(parameter_value.type)
+    except ValueError:
+        raise RuntimeError(f"unexpected parameter type {parameter_value.type}") from None
+    value: Any = getattr(parameter_value, _field(type_), None)
+    return list(value) if type_ in _ARRAY_KINDS else value
 
 
 def parameter_dict_from_yaml_file(
     parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
-) -> dict[str, ParameterMsg]:
+) -> dict[str, msg.Parameter]:
     """Read a parameter file into Parameter messages by name.
 
     Parameters
@@ -240,15 +208,13 @@ def parameter_dict_from_yaml_file(
     return _unpack_parameter_dict(namespace, selected)
 
 
-def _unpack_parameter_dict(namespace: str, parameter_dict: Mapping[str, Any]) -> dict[str, ParameterMsg]:
+def _unpack_parameter_dict(namespace: str, parameter_dict: Mapping[str, Any]) -> dict[str, msg.Parameter]:
     """Flatten nested parameters to messages by full name."""
-    from rcl_interfaces.msg import Parameter as ParameterMsg
-
-    parameters: dict[str, ParameterMsg] = {}
+    parameters: dict[str, msg.Parameter] = {}
     for name, value in parameter_dict.items():
         full_name = namespace + name
         if isinstance(value, dict):
             parameters.update(_unpack_parameter_dict(full_name + PARAMETER_SEPARATOR_STRING, value))
         else:
-            parameters[full_name] = ParameterMsg(name=full_name, value=get_parameter_value(str(value)))
+            parameters[full_name] = msg.Parameter(name=full_name, value=get_parameter_value(str(value)))
     return parameters

@@ -6,31 +6,19 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import Parameter as ParameterMsg
-from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces import msg
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
+from rclpy.parameter_service import SERVICES, service_type
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
-    from rclpy.client import Client
     from rclpy.node import Node
     from rclpy.subscription import Subscription
     from rclpy.task import Future
 
 Callback = Callable[["Future"], None]
-
-
-def _messages(parameters: Sequence[Parameter | ParameterMsg]) -> list[ParameterMsg]:
-    return [item.to_parameter_msg() if isinstance(item, Parameter) else item for item in parameters]
+Parameters = Sequence["Parameter | msg.Parameter"]
 
 
 class AsyncParameterClient:
@@ -55,32 +43,19 @@ class AsyncParameterClient:
     ) -> None:
         self.remote_node_name = remote_node_name
         self.node = node
-
-        def client(kind: Any, name: str) -> Client:
-            return node.create_client(
-                kind, f"{remote_node_name}/{name}", qos_profile=qos_profile, callback_group=callback_group
+        self._clients = {
+            name: node.create_client(
+                service_type(name),
+                f"{remote_node_name}/{name}",
+                qos_profile=qos_profile,
+                callback_group=callback_group,
             )
-
-        self._get_parameter_client = client(GetParameters, "get_parameters")
-        self._list_parameter_client = client(ListParameters, "list_parameters")
-        self._set_parameter_client = client(SetParameters, "set_parameters")
-        self._get_parameter_types_client = client(GetParameterTypes, "get_parameter_types")
-        self._describe_parameters_client = client(DescribeParameters, "describe_parameters")
-        self._set_parameters_atomically_client = client(SetParametersAtomically, "set_parameters_atomically")
+            for name in SERVICES
+        }
 
     def services_are_ready(self) -> bool:
         """Return whether all six services are there."""
-        return all(
-            client.service_is_ready()
-            for client in (
-                self._list_parameter_client,
-                self._set_parameter_client,
-                self._get_parameter_client,
-                self._get_parameter_types_client,
-                self._describe_parameters_client,
-                self._set_parameters_atomically_client,
-            )
-        )
+        return all(client.service_is_ready() for client in self._clients.values())
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until all six services are there (None: for ever) and return whether they are."""
@@ -92,9 +67,8 @@ class AsyncParameterClient:
             time.sleep(remaining)
         return True
 
-    @staticmethod
-    def _call(client: Client, request: Any, callback: Callback | None) -> Future:
-        future = client.call_async(request)
+    def _call(self, service: str, callback: Callback | None, **fields: Any) -> Future:
+        future = self._clients[service].call_async(service_type(service).Request(**fields))
         if callback:
             future.add_done_callback(callback)
         return future
@@ -103,34 +77,31 @@ class AsyncParameterClient:
         self, prefixes: list[str] | None = None, depth: int | None = None, callback: Callback | None = None
     ) -> Future:
         """List the parameters below prefixes (None: all) down to a depth (None: any)."""
-        request = ListParameters.Request(prefixes=prefixes or [], depth=depth or 0)
-        return self._call(self._list_parameter_client, request, callback)
+        return self._call("list_parameters", callback, prefixes=prefixes or [], depth=depth or 0)
 
     def get_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
         """Get the values of parameters."""
-        return self._call(self._get_parameter_client, GetParameters.Request(names=names), callback)
-
-    def set_parameters(
-        self, parameters: Sequence[Parameter | ParameterMsg], callback: Callback | None = None
-    ) -> Future:
-        """Set parameters one after the other."""
-        request = SetParameters.Request(parameters=_messages(parameters))
-        return self._call(self._set_parameter_client, request, callback)
+        return self._call("get_parameters", callback, names=names)
 
     def describe_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
         """Get the descriptors of parameters."""
-        return self._call(self._describe_parameters_client, DescribeParameters.Request(names=names), callback)
+        return self._call("describe_parameters", callback, names=names)
 
     def get_parameter_types(self, names: list[str], callback: Callback | None = None) -> Future:
         """Get the types of parameters."""
-        return self._call(self._get_parameter_types_client, GetParameterTypes.Request(names=names), callback)
+        return self._call("get_parameter_types", callback, names=names)
 
-    def set_parameters_atomically(
-        self, parameters: Sequence[Parameter | ParameterMsg], callback: Callback | None = None
-    ) -> Future:
+    def set_parameters(self, parameters: Parameters, callback: Callback | None = None) -> Future:
+        """Set parameters one after the other."""
+        return self._set("set_parameters", parameters, callback)
+
+    def set_parameters_atomically(self, parameters: Parameters, callback: Callback | None = None) -> Future:
         """Set all the parameters or none."""
-        request = SetParametersAtomically.Request(parameters=_messages(parameters))
-        return self._call(self._set_parameters_atomically_client, request, callback)
+        return self._set("set_parameters_atomically", parameters, callback)
+
+    def _set(self, service: str, parameters: Parameters, callback: Callback | None) -> Future:
+        messages = [item.to_parameter_msg() if isinstance(item, Parameter) else item for item in parameters]
+        return self._call(service, callback, parameters=messages)
 
     def delete_parameters(self, names: list[str], callback: Callback | None = None) -> Future:
         """Unset parameters; only dynamically typed ones can be unset."""
@@ -152,9 +123,9 @@ class AsyncParameterClient:
 
     def on_parameter_event(
         self,
-        callback: Callable[[ParameterEvent], None],
+        callback: Callable[[msg.ParameterEvent], None],
         qos_profile: QoSProfile = qos_profile_parameter_events,
         **kwargs: Any,
     ) -> Subscription:
         """Subscribe to the changes of all parameters; further arguments are those of ``create_subscription``."""
-        return self.node.create_subscription(ParameterEvent, "/parameter_events", callback, qos_profile, **kwargs)
+        return self.node.create_subscription(msg.ParameterEvent, "/parameter_events", callback, qos_profile, **kwargs)

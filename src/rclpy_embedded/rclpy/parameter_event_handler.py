@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -36,43 +36,36 @@ class Callbacks:
     """What is called with the events that come."""
 
     def __init__(self) -> None:
-        self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = {}
+        self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = defaultdict(list)
         self.event_callbacks: list[ParameterEventCallbackHandle] = []
-        self._lock = threading.Lock()
 
     def event_callback(self, event: ParameterEvent) -> None:
         """Call what was added for the parameters of an event, and for any event."""
-        with self._lock:
-            of_parameters = {key: list(handles) for key, handles in self.parameter_callbacks.items()}
-            of_events = list(self.event_callbacks)
-        for key, handles in of_parameters.items():
-            parameter = ParameterEventHandler.get_parameter_from_event(event, *key)
+        # Copies: a callback or another thread may add and remove some meanwhile.
+        for (parameter_name, node_name), handles in list(self.parameter_callbacks.items()):
+            parameter = ParameterEventHandler.get_parameter_from_event(event, parameter_name, node_name)
             if parameter is not None:
-                for handle in handles:
+                for handle in list(handles):
                     handle.callback(parameter)
-        for entry in of_events:
+        for entry in list(self.event_callbacks):
             entry.callback(event)
+
+    def _alike(self, handle: Any) -> list[Any]:
+        """Return the list that a handle belongs to."""
+        if isinstance(handle, ParameterCallbackHandle):
+            return self.parameter_callbacks[handle.parameter_name, handle.node_name]
+        return self.event_callbacks
 
     def add(self, handle: Any) -> None:
         """Add a handle before the others of its kind."""
-        with self._lock:
-            if isinstance(handle, ParameterCallbackHandle):
-                key = handle.parameter_name, handle.node_name
-                self.parameter_callbacks.setdefault(key, []).insert(0, handle)
-            else:
-                self.event_callbacks.insert(0, handle)
+        self._alike(handle).insert(0, handle)
 
     def remove(self, handle: Any) -> None:
         """Remove a handle; RuntimeError if it is not there."""
-        with self._lock:
-            handles: list[Any] = self.event_callbacks
-            if isinstance(handle, ParameterCallbackHandle):
-                handles = self.parameter_callbacks.get((handle.parameter_name, handle.node_name), [])
-            if handle not in handles:
-                raise RuntimeError("Callback doesn't exist")
-            handles.remove(handle)
-            if isinstance(handle, ParameterCallbackHandle) and not handles:
-                del self.parameter_callbacks[handle.parameter_name, handle.node_name]
+        try:
+            self._alike(handle).remove(handle)
+        except ValueError:
+            raise RuntimeError("Callback doesn't exist") from None
 
 
 class ParameterEventHandler:

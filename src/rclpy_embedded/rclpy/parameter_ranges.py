@@ -3,54 +3,36 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import Any
 
+from rcl_interfaces import msg
 from rclpy.parameter import Parameter
-
-if TYPE_CHECKING:
-    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 #: Relative tolerance for bounds and steps of floating point ranges.
 PARAM_REL_TOL = 1e-6
 
 
-def range_error(parameter: Parameter, descriptor: ParameterDescriptor) -> str | None:
+def range_error(parameter: Parameter, descriptor: msg.ParameterDescriptor) -> str | None:
     """Return why the value is outside the descriptor's range; None if it is inside or there is no range."""
-    if parameter.type_ is Parameter.Type.INTEGER and descriptor.integer_range:
-        return _integer_error(parameter, descriptor.integer_range[0])
-    if parameter.type_ is Parameter.Type.DOUBLE and descriptor.floating_point_range:
-        return _floating_point_error(parameter, descriptor.floating_point_range[0])
-    return None
+    exact = parameter.type_ is Parameter.Type.INTEGER
+    ranges: list[Any] = descriptor.integer_range if exact else descriptor.floating_point_range
+    if not ranges or not (exact or parameter.type_ is Parameter.Type.DOUBLE):
+        return None
+    name, value, step = parameter.name, parameter.value, ranges[0].step
+    low, high = sorted((ranges[0].from_value, ranges[0].to_value))
 
+    def same(one: float, other: float) -> bool:
+        return one == other if exact else math.isclose(one, other, rel_tol=PARAM_REL_TOL)
 
-def _integer_error(parameter: Parameter, allowed: IntegerRange) -> str | None:
-    value = parameter.value
-    low, high = sorted((allowed.from_value, allowed.to_value))
     # Values on the edge are always allowed, whatever the step.
-    if value in (low, high):
+    if same(value, low) or same(value, high):
         return None
     if not low < value < high:
-        return f"Parameter {parameter.name} out of range. Min: {low}, Max: {high}, value: {value}"
-    if allowed.step and (value - low) % allowed.step:
-        return (
-            f"The parameter value for {parameter.name} is not a valid step. "
-            f"Min: {low}, max: {high}, value: {value}, step: {allowed.step}"
-        )
-    return None
-
-
-def _floating_point_error(parameter: Parameter, allowed: FloatingPointRange) -> str | None:
-    value = parameter.value
-    low, high = sorted((allowed.from_value, allowed.to_value))
-    if math.isclose(value, low, rel_tol=PARAM_REL_TOL) or math.isclose(value, high, rel_tol=PARAM_REL_TOL):
+        return f"Parameter {name} out of range{'.' if exact else ''} Min: {low}, Max: {high}, value: {value}"
+    if not step:
         return None
-    if not low < value < high:
-        return f"Parameter {parameter.name} out of range Min: {low}, Max: {high}, value: {value}"
-    if allowed.step:
-        nearest = low + round((value - low) / allowed.step) * allowed.step
-        if not math.isclose(nearest, value, rel_tol=PARAM_REL_TOL):
-            return (
-                f"The parameter value for {parameter.name} is not close enough to a valid step. "
-                f"Min: {low}, max: {high}, value: {value}, step: {allowed.step}"
-            )
-    return None
+    steps = (value - low) // step if exact else round((value - low) / step)
+    if same(value, low + steps * step):
+        return None
+    what = "a valid step" if exact else "close enough to a valid step"
+    return f"The parameter value for {name} is not {what}. Min: {low}, max: {high}, value: {value}, step: {step}"

@@ -5,38 +5,40 @@ from __future__ import annotations
 import weakref
 from typing import TYPE_CHECKING, Any
 
+from rcl_interfaces import msg, srv
 from rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
 
 if TYPE_CHECKING:
-    from rcl_interfaces.msg import Parameter as ParameterMsg
     from rclpy.node import Node
+
+#: Each has the type of its name: that of ``set_parameters`` is ``SetParameters``.
+SERVICES = (
+    "describe_parameters",
+    "get_parameters",
+    "get_parameter_types",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+)
+
+
+def service_type(name: str) -> Any:
+    """Return the class of one of the `SERVICES`."""
+    return getattr(srv, name.title().replace("_", ""))
 
 
 class ParameterService:
     """The six parameter services of a node."""
 
     def __init__(self, node: Node) -> None:
-        from rcl_interfaces.srv import (
-            DescribeParameters,
-            GetParameters,
-            GetParameterTypes,
-            ListParameters,
-            SetParameters,
-            SetParametersAtomically,
-        )
-
         self._node_weak_ref = weakref.ref(node)
-        for kind, name, callback in (
-            (DescribeParameters, "describe_parameters", self._describe_parameters_callback),
-            (GetParameters, "get_parameters", self._get_parameters_callback),
-            (GetParameterTypes, "get_parameter_types", self._get_parameter_types_callback),
-            (ListParameters, "list_parameters", self._list_parameters_callback),
-            (SetParameters, "set_parameters", self._set_parameters_callback),
-            (SetParametersAtomically, "set_parameters_atomically", self._set_parameters_atomically_callback),
-        ):
-            node.create_service(kind, f"{node.get_name()}/{name}", callback, qos_profile=qos_profile_parameters)
+        for name in SERVICES:
+            callback = getattr(self, f"_{name}_callback")
+            node.create_service(
+                service_type(name), f"{node.get_name()}/{name}", callback, qos_profile=qos_profile_parameters
+            )
 
     def _node(self) -> Node:
         node = self._node_weak_ref()
@@ -73,14 +75,14 @@ class ParameterService:
         response.result = self._node().list_parameters(list(request.prefixes), int(request.depth))
         return response
 
-    def _set(self, messages: list[ParameterMsg]) -> Any:
-        from rcl_interfaces.msg import SetParametersResult
-
+    def _set(self, messages: list[msg.Parameter]) -> msg.SetParametersResult:
         try:
-            return self._node().set_parameters_atomically([Parameter.from_parameter_msg(msg) for msg in messages])
+            return self._node().set_parameters_atomically(
+                [Parameter.from_parameter_msg(message) for message in messages]
+            )
         except (ParameterNotDeclaredException, ValueError) as error:
             # ValueError: a type of parameter that does not exist.
-            return SetParametersResult(successful=False, reason=str(error))
+            return msg.SetParametersResult(successful=False, reason=str(error))
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         response.results = [self._set([message]) for message in request.parameters]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rcl_interfaces import msg
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -18,32 +19,15 @@ from rclpy.names import validate_parameter_name
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_value_to_python
 from rclpy.parameter_ranges import PARAM_REL_TOL, range_error
 
-if TYPE_CHECKING:
-    from rcl_interfaces.msg import (
-        ListParametersResult,
-        ParameterDescriptor,
-        ParameterEvent,
-        ParameterValue,
-        SetParametersResult,
-    )
-
 PreSetCallback = Callable[[list[Parameter]], list[Parameter]]
-OnSetCallback = Callable[[list[Parameter]], "SetParametersResult"]
+OnSetCallback = Callable[[list[Parameter]], "msg.SetParametersResult"]
 PostSetCallback = Callable[[list[Parameter]], None]
 
 _WRONG_TYPE = "Wrong parameter type"
 
 
-def _result(reason: str = "") -> SetParametersResult:
-    from rcl_interfaces.msg import SetParametersResult
-
-    return SetParametersResult(successful=not reason, reason=reason)
-
-
-def _descriptor(**kwargs: Any) -> ParameterDescriptor:
-    from rcl_interfaces.msg import ParameterDescriptor
-
-    return ParameterDescriptor(**kwargs)
+def _result(reason: str = "") -> msg.SetParametersResult:
+    return msg.SetParametersResult(successful=not reason, reason=reason)
 
 
 class ParameterStore:
@@ -68,10 +52,10 @@ class ParameterStore:
         overrides: Mapping[str, Parameter] | None = None,
         *,
         allow_undeclared: bool = False,
-        publish_event: Callable[[ParameterEvent], None] = lambda event: None,
+        publish_event: Callable[[msg.ParameterEvent], None] = lambda event: None,
     ) -> None:
         self._parameters: dict[str, Parameter] = {}
-        self._descriptors: dict[str, ParameterDescriptor] = {}
+        self._descriptors: dict[str, msg.ParameterDescriptor] = {}
         self._parameter_overrides = dict(overrides or {})
         self._allow_undeclared_parameters = allow_undeclared
         self._publish_parameter_event = publish_event
@@ -85,16 +69,16 @@ class ParameterStore:
         self,
         name: str,
         value: Any = None,
-        descriptor: ParameterDescriptor | None = None,
+        descriptor: msg.ParameterDescriptor | None = None,
         ignore_override: bool = False,
     ) -> Parameter:
         """Declare one parameter; see `declare_parameters`.
 
         `value` is the default, a ``Parameter.Type`` for a parameter without default, or a ParameterValue.
         """
-        if value is None and descriptor is None:
-            return self.declare_parameters("", [(name,)], ignore_override)[0]
-        return self.declare_parameters("", [(name, value, descriptor or _descriptor())], ignore_override)[0]
+        without_default = value is None and descriptor is None
+        entry = (name,) if without_default else (name, value, descriptor or msg.ParameterDescriptor())
+        return self.declare_parameters("", [entry], ignore_override)[0]
 
     def declare_parameters(
         self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
@@ -117,19 +101,18 @@ class ParameterStore:
             If an entry is malformed, or has neither type nor default.
         """
         declared: list[Parameter] = []
-        descriptors: dict[str, ParameterDescriptor] = {}
+        descriptors: dict[str, msg.ParameterDescriptor] = {}
         for index, entry in enumerate(parameters):
-            name, default, descriptor = self._declaration(namespace, index, entry)
-            override = None if ignore_override else self._parameter_overrides.get(name)
-            declared.append(
-                Parameter(name, value=default) if override is None else Parameter(name, value=override.value)
-            )
+            name, value, descriptor = self._declaration(namespace, index, entry)
             descriptors[name] = descriptor
+            if name in self._parameter_overrides and not ignore_override:
+                value = self._parameter_overrides[name].value
+            declared.append(Parameter(name, value=value))
         already = [parameter.name for parameter in declared if parameter.name in self._parameters]
         if already:
             raise ParameterAlreadyDeclaredException(already)
         for parameter in declared:
-            result = self._set_atomically([parameter], descriptors, keep_unset=True)
+            result = self._set_atomically([parameter], descriptors)
             if not result.successful:
                 if result.reason.startswith(_WRONG_TYPE):
                     expected = Parameter.Type(descriptors[parameter.name].type).name
@@ -137,10 +120,10 @@ class ParameterStore:
                 raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
         return [self._parameters[parameter.name] for parameter in declared]
 
-    def _declaration(self, namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, ParameterDescriptor]:
+    def _declaration(
+        self, namespace: str, index: int, entry: tuple[Any, ...]
+    ) -> tuple[str, Any, msg.ParameterDescriptor]:
         """Check one entry of `declare_parameters` and return full name, default and completed descriptor."""
-        from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
-
         if not 1 <= len(entry) <= 3:
             raise TypeError(
                 f"Invalid parameter tuple length at index {index} in parameters list: "
@@ -152,8 +135,8 @@ class ParameterStore:
         name = f"{namespace}.{name}" if namespace else name
         validate_parameter_name(name)
         default = entry[1] if len(entry) > 1 else None
-        descriptor = entry[2] if len(entry) > 2 else ParameterDescriptor()
-        if not isinstance(descriptor, ParameterDescriptor):
+        descriptor = entry[2] if len(entry) > 2 else msg.ParameterDescriptor()
+        if not isinstance(descriptor, msg.ParameterDescriptor):
             raise TypeError(
                 f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
             )
@@ -177,7 +160,7 @@ class ParameterStore:
                 )
             descriptor.type = default.value
             return name, None, descriptor
-        if isinstance(default, ParameterValue):
+        if isinstance(default, msg.ParameterValue):
             default = parameter_value_to_python(default)
         if not descriptor.dynamic_typing:
             descriptor.type = Parameter.Type.from_parameter_value(default).value
@@ -257,7 +240,7 @@ class ParameterStore:
             name[len(prefix) :]: parameter for name, parameter in self._parameters.items() if name.startswith(prefix)
         }
 
-    def list_parameters(self, prefixes: list[str], depth: int) -> ListParametersResult:
+    def list_parameters(self, prefixes: list[str], depth: int) -> msg.ListParametersResult:
         """Return the names below any of the prefixes (none: all) down to a depth (0: any) and their own prefixes.
 
         Raises
@@ -265,8 +248,6 @@ class ParameterStore:
         TypeError, ValueError
             For arguments of other types, or a negative depth.
         """
-        from rcl_interfaces.msg import ListParametersResult
-
         if not isinstance(prefixes, list):
             raise TypeError("The prefixes argument must be a list")
         if not all(isinstance(prefix, str) for prefix in prefixes):
@@ -289,7 +270,7 @@ class ParameterStore:
             if (any(below(name, prefix) for prefix in prefixes) if prefixes else shallow(name))
         ]
         parents = (name.rpartition(PARAMETER_SEPARATOR_STRING)[0] for name in names)
-        return ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
+        return msg.ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
 
     @staticmethod
     def _check_names(names: list[str]) -> None:
@@ -298,7 +279,7 @@ class ParameterStore:
 
     # -- setting --------------------------------------------------------------------------------------------------
 
-    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[msg.SetParametersResult]:
         """Set parameters one after the other; a refused one does not stop the others.
 
         Raises
@@ -308,7 +289,7 @@ class ParameterStore:
         """
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> msg.SetParametersResult:
         """Set all the parameters or none.
 
         The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks learn
@@ -337,18 +318,13 @@ class ParameterStore:
         return self._set_atomically(parameter_list)
 
     def _set_atomically(
-        self,
-        parameter_list: list[Parameter],
-        descriptors: dict[str, ParameterDescriptor] | None = None,
-        keep_unset: bool = False,
-    ) -> SetParametersResult:
-        """Check, set and announce; new descriptors (declaration) come without the check for read-only."""
-        from rcl_interfaces.msg import ParameterEvent
-
+        self, parameter_list: list[Parameter], declared: Mapping[str, msg.ParameterDescriptor] | None = None
+    ) -> msg.SetParametersResult:
+        """Check, set and announce; with the descriptors of a declaration read-only ones can be set, and stay unset."""
         for parameter in parameter_list:
-            descriptor = (self._descriptors if descriptors is None else descriptors).get(parameter.name)
+            descriptor = (self._descriptors if declared is None else declared).get(parameter.name)
             if descriptor is not None:
-                reason = self._apply_descriptor(parameter, descriptor, check_read_only=descriptors is None)
+                reason = self._apply_descriptor(parameter, descriptor, check_read_only=declared is None)
                 if reason:
                     return _result(reason)
         for callback in list(self._on_set_parameters_callbacks):
@@ -356,18 +332,18 @@ class ParameterStore:
             if not result.successful:
                 return result
 
-        event = ParameterEvent()
+        event = msg.ParameterEvent()
         for parameter in parameter_list:
             name, message = parameter.name, parameter.to_parameter_msg()
-            if parameter.type_ is Parameter.Type.NOT_SET and not keep_unset:
+            if declared is not None:
+                self._descriptors[name] = declared[name]
+            elif parameter.type_ is Parameter.Type.NOT_SET:
                 event.deleted_parameters.append(message)
                 self._parameters.pop(name, None)
                 self._descriptors.pop(name, None)
                 continue
-            if descriptors is not None:
-                self._descriptors[name] = descriptors[name]
             elif name not in self._descriptors:
-                self._descriptors[name] = _descriptor(dynamic_typing=True)
+                self._descriptors[name] = msg.ParameterDescriptor(dynamic_typing=True)
             is_new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
             (event.new_parameters if is_new else event.changed_parameters).append(message)
             self._parameters[name] = parameter
@@ -377,7 +353,7 @@ class ParameterStore:
         return _result()
 
     def _apply_descriptor(
-        self, parameter: Parameter, descriptor: ParameterDescriptor, check_read_only: bool
+        self, parameter: Parameter, descriptor: msg.ParameterDescriptor, check_read_only: bool
     ) -> str | None:
         """Complete the descriptor with name and type; return why the parameter does not comply with it."""
         descriptor.name = parameter.name
@@ -395,21 +371,21 @@ class ParameterStore:
 
     # -- descriptors ----------------------------------------------------------------------------------------------
 
-    def describe_parameter(self, name: str) -> ParameterDescriptor:
+    def describe_parameter(self, name: str) -> msg.ParameterDescriptor:
         """Return the descriptor; an empty one, or ParameterNotDeclaredException, if not declared."""
         if name in self._descriptors:
             return self._descriptors[name]
         if self._allow_undeclared_parameters:
-            return _descriptor()
+            return msg.ParameterDescriptor()
         raise ParameterNotDeclaredException(name)
 
-    def describe_parameters(self, names: list[str]) -> list[ParameterDescriptor]:
+    def describe_parameters(self, names: list[str]) -> list[msg.ParameterDescriptor]:
         """Return the descriptors of parameters; see `describe_parameter`."""
         return [self.describe_parameter(name) for name in names]
 
     def set_descriptor(
-        self, name: str, descriptor: ParameterDescriptor, alternative_value: ParameterValue | None = None
-    ) -> ParameterValue:
+        self, name: str, descriptor: msg.ParameterDescriptor, alternative_value: msg.ParameterValue | None = None
+    ) -> msg.ParameterValue:
         """Give a parameter a new descriptor and return its value.
 
         The value is kept if it complies, else `alternative_value` is tried.
@@ -423,8 +399,6 @@ class ParameterStore:
         InvalidParameterValueException
             If neither value complies.
         """
-        from rcl_interfaces.msg import Parameter as ParameterMsg
-
         if not self.has_parameter(name):
             if not self._allow_undeclared_parameters:
                 raise ParameterNotDeclaredException(name)
@@ -434,7 +408,7 @@ class ParameterStore:
         parameter = self.get_parameter(name)
         reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason and alternative_value is not None:
-            parameter = Parameter.from_parameter_msg(ParameterMsg(name=name, value=alternative_value))
+            parameter = Parameter.from_parameter_msg(msg.Parameter(name=name, value=alternative_value))
             reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason:
             raise InvalidParameterValueException(name, parameter.value, reason)
