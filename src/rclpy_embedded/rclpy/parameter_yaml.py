@@ -14,6 +14,7 @@ from rclpy.constants import INT64_MAX, INT64_MIN
 from rclpy.names import namespace_error, node_name_error
 
 PARAMETERS_KEY = "ros__parameters"
+_STRING = "tag:yaml.org,2002:str"
 
 _BOOLEANS = {
     spelling: value
@@ -34,13 +35,12 @@ def _integer(text: str) -> int | None:
     return value if INT64_MIN <= value <= INT64_MAX else None
 
 
-def _scalar(event: Any) -> bool | int | float | str:
-    """Return the typed value of a scalar event; quotes and the tag ``!!str`` make a string."""
-    text: str = event.value
-    if event.style in ("'", '"') or event.tag == "tag:yaml.org,2002:str":
+def _scalar(node: Any) -> bool | int | float | str:
+    text: str = node.value
+    if node.tag == _STRING:
         return text
     if not text:
-        raise ValueError(f"No value at line {event.start_mark.line + 1}")
+        raise ValueError(f"No value at line {node.start_mark.line + 1}")
     if text in _BOOLEANS:
         return _BOOLEANS[text]
     if (integer := _integer(text)) is not None:
@@ -50,59 +50,47 @@ def _scalar(event: Any) -> bool | int | float | str:
     return text
 
 
-class _Mapping(list[tuple[str, Any]]):
-    """A YAML mapping with its repeated keys."""
-
-
-def _sequence(events: Iterator[Any], line: int) -> list[Any]:
-    import yaml
-
-    items: list[Any] = []
-    while not isinstance(event := next(events), yaml.SequenceEndEvent):
-        if not isinstance(event, yaml.ScalarEvent):
-            raise ValueError(f"Sequences can only hold plain values. Error at line {event.start_mark.line + 1}")
-        items.append(_scalar(event))
+def _value(node: Any) -> Any:
+    """Return the typed value of a scalar or sequence; an empty one has no type and becomes None."""
+    if node.id == "scalar":
+        return _scalar(node)
+    for item in node.value:
+        if item.id != "scalar":
+            raise ValueError(f"Sequences can only hold plain values. Error at line {item.start_mark.line + 1}")
+    items = [_scalar(item) for item in node.value]
     if len({type(item) for item in items}) > 1:
-        raise ValueError(f"Sequence should be of same type. Error at line {line}")
-    return items
+        raise ValueError(f"Sequence should be of same type. Error at line {node.start_mark.line + 1}")
+    return items or None
 
 
-def _node(events: Iterator[Any], event: Any) -> Any:
-    import yaml
-
-    line = event.start_mark.line + 1
-    if isinstance(event, yaml.ScalarEvent):
-        return _scalar(event)
-    if isinstance(event, yaml.SequenceStartEvent):
-        return _sequence(events, line)
-    if not isinstance(event, yaml.MappingStartEvent):
-        raise ValueError(f"Will not support aliasing at line {line}")
-    mapping = _Mapping()
-    while not isinstance(key := next(events), yaml.MappingEndEvent):
-        if not isinstance(key, yaml.ScalarEvent) or not key.value:
+def _items(mapping: Any) -> Iterator[tuple[str, Any]]:
+    for key, value in mapping.value:
+        if key.id != "scalar" or not key.value:
             raise ValueError(f"No key at line {key.start_mark.line + 1}")
-        mapping.append((key.value, _node(events, next(events))))
-    return mapping
+        yield key.value, value
 
 
-def _parse(text: str) -> Any:
-    """Return the only document of `text`; None if there is none. ValueError if it cannot be used."""
+def _compose(text: str) -> Any:
+    """Return the root node of the only document of `text`; None if there is none. ValueError if it cannot be used."""
     import yaml
+
+    class Loader(yaml.SafeLoader):
+        """Leaves plain scalars without the types of YAML; quotes and the tag ``!!str`` still make strings."""
+
+        def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+            plain = implicit == (True, False)
+            return "" if plain else super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
 
     try:
-        events: Any = yaml.parse(text, Loader=yaml.SafeLoader)
+        events: Any = yaml.parse(text, Loader)
         for event in events:
-            if isinstance(event, yaml.NodeEvent):
-                value = _node(events, event)
-                for rest in events:
-                    if isinstance(rest, yaml.NodeEvent):
-                        raise ValueError("There is more than one document")
-                return value
+            if isinstance(event, yaml.AliasEvent):
+                raise ValueError(f"Will not support aliasing at line {event.start_mark.line + 1}")
+        return yaml.compose(text, Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f" near line {mark.line + 1}" if mark else ""
         raise ValueError(f"Error parsing YAML{where}: {getattr(error, 'problem', None) or error}") from error
-    return None
 
 
 def parse_value(text: str) -> Any:
@@ -113,12 +101,12 @@ def parse_value(text: str) -> Any:
     ValueError
         If `text` is empty, not YAML, or not a plain value or a list of values of one type.
     """
-    value = _parse(text)
-    if value is None:
+    node = _compose(text)
+    if node is None:
         raise ValueError("the value is empty")
-    if isinstance(value, _Mapping):
+    if node.id == "mapping":
         raise ValueError("a mapping is not a parameter value")
-    return None if value == [] else value
+    return _value(node)
 
 
 def _check_node_pattern(name: str) -> None:
@@ -129,24 +117,24 @@ def _check_node_pattern(name: str) -> None:
         raise ValueError(f"'{name}' is no name of a node: {error[0]}")
 
 
-def _flatten(prefix: str, mapping: _Mapping, into: dict[str, Any]) -> None:
-    for key, value in mapping:
-        if isinstance(value, _Mapping):
+def _flatten(prefix: str, mapping: Any, into: dict[str, Any]) -> None:
+    for key, value in _items(mapping):
+        if value.id == "mapping":
             _flatten(f"{prefix}{key}.", value, into)
         else:
-            into[prefix + key] = None if value == [] else value
+            into[prefix + key] = _value(value)
 
 
-def _collect(name: str, mapping: _Mapping, into: dict[str, dict[str, Any]]) -> None:
-    for key, value in mapping:
+def _collect(name: str, mapping: Any, into: dict[str, dict[str, Any]]) -> None:
+    for key, value in _items(mapping):
         if key == PARAMETERS_KEY:
             if not name:
                 raise ValueError(f"There are no node names before {PARAMETERS_KEY}")
-            if not isinstance(value, _Mapping):
+            if value.id != "mapping":
                 raise ValueError(f"{PARAMETERS_KEY} of '{name}' must be a mapping of names to values")
             _check_node_pattern(name)
             _flatten("", value, into.setdefault(name, {}))
-        elif isinstance(value, _Mapping):
+        elif value.id == "mapping":
             _collect(f"{name.rstrip('/')}/{key.lstrip('/')}" if name else key, value, into)
         else:
             raise ValueError(f"Cannot have a value before {PARAMETERS_KEY}: '{key}' below '{name or '/'}'")
@@ -162,12 +150,11 @@ def parse_file(path: str, into: dict[str, dict[str, Any]]) -> None:
     """
     try:
         with open(path, encoding="utf-8") as stream:
-            text = stream.read()
+            root = _compose(stream.read())
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"Error opening YAML file '{path}': {error}") from error
-    root = _parse(text)
     if root is None:
         return
-    if not isinstance(root, _Mapping):
+    if root.id != "mapping":
         raise ValueError(f"'{path}' must be a mapping of node names")
     _collect("", root, into)

@@ -224,7 +224,7 @@ def test_parameter_files(tmp_path: Path) -> None:
         ("n!: {ros__parameters: {a: 1}}", "is no name of a node"),
         ("- 1", "must be a mapping of node names"),
         ("a: [", "Error parsing YAML near line"),
-        ("a: {}\n---\nb: {}", "more than one document"),
+        ("a: {}\n---\nb: {}", "found another document"),
     ],
 )
 def test_bad_parameter_files(tmp_path: Path, text: str, reason: str) -> None:
