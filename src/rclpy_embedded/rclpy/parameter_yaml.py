@@ -81,14 +81,16 @@ def _compose(text: str) -> Any:
             plain = implicit == (True, False)
             return "" if plain else super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
 
-    try:
-        events: Any = yaml.parse(text, Loader)
-        for event in events:
-            if isinstance(event, yaml.AliasEvent):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+            if self.check_event(yaml.AliasEvent):
                 raise ValueError(f"Will not support aliasing at line {event.start_mark.line + 1}")
+            return super().compose_node(parent, index)
+
+    try:
         return yaml.compose(text, Loader)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
+        mark: Any = getattr(error, "problem_mark", None)
         where = f" near line {mark.line + 1}" if mark else ""
         raise ValueError(f"Error parsing YAML{where}: {getattr(error, 'problem', None) or error}") from error
 

@@ -37,18 +37,22 @@ class InvalidQoSProfileException(Exception):  # noqa: N818 - the genuine name
         super().__init__("Invalid QoSProfile", *args)
 
 
-class QoSPolicyEnum(IntEnum):
-    """Base of the policies; the values are those of ``rmw/types.h``."""
+class _ShortKeys(Enum):
+    """Members by their names in lower case, for command lines."""
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """Return the names in lower case, for command lines."""
+        """Return the names in lower case."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
-    def get_from_short_key(cls, name: str) -> int:
+    def get_from_short_key(cls, name: str) -> Any:
         """Return the value for a name in any case."""
         return cls[name.upper()].value
+
+
+class QoSPolicyEnum(IntEnum, _ShortKeys):
+    """Base of the policies; the values are those of ``rmw/types.h``."""
 
     @property
     def short_key(self) -> str:
@@ -105,15 +109,30 @@ DeadlineBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 
 
-def _policy(name: str, kind: type[Any]) -> property:
-    """Make a checked property; `kind` is a policy enum, or the exact type of the value."""
+#: Type and default of each policy, in the order of ``str``.
+_POLICIES: dict[str, tuple[type[Any], Any]] = {
+    "history": (HistoryPolicy, HistoryPolicy.KEEP_LAST),
+    "depth": (int, 10),
+    "reliability": (ReliabilityPolicy, ReliabilityPolicy.RELIABLE),
+    "durability": (DurabilityPolicy, DurabilityPolicy.VOLATILE),
+    "lifespan": (Duration, Duration()),
+    "deadline": (Duration, Duration()),
+    "liveliness": (LivelinessPolicy, LivelinessPolicy.SYSTEM_DEFAULT),
+    "liveliness_lease_duration": (Duration, Duration()),
+    "avoid_ros_namespace_conventions": (bool, False),
+}
+
+
+def _policy(name: str) -> property:
+    """Make a checked property; the policies of an enum can be given as numbers."""
+    kind = _POLICIES[name][0]
+    is_enum = issubclass(kind, QoSPolicyEnum)
 
     def get(self: QoSProfile) -> Any:
         return getattr(self, "_" + name)
 
     def set_(self: QoSProfile, value: Any) -> None:
-        accepted: tuple[type, ...] = (kind, int) if issubclass(kind, QoSPolicyEnum) else (kind,)
-        if not isinstance(value, accepted):
+        if not isinstance(value, (kind, int) if is_enum else kind):
             raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
         if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
             warnings.warn(
@@ -121,7 +140,7 @@ def _policy(name: str, kind: type[Any]) -> property:
                 "This will be interpreted as SYSTEM_DEFAULT",
                 stacklevel=2,
             )
-        setattr(self, "_" + name, kind(value) if issubclass(kind, QoSPolicyEnum) else value)
+        setattr(self, "_" + name, kind(value) if is_enum else value)
 
     return property(get, set_, doc=f"Policy '{name}' ({kind.__name__}).")
 
@@ -145,47 +164,28 @@ class QoSProfile:
         For an unknown keyword or a value of the wrong type, as the genuine class does.
     """
 
-    __slots__ = [  # noqa: RUF023 - the order of __str__
-        "_history",
-        "_depth",
-        "_reliability",
-        "_durability",
-        "_lifespan",
-        "_deadline",
-        "_liveliness",
-        "_liveliness_lease_duration",
-        "_avoid_ros_namespace_conventions",
-    ]
+    __slots__ = [f"_{name}" for name in _POLICIES]
 
-    history = _policy("history", HistoryPolicy)
-    depth = _policy("depth", int)
-    reliability = _policy("reliability", ReliabilityPolicy)
-    durability = _policy("durability", DurabilityPolicy)
-    lifespan = _policy("lifespan", Duration)
-    deadline = _policy("deadline", Duration)
-    liveliness = _policy("liveliness", LivelinessPolicy)
-    liveliness_lease_duration = _policy("liveliness_lease_duration", Duration)
-    avoid_ros_namespace_conventions = _policy("avoid_ros_namespace_conventions", bool)
+    history = _policy("history")
+    depth = _policy("depth")
+    reliability = _policy("reliability")
+    durability = _policy("durability")
+    lifespan = _policy("lifespan")
+    deadline = _policy("deadline")
+    liveliness = _policy("liveliness")
+    liveliness_lease_duration = _policy("liveliness_lease_duration")
+    avoid_ros_namespace_conventions = _policy("avoid_ros_namespace_conventions")
 
     def __init__(self, **kwargs: Any) -> None:
-        if not all("_" + key in self.__slots__ for key in kwargs):
+        if not kwargs.keys() <= _POLICIES.keys():
             raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
-        if "history" not in kwargs:
-            if "depth" not in kwargs:
-                raise InvalidQoSProfileException("History and/or depth settings are required.")
-            kwargs["history"] = HistoryPolicy.KEEP_LAST
-        if kwargs["history"] == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
+        if not kwargs.keys() & {"history", "depth"}:
+            raise InvalidQoSProfileException("History and/or depth settings are required.")
+        if kwargs.get("history") == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
             raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
         # History first: the check of the depth looks at it.
-        self.history = kwargs["history"]
-        self.depth = kwargs.get("depth", 10)
-        self.reliability = kwargs.get("reliability", ReliabilityPolicy.RELIABLE)
-        self.durability = kwargs.get("durability", DurabilityPolicy.VOLATILE)
-        self.lifespan = kwargs.get("lifespan", Duration())
-        self.deadline = kwargs.get("deadline", Duration())
-        self.liveliness = kwargs.get("liveliness", LivelinessPolicy.SYSTEM_DEFAULT)
-        self.liveliness_lease_duration = kwargs.get("liveliness_lease_duration", Duration())
-        self.avoid_ros_namespace_conventions = kwargs.get("avoid_ros_namespace_conventions", False)
+        for name, (_, default) in _POLICIES.items():
+            setattr(self, name, kwargs.get(name, default))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the policies by name."""
@@ -246,7 +246,7 @@ qos_profile_rosout_default = _keep_last(
 )
 
 
-class QoSPresetProfiles(Enum):
+class QoSPresetProfiles(_ShortKeys):
     """The predefined profiles."""
 
     UNKNOWN = qos_profile_unknown
@@ -258,16 +258,6 @@ class QoSPresetProfiles(Enum):
     PARAMETER_EVENTS = qos_profile_parameter_events
     ACTION_STATUS_DEFAULT = qos_profile_action_status_default
     BEST_AVAILABLE = qos_profile_best_available
-
-    @classmethod
-    def short_keys(cls) -> list[str]:
-        """Return the names in lower case, for command lines."""
-        return [key.lower() for key in cls.__members__]
-
-    @classmethod
-    def get_from_short_key(cls, name: str) -> QoSProfile:
-        """Return the profile for a name in any case."""
-        return cls[name.upper()].value
 
 
 class QoSCompatibility(IntEnum):

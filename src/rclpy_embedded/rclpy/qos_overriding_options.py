@@ -6,12 +6,13 @@ import copy
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult as QosCallbackResult
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException
 from rclpy.qos import QoSPolicyEnum, QoSPolicyKind, QoSProfile
 
 if TYPE_CHECKING:
-    from rcl_interfaces.msg import SetParametersResult as QosCallbackResult
     from rclpy.node import Node
 
 
@@ -19,16 +20,7 @@ class InvalidQosOverridesError(Exception):
     """Raised when the callback refuses the profile that results from the overrides."""
 
 
-QosCallbackType = Callable[[QoSProfile], "QosCallbackResult"]
-
-
-def __getattr__(name: str) -> Any:
-    """Give QosCallbackResult, another name of SetParametersResult, without building the message at import."""
-    if name != "QosCallbackResult":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from rcl_interfaces.msg import SetParametersResult
-
-    return SetParametersResult
+QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
 
 
 class QoSOverridingOptions:
@@ -76,8 +68,6 @@ def declare_qos_parameters(
     InvalidQosOverridesError
         If the callback of the options refuses the profile.
     """
-    from rcl_interfaces.msg import ParameterDescriptor
-
     profile = copy.copy(profile)
     suffix = "" if options.entity_id is None else f"_{options.entity_id}"
     about = f"for {entity} `{topic_name}` with id `{options.entity_id}`"

@@ -12,6 +12,7 @@ from .definition import (
     INTEGER_RANGES,
     AbstractGenericString,
     AbstractNestableType,
+    AbstractNestedType,
     AbstractType,
     Array,
     BasicType,
@@ -40,7 +41,7 @@ BASIC_TYPES = {
 _TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(<=(?P<string>\d+))?(\[(?P<bounded><=)?(?P<size>\d*)\])?")
 _STRING_ITEM = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|[^,]+?)\s*(?:,|$)""")
 _FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
-_CONSTANT_NAME = re.compile(r"[A-Z]([A-Z0-9_]?[A-Z0-9]+)*")
+_CONSTANT_NAME = re.compile(r"[A-Z](_?[A-Z0-9])*")
 _STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
@@ -104,17 +105,19 @@ def parse_value(text: str, type_: AbstractType) -> Any:
         If the text is no value of the type.
     """
     text = text.strip()
-    if isinstance(type_, AbstractGenericString):
-        return _string(text)
-    if isinstance(type_, BasicType):
-        return basic_value(_literal(text), type_.typename)
-    if isinstance(type_, NamespacedType) or not isinstance(type_, Array | BoundedSequence | UnboundedSequence):
-        raise ValueError("a message field cannot have a default")
-    element = type_.value_type
-    if isinstance(element, NamespacedType) or text[:1] + text[-1:] != "[]":
+    match type_:
+        case AbstractGenericString():
+            return _string(text)
+        case BasicType(typename):
+            return _basic_value(_literal(text), typename)
+        case NamespacedType() | AbstractNestedType(NamespacedType()):
+            raise ValueError("a message field cannot have a default")
+    assert isinstance(type_, AbstractNestedType)
+    if text[:1] + text[-1:] != "[]":
         raise ValueError(f"{text!r} is not a list of values")
+    element = type_.value_type
     if isinstance(element, BasicType):
-        values = [basic_value(value, element.typename) for value in _literal(text)]
+        values = [_basic_value(value, element.typename) for value in _literal(text)]
     else:
         values = [_string(item) for item in _STRING_ITEM.findall(text[1:-1])]
     if isinstance(type_, Array) and len(values) != type_.size:
@@ -124,7 +127,7 @@ def parse_value(text: str, type_: AbstractType) -> Any:
     return values
 
 
-def basic_value(value: Any, typename: str) -> Any:
+def _basic_value(value: Any, typename: str) -> Any:
     """Convert a literal into what a field of the basic type holds."""
     if typename == "boolean" and value in (True, False):
         return bool(value)
