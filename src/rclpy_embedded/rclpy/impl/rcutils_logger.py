@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NamedTuple
 
@@ -35,100 +36,61 @@ class CallerId(NamedTuple):
         return cls(code.co_name, os.path.abspath(code.co_filename), frame.f_lineno, frame.f_lasti)
 
 
-class Throttle:
-    """Lets a message pass if the last one that passed is at least a duration ago."""
+_OPTIONS = ["throttle_duration_sec", "throttle_time_source_type", "skip_first", "once"]
+_SYSTEM_CLOCK = Clock()
 
-    params = {"throttle_duration_sec": None, "throttle_time_source_type": Clock()}
 
-    def __init__(self, throttle_duration_sec: float, throttle_time_source_type: Clock) -> None:
-        if not isinstance(throttle_time_source_type, Clock):
-            raise ValueError(
-                f'Received throttle_time_source_type of "{throttle_time_source_type}" is not a clock instance'
+def _check_options(options: dict[str, Any]) -> None:
+    """Raise TypeError or ValueError for options of filters that make no sense."""
+    for name in options:
+        if name not in _OPTIONS:
+            raise TypeError(f'parameter "{name}" is not one of the recognized logging options "{_OPTIONS}"')
+    if clock := options.get("throttle_time_source_type"):
+        if not isinstance(clock, Clock):
+            raise ValueError(f'Received throttle_time_source_type of "{clock}" is not a clock instance')
+        if options.get("throttle_duration_sec") is None:
+            raise TypeError(
+                'required parameter "throttle_duration_sec" not specified '
+                'but is required for the the logging filter "throttle"'
             )
-        self._clock = throttle_time_source_type
-        self._duration_ns = throttle_duration_sec * 1e9
-        self._last_ns = 0
-
-    def should_log(self) -> bool:
-        """Decide about one message."""
-        now_ns = self._clock.now().nanoseconds
-        if now_ns < self._last_ns + self._duration_ns:
-            return False
-        self._last_ns = now_ns
-        return True
 
 
-class SkipFirst:
-    """Holds back the first message."""
-
-    params: dict[str, Any] = {"skip_first": None}
-
-    def __init__(self, skip_first: bool) -> None:
-        self._first = True
-
-    def should_log(self) -> bool:
-        """Decide about one message."""
-        first, self._first = self._first, False
-        return not first
-
-
-class Once:
-    """Lets the first message pass only."""
-
-    params: dict[str, Any] = {"once": None}
-
-    def __init__(self, once: bool) -> None:
-        self._first = True
-
-    def should_log(self) -> bool:
-        """Decide about one message."""
-        first, self._first = self._first, False
-        return first
-
-
-#: Filters in the order in which they are asked. A parameter whose default is None is required.
-supported_filters: dict[str, Any] = {"throttle": Throttle, "skip_first": SkipFirst, "once": Once}
-_PARAMETERS = [name for kind in supported_filters.values() for name in kind.params]
-
-
-def _requested_filters(kwargs: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the complete parameters of every filter that `kwargs` asks for; TypeError if they make no sense."""
-    requested: dict[str, dict[str, Any]] = {}
-    for name, kind in supported_filters.items():
-        if not any(kwargs.get(parameter) for parameter in kind.params):
-            continue
-        requested[name] = {parameter: kwargs.get(parameter, default) for parameter, default in kind.params.items()}
-        for parameter, value in requested[name].items():
-            if value is None:
-                raise TypeError(
-                    f'required parameter "{parameter}" not specified '
-                    f'but is required for the the logging filter "{name}"'
-                )
-    for parameter in kwargs:
-        if parameter not in _PARAMETERS:
-            raise TypeError(f'parameter "{parameter}" is not one of the recognized logging options "{_PARAMETERS}"')
-    return requested
-
-
+@dataclass
 class _CallSite:
-    """What the first call at a place asked for, and the state of its filters."""
+    """What the first call at a place in the code asked for, and what the filters remember of the calls there."""
 
-    def __init__(self, severity: LoggingSeverity, name: str, requested: dict[str, dict[str, Any]]) -> None:
-        self.severity = severity
-        self.name = name
-        self.requested = requested
-        self.filters = [supported_filters[key](**parameters) for key, parameters in requested.items()]
+    severity: LoggingSeverity
+    name: str
+    options: dict[str, Any]
+    last_ns: int = 0
+    has_skipped: bool = False
+    has_passed: bool = False
 
-    def check_unchanged(self, severity: LoggingSeverity, name: str, requested: dict[str, dict[str, Any]]) -> None:
+    def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
         """Raise ValueError if a later call at the place asks for something else."""
         if severity != self.severity:
             raise ValueError("Logger severity cannot be changed between calls.")
         if name != self.name:
             raise ValueError("Logger name cannot be changed between calls.")
-        if requested.keys() != self.requested.keys():
+        if options.keys() != self.options.keys():
             raise ValueError("Requested logging filters cannot be changed between calls.")
-        if requested != self.requested:
+        if options != self.options:
             raise ValueError("Logging filter parameters cannot be changed between calls.")
+
+    def lets_pass(self) -> bool:
+        """Ask the filters about one message: throttle, then skip first, then once."""
+        if duration_sec := self.options.get("throttle_duration_sec"):
+            now_ns = self.options.get("throttle_time_source_type", _SYSTEM_CLOCK).now().nanoseconds
+            if now_ns < self.last_ns + duration_sec * 1e9:
+                return False
+            self.last_ns = now_ns
+        if "skip_first" in self.options and not self.has_skipped:
+            self.has_skipped = True
+            return False
+        if "once" in self.options and self.has_passed:
+            return False
+        self.has_passed = True
+        return True
 
 
 class RcutilsLogger:
@@ -203,16 +165,19 @@ class RcutilsLogger:
         if severity < system.effective_level(self.name):
             return False
         name = kwargs.pop("name", self.name)
-        requested = _requested_filters(kwargs)
+        if kwargs:
+            _check_options(kwargs)
+        # An option that is False or 0 is none.
+        options = {key: value for key, value in kwargs.items() if value}
         if not isinstance(message, str):
             raise TypeError(f"a log message must be a str, got {type(message).__name__}: use str(...)")
         caller = CallerId.current()
         site = self._call_sites.get(caller)
         if site is None:
-            site = self._call_sites[caller] = _CallSite(severity, name, requested)
+            site = self._call_sites[caller] = _CallSite(severity, name, options)
         else:
-            site.check_unchanged(severity, name, requested)
-        if not all(filter_.should_log() for filter_ in site.filters):
+            site.check_unchanged(severity, name, options)
+        if not site.lets_pass():
             return False
         system.log(severity, name, message, caller.function_name, caller.file_path, caller.line_number)
         return True
