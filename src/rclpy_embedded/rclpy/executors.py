@@ -52,51 +52,24 @@ class ConditionReachedException(Exception):  # noqa: N818
     """The future is done."""
 
 
-class TimeoutObject:
-    """A timeout that can be changed between uses."""
-
-    def __init__(self, timeout: float) -> None:
-        self.timeout = timeout
-
-
-class _EntityTask(Task):
-    """Takes from an entity and runs its callback; a coroutine it returns is run as well."""
-
-    def __init__(self, entity: Any, executor: Executor) -> None:
-        super().__init__(self._start, executor=executor)
-        self._entity = entity
-        self._owner = executor
-        self._began = False
-
-    def _start(self) -> Any:
-        entity, group = self._entity, self._entity.callback_group
-        if group is not None and not group.beginning_execution(entity):
-            return None
-        self._began = True
+async def _run(entity: Any, executor: Executor) -> None:
+    """Take from an entity and run its callback, with the permission of its group."""
+    group = entity.callback_group
+    if not group.beginning_execution(entity):
+        return
+    try:
         try:
             callback = entity._take()
         except (InvalidHandle, DDSException):  # destroyed in the meantime
-            return None
-        return None if callback is None else callback()
-
-    def _finish(self, result: Any) -> None:
-        if inspect.iscoroutine(result):
-            self._handler = result
-            self._step()
-            if not self._done:
-                # The group may be closed to its other entities now: do not wait for those.
-                self._owner._entities_changed = True
             return
-        self._release()
-        super()._finish(result)
-
-    def _release(self) -> None:
-        if self._began:
-            self._began = False
-            if self._entity.callback_group is not None:
-                self._entity.callback_group.ending_execution(self._entity)
-            if self._owner._blocked:
-                self._owner._entities_changed = True
+        if callback is not None:
+            result = callback()
+            if inspect.iscoroutine(result):
+                await result
+    finally:
+        group.ending_execution(entity)
+        if executor._blocked:
+            executor._entities_changed = True
 
 
 class Executor:
@@ -217,37 +190,49 @@ class Executor:
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done or the time is over."""
-        future._add_waker(self.wake)
-        if timeout_sec is None or timeout_sec < 0:
-            while self._context.ok() and not future.done() and not self._is_shutdown:
-                self.spin_once_until_future_complete(future, timeout_sec)
-            return
-        end = time.monotonic() + timeout_sec
-        timeout_left = TimeoutObject(timeout_sec)
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
         while self._context.ok() and not future.done() and not self._is_shutdown:
-            self.spin_once_until_future_complete(future, timeout_left)
-            now = time.monotonic()
-            if now >= end:
-                return
-            timeout_left.timeout = end - now
+            self.spin_once_until_future_complete(future, timeout_sec)
+            if end is not None:
+                timeout_sec = end - time.monotonic()
+                if timeout_sec <= 0:
+                    return
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for one callback and run it; None or negative waits for ever, 0 only looks."""
-        raise NotImplementedError()
+        """Wait for one callback and run it; None or negative waits for ever, 0 only looks.
 
-    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
+        An exception that the callback raises comes out here.
+        """
+        self._spin_once(timeout_sec, lambda: False)
+
+    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
         """Wait for one callback and run it, unless the future is done first."""
-        raise NotImplementedError()
+        future._add_waker(self.wake)
+        self._spin_once(timeout_sec, future.done)
+
+    def _spin_once(self, timeout_sec: float | None, condition: Callable[[], bool]) -> None:
+        with self._working:
+            try:
+                task, entity, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            except (ShutdownException, TimeoutException, ConditionReachedException):
+                return
+            task()
+            if entity is not None and not task.done():
+                self._add_task(task)
+                # The group may be closed to its other entities now: do not wait for those.
+                self._entities_changed = True
+            if task.exception() is not None:
+                raise task.exception()  # type: ignore[misc]
 
     # Waiting
 
     def can_execute(self, entity: Any) -> bool:
         """Return whether an entity's callback group lets it start."""
-        return entity.callback_group is None or bool(entity.callback_group.can_execute(entity))
+        return bool(entity.callback_group.can_execute(entity))
 
     def wait_for_ready_callbacks(
         self,
-        timeout_sec: float | TimeoutObject | None = None,
+        timeout_sec: float | None = None,
         nodes: list[Node] | None = None,
         condition: Callable[[], bool] = lambda: False,
     ) -> tuple[Task, Any, Node | None]:
@@ -259,8 +244,9 @@ class Executor:
             If there is none because the time is over, the executor or the context is shut down, or the condition
             is reached.
         """
-        timeout_ns = timeout_sec_to_nsec(timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec)
+        timeout_ns = timeout_sec_to_nsec(timeout_sec)
         deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
+        remaining = LONGEST_WAIT_NS
         looked = False
         while True:
             if self._is_shutdown:
@@ -270,20 +256,19 @@ class Executor:
             work = self._next(nodes)
             if work is not None:
                 return work
-            remaining = None if deadline is None else deadline - time.monotonic_ns()
-            if looked and remaining is not None and remaining <= 0:
-                raise TimeoutException()
+            if deadline is not None:
+                remaining = max(0, deadline - time.monotonic_ns())
+                if looked and remaining == 0:
+                    raise TimeoutException()
             looked = True
             try:
-                self._collect(LONGEST_WAIT_NS if remaining is None else max(0, remaining))
+                self._collect(remaining)
             except DDSException:
                 # An entity was destroyed by another thread between two calls, or the participant is gone.
                 self._entities_changed = True
                 if self._context.session._closed:
                     raise ExternalShutdownException() from None
-            if self._is_shutdown:
-                raise ShutdownException()
-            if not self._context.ok():
+            if not self._context.ok() and not self._is_shutdown:
                 raise ExternalShutdownException()
 
     def _next(self, nodes: list[Node] | None) -> tuple[Task, Any, Node | None] | None:
@@ -293,9 +278,8 @@ class Executor:
                 return task, None, None
         while self._ready:
             entity, node = self._ready.popleft()
-            if node not in self._nodes or (nodes is not None and node not in nodes) or not self.can_execute(entity):
-                continue
-            return _EntityTask(entity, self), entity, node
+            if node in self._nodes and (nodes is None or node in nodes) and self.can_execute(entity):
+                return Task(_run(entity, self), executor=self), entity, node
         return None
 
     def _rebuild(self) -> None:
@@ -303,9 +287,7 @@ class Executor:
         self._entities_changed = False
         self._blocked = False
         self._timers, self._guards, self._readers, self._events = [], [], [], []
-        with self._lock:
-            nodes = list(self._nodes)
-        for node in nodes:
+        for node in self.get_nodes():
             for target, entities in (
                 (self._timers, node.timers),
                 (self._guards, node.guards),
@@ -371,27 +353,6 @@ class Executor:
 
 class SingleThreadedExecutor(Executor):
     """Runs callbacks in the thread that spins."""
-
-    def _spin_once(self, timeout_sec: float | TimeoutObject | None, condition: Callable[[], bool]) -> None:
-        with self._working:
-            try:
-                task, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
-            except (ShutdownException, TimeoutException, ConditionReachedException):
-                return
-            task()
-            if isinstance(task, _EntityTask) and not task.done():
-                self._add_task(task)
-            if task.exception() is not None:
-                raise task.exception()  # type: ignore[misc]
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Wait for one callback and run it; an exception it raises comes out here."""
-        self._spin_once(timeout_sec, lambda: False)
-
-    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
-        """Wait for one callback and run it, unless the future is done first."""
-        future._add_waker(self.wake)
-        self._spin_once(timeout_sec, future.done)
 
 
 def __getattr__(name: str) -> Any:

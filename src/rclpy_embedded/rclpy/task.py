@@ -141,45 +141,38 @@ class Task(Future):
         self._kwargs = kwargs or {}
         if inspect.iscoroutinefunction(handler):
             self._handler = handler(*self._args, **self._kwargs)
-        self._executing = False
         # False while it awaits a future that is not done: then there is no point in resuming it.
         self._resumable = True
-        self._task_lock = threading.Lock()
+        self._running = threading.Lock()
 
     def __call__(self) -> None:
         """Run it, or resume the coroutine."""
-        if self._done or self._executing or not self._task_lock.acquire(blocking=False):
+        if self._done or not self._running.acquire(blocking=False):
             return
         try:
-            if self._done:
-                return
-            self._executing = True
-            try:
-                if inspect.iscoroutine(self._handler):
-                    self._step()
-                else:
-                    self._finish(self._handler(*self._args, **self._kwargs))
-            except Exception as error:
-                self._handler = None
-                self._release()
-                self.set_exception(error)
-            except BaseException:
-                self._release()
-                raise
-            finally:
-                self._executing = False
+            if not self._done:
+                self._run()
+        except Exception as error:
+            self._handler = None
+            self.set_exception(error)
         finally:
-            self._task_lock.release()
+            self._running.release()
 
-    def _step(self) -> None:
-        try:
-            awaited = self._handler.send(None)
-        except StopIteration as stop:
-            self._finish(stop.value)
-            return
-        if isinstance(awaited, Future):
-            self._resumable = False
-            awaited._add_waker(self._wake)
+    def _run(self) -> None:
+        if inspect.iscoroutine(self._handler):
+            try:
+                awaited = self._handler.send(None)
+            except StopIteration as stop:
+                result = stop.value
+            else:
+                if isinstance(awaited, Future):
+                    self._resumable = False
+                    awaited._add_waker(self._wake)
+                return
+        else:
+            result = self._handler(*self._args, **self._kwargs)
+        self._handler, self._args, self._kwargs = None, (), {}
+        self.set_result(result)
 
     def _wake(self) -> None:
         self._resumable = True
@@ -187,15 +180,6 @@ class Task(Future):
         if executor is not None:
             executor.wake()
 
-    def _finish(self, result: Any) -> None:
-        self._handler = None
-        self._args = ()
-        self._kwargs = {}
-        self.set_result(result)
-
-    def _release(self) -> None:
-        """Give back what was taken for running."""
-
     def executing(self) -> bool:
         """Return whether it is running at this moment."""
-        return self._executing
+        return self._running.locked()
