@@ -28,11 +28,6 @@ _SERVICE_PART = re.compile(r"_(Request|Response|Event)$")
 def structure(type_name: str) -> Structure:
     """Find the definition of a message, of a service's request, response or event, or of a service made of these three.
 
-    Parameters
-    ----------
-    type_name : str
-        For example ``std_msgs/msg/String`` or ``std_srvs/srv/Trigger_Request``.
-
     Raises
     ------
     UnknownInterfaceError
@@ -74,13 +69,7 @@ def source(type_name: str) -> tuple[str, str]:
 
 
 def split_name(type_name: str) -> tuple[str, str, str]:
-    """Split ``pkg/msg/Name``; ``pkg/Name`` counts as a message.
-
-    Raises
-    ------
-    UnknownInterfaceError
-        If the text is not the name of an interface.
-    """
+    """Split ``pkg/msg/Name``; ``pkg/Name`` counts as a message. UnknownInterfaceError if it is no such name."""
     parts = type_name.split("/")
     if len(parts) == 2:
         parts.insert(1, "msg")
@@ -126,7 +115,7 @@ def _find_file(package: str, kind: str, name: str) -> Path:
 def _folders(package: str) -> Iterator[Path]:
     yield from _with_interfaces(_SHARE / package)
     yield from _named_folders(package)
-    yield from _python_folders(package)
+    yield from _python_folders(package, tuple(sys.path))
     yield from _ament_folders(package)
 
 
@@ -142,12 +131,8 @@ def _named_folders(package: str) -> Iterator[Path]:
         yield from _with_interfaces(*([folder] if folder.name == package else []), folder / package)
 
 
-def _python_folders(package: str) -> tuple[Path, ...]:
-    return _python_folders_on(package, tuple(sys.path))
-
-
 @cache
-def _python_folders_on(package: str, search_path: tuple[str, ...]) -> tuple[Path, ...]:
+def _python_folders(package: str, search_path: tuple[str, ...]) -> tuple[Path, ...]:
     # Asked of the path finder, not of importlib.util.find_spec, which would ask our own importer again.
     spec = importlib.machinery.PathFinder.find_spec(package, search_path)
     locations = [Path(location) for location in (spec.submodule_search_locations or [])] if spec else []

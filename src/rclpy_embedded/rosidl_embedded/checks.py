@@ -38,14 +38,8 @@ def python_type(type_: AbstractType) -> str:
 def check_source(name: str, type_: AbstractType, class_name: str) -> list[tuple[str, str]]:
     """Conditions on ``value`` as Python source, each with the text of the error if it is false.
 
-    Parameters
-    ----------
-    name : str
-        Field.
-    type_ : AbstractType
-        Its type; numeric arrays and sequences are for `packed_array` and `packed_sequence` instead.
-    class_name : str
-        What the class of single values is called in the generated source.
+    The source calls the class of single values `class_name`. Several numbers are for `packed_array` and
+    `packed_sequence` instead.
     """
     label = f"The '{name}' field must be"
     match type_:
@@ -102,10 +96,7 @@ def _check_several(name: str, type_: AbstractNestedType, class_name: str) -> tup
 def packed_sequence(value: Any, name: str, type_: AbstractNestedType, code: str, check: bool) -> array[Any]:
     """Convert what was assigned to a sequence of numbers into an `array.array`.
 
-    Raises
-    ------
-    AssertionError
-        If `check` is set and an element or the length does not fit.
+    AssertionError if `check` is set and an element or the length does not fit.
     """
     if value.__class__ is array:
         if check:

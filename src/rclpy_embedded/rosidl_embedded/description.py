@@ -37,20 +37,14 @@ _EMPTY = (Field(EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME, BasicType("uint8")),)
 
 @cache
 def type_hash(type_name: str) -> str:
-    """RIHS01 hash of a message, a service, or a service's request, response or event (REP 2016).
-
-    Raises
-    ------
-    UnknownInterfaceError
-        If the interface or one that it refers to is not known.
-    """
+    """RIHS01 hash of a message, a service or a part of one (REP 2016); raises like `catalogue.structure`."""
     return "RIHS01_" + sha256(json.dumps(type_description(type_name)).encode()).hexdigest()
 
 
 def type_description(type_name: str) -> dict[str, Any]:
     """Description of an interface with the members of ``type_description_interfaces/msg/TypeDescription``.
 
-    Default values are left out, as they are from the hash. Raises like `type_hash`.
+    Default values are left out, as they are from the hash. Raises like `catalogue.structure`.
     """
     main, *referenced = _with_references(type_name)
     return {

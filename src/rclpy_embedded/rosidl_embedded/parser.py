@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from collections.abc import Iterator
 from typing import Any
 
 from .definition import (
@@ -46,19 +45,9 @@ _STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
 def parse_type(text: str, package: str) -> AbstractType:
-    """Read a type as ``.msg`` files write it.
+    """Read a type such as ``float64[3]``, ``string<=10[]`` or ``geometry_msgs/Pose``; ValueError if it is none.
 
-    Parameters
-    ----------
-    text : str
-        For example ``float64[3]``, ``string<=10[]``, ``geometry_msgs/Pose``.
-    package : str
-        Package of the definition, which structures without a package belong to.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a type.
+    Structures without a package belong to `package`.
     """
     match = _TYPE.fullmatch(text)
     if match is None:
@@ -97,13 +86,7 @@ def _element_type(base: str, bound: int, package: str) -> AbstractNestableType:
 
 
 def parse_value(text: str, type_: AbstractType) -> Any:
-    """Read the value of a constant or a default, as a message field of that type would hold it.
-
-    Raises
-    ------
-    ValueError
-        If the text is no value of the type.
-    """
+    """Read the value of a constant or a default, as a field of the type would hold it; ValueError if it is none."""
     text = text.strip()
     match type_:
         case AbstractGenericString():
@@ -155,25 +138,19 @@ def _string(text: str) -> str:
 def parse_structure(text: str, type_name: str, origin: str) -> Structure:
     """Read one structure: the whole of a ``.msg`` file or one part of a ``.srv`` file.
 
-    Parameters
-    ----------
-    text : str
-        The definition.
-    type_name : str
-        Full name, for example ``fsw_msgs/msg/WeldCommand``.
-    origin : str
-        Where the text comes from, for error messages.
-
     Raises
     ------
     InvalidInterfaceError
-        If a line cannot be understood; says which and why.
+        If a line cannot be understood; says which of `origin` and why.
     """
     package = type_name.split("/")[0]
     fields: list[Field] = []
     constants: list[Constant] = []
     names: set[str] = set()
-    for number, line in _lines(text):
+    for number, line in enumerate(text.splitlines(), start=1):
+        line = line.partition("#")[0].strip()
+        if not line:
+            continue
         try:
             member = _member(line, package)
         except ValueError as error:
@@ -186,13 +163,6 @@ def parse_structure(text: str, type_name: str, origin: str) -> Structure:
         else:
             fields.append(member)
     return Structure(type_name, tuple(fields), tuple(constants))
-
-
-def _lines(text: str) -> Iterator[tuple[int, str]]:
-    for number, line in enumerate(text.splitlines(), start=1):
-        line = line.partition("#")[0].strip()
-        if line:
-            yield number, line
 
 
 def _member(line: str, package: str) -> Field | Constant:
