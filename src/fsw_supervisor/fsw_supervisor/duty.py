@@ -13,8 +13,10 @@ from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
 LISTEN_S = 0.25
 #: the same while somebody publishes commands who has not been heard yet [s]
 _LISTEN_LONG_S = 1.0
-#: after a hold-up: commands wait so long for the queues to drain, in tick periods
-_FENCE_TICKS = 0.3
+#: on duty, after a hold-up: commands wait so long for word of another one that has taken over, in tick periods
+_FENCE_TICKS = 1.0
+#: off duty, after a hold-up: so long the queues may take to drain, in tick periods
+_DRAIN_TICKS = 0.3
 
 
 class Role(StrEnum):
@@ -31,8 +33,9 @@ class Duty:
     Off duty the arbiter rehearses: it decides every tick, sends nothing and takes over what the one on duty has
     commanded. When ``takeover_ticks`` ticks in a row went unanswered its rehearsed decision is sent, in the last of
     these ticks. A supervisor on duty that was held up for so long that another one may have taken over keeps its
-    commands back until it has heard what went on meanwhile. Of two on duty the one that has answered the newer
-    tick stays; at a draw the greater identity does.
+    commands back for a tick, to hear what went on meanwhile. Every takeover begins a new term. Of two on duty the one
+    of the greater term stays, so never the one that was held up; in the same term (they started together) the one
+    that has answered the newer tick, at a draw the greater identity.
 
     Parameters
     ----------
@@ -64,6 +67,7 @@ class Duty:
         self.rival_writer = False
         self._arbiter = arbiter
         self._identity = identity
+        self._term = self._heard_term = 0
         self._started_s = self._called_s = now_s
         self._tick: Tick | None = None
         self._due_s = 0.0
@@ -74,6 +78,16 @@ class Duty:
         self._fence_s: float | None = None
         self._held: list[Decision] = []
         arbiter.on_duty = False
+
+    @property
+    def token(self) -> str:
+        """Term and identity: what this supervisor signs its commands and its state with."""
+        return f"{self._term}.{self._identity}"
+
+    @property
+    def commanding(self) -> bool:
+        """Whether this supervisor sends what it decides: it is on duty and does not keep its commands back."""
+        return self.role is Role.ACTIVE and self._fence_s is None
 
     # ---------------------------------------------------------------- inputs
 
@@ -93,6 +107,7 @@ class Duty:
                 return []
             why = f"took over: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role = Role.ACTIVE
+            self._term = max(self._term, self._heard_term) + 1
             decisions = self._arbiter.take_duty(why)
         elif gap_s > self._lease_s and self._fence_s is None:
             self._fence_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
@@ -106,18 +121,18 @@ class Duty:
         self._believed = self._arbiter.applied
         return decisions
 
-    def on_command(self, writer: str, stamp_ns: int, source: str, command: Command) -> None:
-        """Take a message seen on the command topic; ``writer`` is the supervisor that sent it, empty for a stranger."""
+    def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
+        """Take a message seen on the command topic; ``token`` is that of its writer, a stranger has none."""
         if self.role is Role.ACTIVE:
             own = self._arbiter.on_command(stamp_ns, source, command)
             tick = self._arbiter.tick
-            newer = tick is not None and self._last_ns < stamp_ns <= tick.stamp_ns
-            if not own and newer and writer and self._fence_s is not None:
-                self._yield("another supervisor has commanded while this one was held up")
+            of_now = tick is not None and 0 <= tick.stamp_ns - stamp_ns <= NANOSECONDS
+            if not own and of_now and self.on_claim(token, stamp_ns):
                 self._follow(stamp_ns, source, command)
             return
-        if not writer or not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
+        if not _parsed(token)[1] or not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
             return
+        self._heard_term = max(self._heard_term, _parsed(token)[0])
         tick = self._arbiter.tick
         if tick is None or stamp_ns > tick.stamp_ns:
             # Its measurement has not come here yet.
@@ -127,12 +142,12 @@ class Duty:
             return
         self._follow(stamp_ns, source, command)
 
-    def on_claim(self, identity: str, answered_ns: int) -> bool:
+    def on_claim(self, token: str, answered_ns: int) -> bool:
         """Take the word of a supervisor that it is on duty.
 
         Parameters
         ----------
-        identity : str
+        token : str
             Whose.
         answered_ns : int
             Stamp of the last tick that it has answered; 0: none.
@@ -142,12 +157,14 @@ class Duty:
         bool
             Whether its state has to be followed.
         """
-        if identity == self._identity:
+        term, identity = _parsed(token)
+        if identity in (self._identity, ""):
             return False
+        self._heard_term = max(self._heard_term, term)
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
-            if (answered_ns, identity) <= (self._last_ns, self._identity):
+            if (term, answered_ns, identity) <= (self._term, self._last_ns, self._identity):
                 self.asserting = True
                 return False
             self._yield("another supervisor is on duty")
@@ -185,7 +202,7 @@ class Duty:
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._patient:
             # It is this process that was held up: what is in the queues is heard first.
             self._patient = True
-            self._due_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
+            self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
         return True
 
@@ -242,3 +259,9 @@ class Duty:
         if self._tick is not None:
             self._tick.answered = True
         self._arbiter.leave_duty(held, reason)
+
+
+def _parsed(token: str) -> tuple[int, str]:
+    """Term and identity of a token; 0 and nothing of whatever is none."""
+    term, _, identity = token.partition(".")
+    return (int(term), identity) if term.isdecimal() and len(term) < 10 else (0, "")

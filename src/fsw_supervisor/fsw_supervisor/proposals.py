@@ -116,7 +116,7 @@ class Proposals:
 
     def close(self, tick: Tick) -> None:
         """Close the books of a tick: who answered and who did not."""
-        self._past[tick.stamp_ns] = _Past(tick.before, tick.stalled)
+        self._past[tick.stamp_ns] = _Past(tick.before, bool(tick.blameless))
         self._order.append(tick.stamp_ns)
         if len(self._order) > LOCKSTEP_LAG:
             self._past.pop(self._order.popleft(), None)
@@ -131,7 +131,7 @@ class Proposals:
 
     def _note_silence(self, record: ControllerRecord, tick: Tick) -> None:
         record.silent_ticks += 1
-        if tick.stalled or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
+        if tick.blameless or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
             return
         if record.present:
             record.missed += 1

@@ -18,12 +18,12 @@ from fsw_supervisor.tick import Decision
 _WIRE_MODE = {Mode.START: Mode.HOLD}
 
 
-def command(decision: Decision, identity: str) -> WeldCommand:
-    """Command message of a decision; ``identity`` tells supervisors apart and stands in the frame id."""
+def command(decision: Decision, token: str) -> WeldCommand:
+    """Command message of a decision; ``token`` tells supervisors apart and stands in the frame id."""
     message = convert.command_message(
         decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
     )
-    message.header.frame_id = identity
+    message.header.frame_id = token
     return message
 
 
@@ -51,8 +51,8 @@ def mode(arbiter: Arbiter) -> str:
     return str(_WIRE_MODE.get(arbiter.machine.mode, arbiter.machine.mode))
 
 
-def state(arbiter: Arbiter, now: Time, identity: str) -> SupervisorState:
-    """The latched state; ``identity`` as for :func:`command`."""
+def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
+    """The latched state; ``token`` as for :func:`command`."""
     message = SupervisorState(
         target_controller=arbiter.machine.target,
         actual_controller=arbiter.machine.active,
@@ -65,9 +65,9 @@ def state(arbiter: Arbiter, now: Time, identity: str) -> SupervisorState:
         controllers=[health(arbiter, record) for record in arbiter.proposals.roster],
         interlocks=list(arbiter.interlocks.active),
     )
-    message.header.stamp, message.header.frame_id = now, identity
+    message.header.stamp, message.header.frame_id = now, token
     if arbiter.last is not None:
-        message.applied = command(arbiter.last, identity)
+        message.applied = command(arbiter.last, token)
     return message
 
 

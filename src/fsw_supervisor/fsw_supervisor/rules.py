@@ -219,9 +219,9 @@ class Rules:
                 self._fail(tick, verdict.reason, latch=True)
             elif not final:
                 return
-            elif tick.stalled:
+            elif tick.blameless:
                 assert self.applied is not None
-                self._commit(tick, self.applied, "hold", "the arbiter was held up")
+                self._commit(tick, self.applied, "hold", tick.blameless)
                 return
             else:
                 self._fail(tick, "no proposal at the deadline", latch=True)

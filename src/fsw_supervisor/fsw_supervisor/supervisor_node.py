@@ -71,8 +71,7 @@ class SupervisorNode(Node):
         )
         self._values.add_check(configuration.problem)
         self._values.on_change(self._configure)
-        self._identity = uuid.uuid4().hex[:12]
-        self._duty = Duty(self._arbiter, self._identity, values["standby"], time.monotonic())
+        self._duty = Duty(self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic())
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
@@ -172,8 +171,8 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_status(name, sensors, message.selected, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
-        writer, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
-        self._duty.on_command(writer, stamp_ns, message.source, convert.command(message))
+        token, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
+        self._duty.on_command(token, stamp_ns, message.source, convert.command(message))
         self._publish([])
 
     def _on_claim(self, message: SupervisorState) -> None:
@@ -205,7 +204,7 @@ class SupervisorNode(Node):
             # The publisher needs some time to be known before its first command.
             self._open_commands()
         for decision in permitted:
-            self._open_commands().publish(reports.command(decision, self._identity))
+            self._open_commands().publish(reports.command(decision, self._duty.token))
         wakeup_s = self._duty.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)
@@ -242,7 +241,7 @@ class SupervisorNode(Node):
             else:
                 logger.info(text)
         if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._identity))
+            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._duty.token))
 
     # ---------------------------------------------------------------- services
 

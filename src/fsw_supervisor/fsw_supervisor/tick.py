@@ -60,6 +60,13 @@ class Tick:
     decided: bool = False
     answered: bool = False
 
+    @property
+    def blameless(self) -> str:
+        """Why no controller can be blamed for not having answered; empty if it can."""
+        if self.stalled:
+            return "the arbiter was held up"
+        return "" if self.samples else "no sensor has come, only the drives' feedback"
+
 
 @dataclass(frozen=True, slots=True)
 class Decision:

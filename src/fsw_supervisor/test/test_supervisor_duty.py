@@ -29,6 +29,7 @@ class Member:
         self.arbiter = Arbiter(settings)
         self.duty = Duty(self.arbiter, identity, standby, world.now_s)
         self.running, self.queue, self.told, self.tell_s = True, [], None, 0.0
+        self.lag_s = 0.001  # until it hears another supervisor
 
     def hear(self, call):
         if self.running:
@@ -41,7 +42,7 @@ class Member:
 
     def publish(self, decisions):
         for decision in self.duty.pass_on(decisions, self.world.now_s):
-            self.world.command(self.identity, decision)
+            self.world.command(self.duty.token, decision)
         seen = (self.duty.role, self.arbiter.machine.revision)
         if seen != self.told or self.duty.asserting or self.world.now_s >= self.tell_s:
             self.told, self.duty.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
@@ -70,36 +71,38 @@ class World:
         self.accepted = {}
         self.refused = 0
         self.stamps = []
+        self.together_s = 0.0  # how long two that run have believed to be on duty, at the most
 
     def add(self, identity, standby=False):
         self.members.append(Member(self, identity, standby, self.settings))
         return self.members[-1]
 
-    def later(self, delay_s, call, members=None):
-        for member in list(self.members) if members is None else members:
-            heapq.heappush(self.events, (self.now_s + delay_s, next(self.order), member, call))
+    def later(self, delay_s, call):
+        for member in self.members:
+            due_s = self.now_s + (member.lag_s if delay_s is None else delay_s)
+            heapq.heappush(self.events, (due_s, next(self.order), member, call))
 
-    def command(self, writer, decision):
-        sent = (writer, decision.stamp_ns, decision.source, decision.command)
+    def command(self, token, decision):
+        sent = (token, decision.stamp_ns, decision.source, decision.command)
         if decision.stamp_ns > max(self.accepted, default=0):
             assert abs(decision.command.force_kn - self.acting.force_kn) <= 1.0 + 1e-9
             self.accepted[decision.stamp_ns] = decision.source
             self.acting, self.source = decision.command, decision.source
         else:
             self.refused += 1
-        self.later(0.001, lambda member: member.duty.on_command(*sent))
+        self.later(None, lambda member: member.duty.on_command(*sent))
 
     def tell(self, teller):
         answered_ns = teller.arbiter.last.stamp_ns if teller.arbiter.last is not None else 0
-        identity, target = teller.identity, teller.arbiter.machine.target
+        token, target = teller.duty.token, teller.arbiter.machine.target
         mode = str(teller.arbiter.machine.target_mode)
 
         def claim(member):
-            if member.duty.on_claim(identity, answered_ns):
+            if member.duty.on_claim(token, answered_ns):
                 member.arbiter.follow_wish(target, mode, {})
 
         if teller.duty.role is Role.ACTIVE:
-            self.later(0.001, claim)
+            self.later(None, claim)
 
     def tick(self, count=1):
         for _ in range(count):
@@ -119,10 +122,13 @@ class World:
             self.later(0.005, lambda member, n=name, p=proposal: member.arbiter.on_proposal(n, p, self.now_s))
             chosen = self.source == name
             self.later(0.006, lambda member, n=name, c=chosen: member.arbiter.on_status(n, (), c, self.now_s))
-        start_s = self.now_s
+        start_s, together = self.now_s, 0
         for step in range(100):
             self.now_s = start_s + step * 1e-3
             self._wires()
+            commanding = [member for member in self.members if member.running and member.duty.commanding]
+            together = together + 1 if len(commanding) > 1 else 0
+            self.together_s = max(self.together_s, together * 1e-3)
             for member in self.members:
                 wakeup_s = member.duty.wakeup_s
                 if member.running and (step % 50 == 49 or (wakeup_s is not None and wakeup_s <= self.now_s)):
@@ -201,6 +207,52 @@ def test_the_one_that_was_stopped_becomes_the_standby(world, ticks):
     assert world.source == "decentral"
 
 
+@pytest.mark.parametrize("lag_s", [0.03, 0.09, 0.19, 0.6])
+@pytest.mark.parametrize("ticks", [2, 3, 9])
+@pytest.mark.parametrize("names", ["ab", "ba"])
+def test_the_one_that_was_stopped_never_wins_however_late_it_hears_of_the_other(names, ticks, lag_s):
+    world = World()
+    a = world.add(names[0])
+    world.tick(5)
+    b = world.add(names[1], standby=True)
+    world.tick(15)
+    a.running, a.lag_s = False, lag_s
+    world.tick(ticks)
+    assert b.duty.role is Role.ACTIVE
+    a.go_on()
+    for _ in range(20):
+        world.tick()
+        assert b.duty.role is Role.ACTIVE
+        if a.duty.role is Role.STANDBY:
+            a.lag_s = 0.001
+    assert a.duty.role is Role.STANDBY
+    assert world.lost(ticks + 20) == 1
+    if lag_s < 0.1:
+        assert (world.together_s, world.refused) == (0.0, 0), "it has kept its commands back until it heard"
+
+
+def test_of_two_on_duty_each_command_settles_it():
+    world = World()
+    a, b = world.add("a"), world.add("b")
+    a.lag_s = b.lag_s = 0.5
+    world.tick(3)
+    assert sorted(world.active) == ["a", "b"]
+    a.lag_s = b.lag_s = 0.001
+    world.tick(1)
+    assert len(world.active) == 1
+
+
+@pytest.mark.parametrize("token", ["", "stranger", ".x", "-1.x", "9" * 5000 + ".x", "2."])
+def test_a_claim_or_command_that_is_not_signed_moves_nobody(world, token):
+    for member in world.members:
+        role = member.duty.role
+        assert not member.duty.on_claim(token, 2**60)
+        member.duty.on_command(token, world.stamp_ns, "x", Command(78.0, 407.0))
+        assert member.duty.role is role
+    world.tick(10)
+    assert (world.active, world.lost(10)) == (["a"], 0)
+
+
 def test_the_standby_takes_over_with_a_controller_that_has_failed_at_the_same_time(world):
     world.members.pop(0)
     world.names = ["nmpc"]
@@ -237,6 +289,7 @@ def test_two_that_start_together_become_one_active_and_one_standby():
     world.tick(20)
     assert len(world.active) == 1
     assert world.lost(10) == 0
+    assert world.together_s < 0.005
 
 
 def test_a_standby_alone_begins_by_itself():
@@ -259,8 +312,8 @@ def test_without_measurements_nobody_takes_over(world):
 def test_wild_commands_do_not_move_the_standby(world):
     b = world.members[1]
     before = b.arbiter.applied
-    b.duty.on_command("a", world.stamp_ns, "x", Command(float("nan"), 400.0))
-    b.duty.on_command("a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
+    b.duty.on_command("1.a", world.stamp_ns, "x", Command(float("nan"), 400.0))
+    b.duty.on_command("1.a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
     b.duty.on_command("", world.stamp_ns, "x", Command(61.0, 310.0))
     assert b.arbiter.applied == before
 
@@ -268,7 +321,7 @@ def test_wild_commands_do_not_move_the_standby(world):
 def test_a_command_without_a_measurement_keeps_nobody_from_duty():
     world = World()
     a = world.add("a")
-    a.duty.on_command("b", world.stamp_ns, "x", Command(61.0, 310.0))
+    a.duty.on_command("1.b", world.stamp_ns, "x", Command(61.0, 310.0))
     world.tick(3)
     assert a.duty.role is Role.ACTIVE
 
@@ -311,3 +364,4 @@ def test_whatever_stops_and_goes_on_one_is_on_duty_in_the_end_without_a_bump(ste
     world.tick(25)
     assert len(world.active) == 1
     assert world.lost(10) == 0
+    assert world.together_s < 0.005

@@ -53,6 +53,18 @@ def test_a_silent_controller_is_replaced_at_the_deadline_of_the_same_tick(rig):
     assert rig.last.latency_s == pytest.approx(0.005)
 
 
+def test_a_tick_without_any_sensor_is_held_and_blames_nobody(rig):
+    """The plant was stopped just after it had told the drives' feedback."""
+    values, rig.values, rig.silent = rig.values, {}, {"decentral", "nmpc"}
+    held = rig.arbiter.applied
+    rig.run(1)
+    assert (rig.last.source, rig.last.command) == ("hold", held)
+    rig.values, rig.silent = values, set()
+    rig.run(1)
+    assert rig.last.source == "decentral"
+    assert [record.missed for record in rig.arbiter.proposals.roster] == [0, 0]
+
+
 def test_a_controller_late_by_150_ms_is_replaced_and_counted(rig):
     rig.delays_s["decentral"] = 0.15
     rig.run(10)

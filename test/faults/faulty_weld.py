@@ -1,0 +1,282 @@
+"""A weld as processes, what is done to it, and what came of it."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import re
+import signal
+import time
+from dataclasses import dataclass
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import String
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Command
+from fsw_msgs.msg import (
+    ControllerStatus,
+    PlantState,
+    ShoulderDepth,
+    SpindleTorque,
+    SupervisorState,
+    WeldCommand,
+    WeldReference,
+)
+from fsw_msgs.srv import SetFault
+
+MODULES = {
+    "plant": "fsw_plant.plant_node",
+    "decentral": "fsw_decentral.decentral_node",
+    "nmpc": "fsw_nmpc.nmpc_node",
+    "supervisor": "fsw_supervisor.supervisor_node",
+    "standby": "fsw_supervisor.supervisor_node",
+    "recorder": "fsw_recorder.recorder_node",
+}
+SUPERVISORS = ("supervisor", "standby")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEEP = QoSProfile(depth=2000)
+LOSSY = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+MOVE_KN, MOVE_RPM = 1.0, 3.0
+WINDOW_C = (790.0, 910.0)
+#: topics of the plant that a relay can stand in for, with their types
+RELAYED = {
+    "fsw/depth": ShoulderDepth,
+    "fsw/spindle_torque": SpindleTorque,
+    "fsw/thermocouple": Temperature,
+    "fsw/plant/truth": PlantState,
+}
+
+
+@dataclass
+class Outcome:
+    """What reached the plant since a mark; deviations are from the values at the mark."""
+
+    ticks: int
+    lost: int
+    sources: list[str]
+    jump_kn: float
+    jump_rpm: float
+    depth_mm: float
+    temperature_c: float
+    coldest_c: float
+    hottest_c: float
+
+    def assert_steady(self, lost=0, depth_mm=0.1, jump_kn=MOVE_KN, jump_rpm=MOVE_RPM):
+        """No more ticks lost than that, no bump, and the process where it was."""
+        assert self.ticks > 0, self
+        assert self.lost <= lost, self
+        assert self.jump_kn <= jump_kn + 1e-6, self
+        assert self.jump_rpm <= jump_rpm + 1e-6, self
+        assert self.depth_mm <= depth_mm, self
+        assert WINDOW_C[0] < self.coldest_c, self
+        assert self.hottest_c < WINDOW_C[1], self
+
+
+class Relay:
+    """Stands between the plant and the others: loses messages of best-effort readers and shifts the clock."""
+
+    def __init__(self, weld):
+        self.weld, self.loss, self.shift_ns = weld, 0.0, 0
+        self.random = random.Random(4)
+        self.out = {}
+        for topic, kind in RELAYED.items():
+            self.out[topic] = weld.node.create_publisher(kind, topic, 10)
+            quality = LOSSY if kind is not PlantState else DEEP
+            weld.node.create_subscription(kind, f"raw/{topic}", lambda m, t=topic: self.forward(t, m), quality)
+        self.commands = weld.node.create_publisher(WeldCommand, "raw/fsw/command", 10)
+        weld.node.create_subscription(WeldCommand, "fsw/command", self.back, DEEP)
+
+    def forward(self, topic, message):
+        if topic != "fsw/plant/truth" and self.random.random() < self.loss:
+            return
+        message.header.stamp = convert.stamp_from_ns(convert.stamp_ns(message.header.stamp) + self.shift_ns)
+        self.out[topic].publish(message)
+
+    def back(self, message):
+        message.header.stamp = convert.stamp_from_ns(convert.stamp_ns(message.header.stamp) - self.shift_ns)
+        self.commands.publish(message)
+
+
+class Weld:
+    """The graph as processes and one observer; it can play a controller called ``rogue``, too."""
+
+    def __init__(self, domain, launcher, folder, lockstep=False, relayed=False, standby=False):
+        self.launcher, self.folder, self.lockstep, self.relayed = launcher, folder, lockstep, relayed
+        self.supervisors = SUPERVISORS if standby else SUPERVISORS[:1]
+        self.parts = ("plant", "decentral", "nmpc", *self.supervisors)
+        self.commands, self.truths, self.states, self.reports = {}, [], [], []
+        self.misbehave = None
+        self.pending = []
+        self.bags = itertools.count()
+        self.applied = Command(78.4, 407.576)
+        rclpy.init(args=[], domain_id=domain)
+        self.node = node = rclpy.create_node("observer")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(node)
+        raw = "raw/" if relayed else ""
+        node.create_subscription(WeldCommand, f"{raw}fsw/command", self.on_command, DEEP)
+        node.create_subscription(PlantState, f"{raw}fsw/plant/truth", self.truths.append, DEEP)
+        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATCHED)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, DEEP)
+        node.create_subscription(Temperature, "fsw/thermocouple", self.on_measurement, DEEP)
+        self.references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self.requests = node.create_publisher(String, "fsw/switch_request", 10)
+        self.proposals = node.create_publisher(WeldCommand, "fsw/rogue/proposal", 10)
+        self.statuses = node.create_publisher(ControllerStatus, "fsw/rogue/status", 10)
+        self.faults = node.create_client(SetFault, "fsw/plant/set_fault")
+        self.relay = Relay(self) if relayed else None
+        self.refer(2.66)
+
+    def start(self, name):
+        settings, remaps = [], []
+        if name == "plant":
+            settings.append(f"wait_for_subscribers:={1 if self.relayed else 3}")
+            settings += ["clock:=simulated", "speed:=0.0"] if self.lockstep else []
+            remaps = [f"{topic}:=raw/{topic}" for topic in (*RELAYED, "fsw/command")] if self.relayed else []
+        elif self.lockstep:
+            settings.append("use_sim_time:=true")
+        if name in SUPERVISORS:
+            settings += ["fallbacks:=[decentral, nmpc]", "storm_swaps:=0", "readmit_ticks:=10"]
+        if name == "standby":
+            settings.append("standby:=true")
+            remaps.append("__node:=fsw_supervisor_standby")
+        if name == "recorder":
+            settings.append(f"output:={self.bag}")
+        arguments = [item for setting in settings for item in ("-p", setting)]
+        arguments += [item for remap in remaps for item in ("-r", remap)]
+        self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])
+
+    def record(self):
+        """Start a recorder on a bag of its own."""
+        self.bag = self.folder / f"bag{next(self.bags)}"
+        self.start("recorder")
+        self.until(self.bag.exists, what="the bag")
+        self.ticks(3)
+
+    def restore(self):
+        """Bring the weld back to all parts running, under ``decentral``; returns the number of the next truth."""
+        self.misbehave = None
+        self.pending.clear()
+        for name in self.parts:
+            if name in self.launcher.children and self.launcher.children[name].running:
+                self.signal(name, signal.SIGCONT)
+            else:
+                self.start(name)
+        roles = sorted(("active", "standby")[: len(self.supervisors)])
+        self.until(lambda: sorted(map(self.role, self.supervisors)) == roles, what="one supervisor on duty")
+        self.until(lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"), 60.0, "the weld to run")
+        self.switch("decentral")
+        self.ticks(3)
+        return len(self.truths)
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    # ---- what happens
+
+    def on_command(self, message):
+        if message.source != "foreign":
+            self.commands.setdefault(convert.stamp_ns(message.header.stamp), message)
+            self.applied = convert.command(message)
+
+    def on_measurement(self, message):
+        stamp = convert.stamp_ns(message.header.stamp)
+        self.statuses.publish(ControllerStatus(header=message.header, controller="rogue"))
+        proposal = convert.command_message(self.applied, stamp, "rogue")
+        if self.misbehave is None:
+            self.proposals.publish(proposal)
+        else:
+            self.misbehave(proposal)
+
+    def spin(self, timeout_s=0.02):
+        now_s = time.monotonic()
+        for at_s, proposal in [item for item in self.pending if item[0] <= now_s]:
+            self.pending.remove((at_s, proposal))
+            self.proposals.publish(proposal)
+        self.executor.spin_once(timeout_sec=timeout_s)
+
+    def until(self, condition, timeout_s=30.0, what="the condition"):
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end_s, f"{what} did not come; state: {self.states[-1:]}"
+            self.spin()
+
+    def ticks(self, count):
+        goal = len(self.truths) + count
+        self.until(lambda: len(self.truths) >= goal, 30.0 + count, f"{count} ticks")
+
+    def ready(self, *names):
+        health = {item.name: item for item in self.states[-1].controllers} if self.states else {}
+        return all(name in health and not health[name].reason and health[name].warm for name in names)
+
+    def roles(self, name):
+        """Roles that a supervisor has had since it started."""
+        return re.findall(r"role: (\w+)", self.launcher.children[name].text())
+
+    def role(self, name):
+        """Role that a supervisor has told last."""
+        return (self.roles(name) or [""])[-1]
+
+    @property
+    def on_duty(self):
+        return next(name for name in self.supervisors if self.role(name) == "active")
+
+    # ---- what is done to it
+
+    def refer(self, depth_mm):
+        header = convert.header(self.node.get_clock().now().nanoseconds if not self.lockstep else 0)
+        self.references.publish(WeldReference(header=header, depth=depth_mm * 1e-3, temperature=850.0))
+
+    def call(self, client, request):
+        self.until(client.service_is_ready, what="the service")
+        future = client.call_async(request)
+        self.until(future.done, what="the answer")
+        assert future.result().ok, future.result().message
+
+    def switch(self, name):
+        """Ask for a controller until it is applied."""
+        ask_s = 0.0
+
+        def applied():
+            nonlocal ask_s
+            if time.monotonic() >= ask_s:
+                ask_s = time.monotonic() + 3.0
+                self.requests.publish(String(data=name))
+            return self.source() == name and self.states[-1].target_controller == name
+
+        self.until(applied, what=f"the switch to {name}")
+
+    def signal(self, name, number):
+        self.launcher.children[name].process.send_signal(number)
+        if number == signal.SIGKILL:
+            self.launcher.children[name].process.wait()
+
+    def source(self):
+        return self.commands[max(self.commands)].source if self.commands else ""
+
+    # ---- what came of it
+
+    def outcome(self, first):
+        """From truth number ``first`` on; the last ticks are left out, their commands may be on the way."""
+        truths = self.truths[first:-3]
+        stamps = [convert.stamp_ns(truth.header.stamp) for truth in truths]
+        given = [convert.command(self.commands[stamp]) for stamp in stamps if stamp in self.commands]
+        pairs = list(itertools.pairwise(given))
+        return Outcome(
+            ticks=len(stamps),
+            lost=sum(stamp not in self.commands for stamp in stamps),
+            sources=list(dict.fromkeys(self.commands[stamp].source for stamp in stamps if stamp in self.commands)),
+            jump_kn=max(abs(b.force_kn - a.force_kn) for a, b in pairs),
+            jump_rpm=max(abs(b.speed_rpm - a.speed_rpm) for a, b in pairs),
+            depth_mm=max(abs(truth.depth - truths[0].depth) * 1e3 for truth in truths),
+            temperature_c=max(abs(truth.temperature - truths[0].temperature) for truth in truths),
+            coldest_c=min(truth.temperature for truth in truths),
+            hottest_c=max(truth.temperature for truth in truths),
+        )

@@ -1,0 +1,138 @@
+"""Controllers that die, stop or lie: what reached the plant, tick by tick."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+
+import pytest
+
+from fsw_control import messages_ros as convert
+
+DEADLINE = "no proposal at the deadline"
+FALLBACK = "fallback in the same tick, latched out"
+
+
+def test_a_nominal_weld_loses_nothing(weld, table):
+    first = weld.restore()
+    weld.ticks(30)
+    outcome = weld.outcome(first)
+    outcome.assert_steady(depth_mm=0.02)
+    assert outcome.sources == ["decentral"]
+    assert weld.node.count_publishers("/fsw/command") == 1, "the standby publishes nothing"
+    table.add("none (nominal weld)", "–", "–", outcome)
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
+    weld = launch(lockstep=True) if lockstep else launch(standby=True)
+    first = weld.restore()
+    weld.refer(2.7)
+    weld.ticks(5)
+    weld.switch("nmpc")
+    weld.ticks(10)
+    weld.switch("decentral")
+    weld.ticks(10)
+    outcome = weld.outcome(first)
+    weld.refer(2.66)
+    outcome.assert_steady()
+    assert outcome.sources == ["decentral", "nmpc"]
+    table.add("swap in both directions during a step of the depth by 0.04 mm", "–", "–", outcome)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(("active", "other"), [("decentral", "nmpc"), ("nmpc", "decentral")])
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_the_active_controller_is_killed_or_stopped(launch, table, active, other, number, lockstep):
+    weld = launch(lockstep=True) if lockstep else launch(standby=True)
+    weld.restore()
+    weld.switch(active)
+    first = len(weld.truths)
+    weld.ticks(5)
+    weld.signal(active, number)
+    weld.until(lambda: weld.source() == other, what="the fallback")
+    weld.ticks(10)
+    if number == signal.SIGSTOP:
+        weld.signal(active, signal.SIGCONT)
+        weld.ticks(10)
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert outcome.sources == [active, other]
+    assert weld.states[-1].requested_by == "failover"
+    verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
+    where = ", lockstep" if lockstep else ""
+    table.add(f"`{active}`, in command, {verb}{where}", DEADLINE, FALLBACK, outcome)
+
+
+def not_finite(weld):
+    def send(proposal):
+        proposal.axial_force = math.nan
+        weld.proposals.publish(proposal)
+
+    return send
+
+
+def late(weld):
+    return lambda proposal: weld.pending.append((time.monotonic() + 0.15, proposal))
+
+
+def old_stamps(weld):
+    stamp = convert.stamp_from_ns(max(weld.commands))
+
+    def send(proposal):
+        proposal.header.stamp = stamp
+        weld.proposals.publish(proposal)
+
+    return send
+
+
+def too_fast(weld):
+    def send(proposal):
+        proposal.axial_force += 1500.0
+        weld.proposals.publish(proposal)
+
+    return send
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "fault", "detected"),
+    [
+        (not_finite, "proposes NaN", "check of the proposal"),
+        (late, "late by 150 ms", DEADLINE),
+        (old_stamps, "repeats an old stamp", "the stamp is not the tick's"),
+        (too_fast, "proposes a jump of 1.5 kN", "check of the proposal"),
+    ],
+)
+def test_a_controller_lies(weld, table, behaviour, fault, detected):
+    weld.restore()
+    weld.switch("rogue")
+    first = len(weld.truths)
+    weld.ticks(5)
+    weld.misbehave = behaviour(weld)
+    weld.until(lambda: weld.source() == "decentral", what="the fallback")
+    weld.ticks(10)
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert outcome.sources == ["rogue", "decentral"]
+    table.add(f"a controller in command {fault}", detected, FALLBACK, outcome)
+
+
+def test_two_controllers_of_one_name(weld, table):
+    weld.restore()
+    weld.switch("rogue")
+    first = len(weld.truths)
+
+    def twice(proposal):
+        weld.proposals.publish(proposal)
+        proposal.axial_force += 300.0
+        weld.proposals.publish(proposal)
+
+    weld.misbehave = twice
+    weld.until(lambda: weld.source() == "decentral", what="the fallback")
+    weld.ticks(5)
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert "two controllers" in weld.states[-1].reason
+    detected = "different proposals to one stamp, 3 ticks in a row"
+    table.add("two controllers of one name", detected, "the first counts, then fallback", outcome)

@@ -1,0 +1,92 @@
+"""Plant, sensors and their clock fail: what reached the plant, tick by tick."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import pytest
+
+from fsw_control import messages_ros as convert
+from fsw_msgs.srv import SetFault
+
+
+def test_the_plant_is_stopped_and_continued(weld, table):
+    weld.restore()
+    weld.signal("plant", signal.SIGSTOP)
+    count = len(weld.truths)
+    end_s = time.monotonic() + 1.5
+    weld.until(lambda: time.monotonic() > end_s)
+    weld.signal("plant", signal.SIGCONT)
+    weld.ticks(20)
+    outcome = weld.outcome(count)
+    outcome.assert_steady(lost=3)
+    assert weld.source() == "decentral"
+    table.add("plant stopped for 1.5 s and continued", "gap in the measurements", "starts from what acts then", outcome)
+
+
+def test_the_plant_is_killed_and_started_again(weld, table):
+    weld.restore()
+    weld.signal("plant", signal.SIGKILL)
+    first = len(weld.truths)
+    weld.start("plant")
+    weld.until(lambda: len(weld.truths) > first, what="the next measurement")
+    weld.ticks(25)
+    outcome = weld.outcome(first)
+    outcome.assert_steady(lost=5)
+    assert weld.source() == "decentral"
+    table.add("plant killed (-9) and started again", "gap in the measurements", "starts from what acts then", outcome)
+
+
+@pytest.mark.parametrize("sensor", ["depth", "torque", "thermocouple"])
+@pytest.mark.parametrize("kind", ["nan", "dropout", "freeze", "spike", "delay", "duplicate"])
+def test_a_sensor_fails(steps, table, sensor, kind):
+    first = steps.restore()
+    magnitude = {"spike": {"depth": 1e-3, "torque": 300.0, "thermocouple": 40.0}[sensor], "delay": 0.3}.get(kind, 0.0)
+    duration_s = 1.0 if kind == "delay" else 3.0
+    steps.call(steps.faults, SetFault.Request(sensor=sensor, kind=kind, magnitude=magnitude, duration=duration_s))
+    steps.ticks(60)
+    outcome = steps.outcome(first)
+    outcome.assert_steady(depth_mm=0.25)
+    reaction = "held 0.3 s, then a controller that copes, else hold"
+    table.add(f"sensor fault `{kind}` of {duration_s:g} s, each sensor, lockstep", "validity", reaction, outcome)
+
+
+def test_the_plant_of_lockstep_is_killed_and_begins_its_time_anew(steps, table):
+    steps.restore()
+    steps.signal("plant", signal.SIGKILL)
+    first, before = len(steps.truths), max(steps.commands)
+    steps.commands.clear()
+    steps.start("plant")
+    steps.until(lambda: len(steps.truths) > first, what="the next measurement")
+    steps.ticks(40)
+    outcome = steps.outcome(first)
+    outcome.assert_steady()
+    assert convert.stamp_ns(steps.truths[first].header.stamp) < before, "time went back"
+    assert steps.source() == "decentral"
+    table.add("plant killed (-9) in lockstep, its time begins anew", "stamps go back", "starts from what acts", outcome)
+
+
+def test_a_third_of_the_measurements_is_lost(behind_relay, table):
+    weld = behind_relay
+    first = weld.restore()
+    weld.relay.loss = 0.3
+    weld.ticks(50)
+    weld.relay.loss = 0.0
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert "safe_stop" not in outcome.sources
+    weld.until(lambda: weld.source() in ("decentral", "nmpc"), what="a controller")
+    table.add("30 % of the samples of every sensor lost", "validity", "held 0.3 s, then fallback or hold", outcome)
+
+
+@pytest.mark.parametrize("hours", [1, -1])
+def test_the_clock_of_the_measurements_jumps(behind_relay, table, hours):
+    weld = behind_relay
+    first = weld.restore()
+    weld.relay.shift_ns += hours * 3600 * 10**9
+    weld.ticks(30)
+    outcome = weld.outcome(first)
+    outcome.assert_steady(lost=1)
+    assert weld.source() == "decentral"
+    table.add("clock of the measurements jumps by an hour, forth and back", "two sensors agree", "goes on", outcome)

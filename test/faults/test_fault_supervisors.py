@@ -1,0 +1,122 @@
+"""Supervisors and the recorder die or stop, and strangers command: what reached the plant, tick by tick."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Command
+from fsw_msgs.msg import WeldCommand
+
+
+def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
+    first = weld.restore()
+    foreign = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
+    weld.until(lambda: foreign.get_subscription_count() >= 4)
+    reports = len(weld.reports)
+    foreign.publish(convert.command_message(Command(61.0, 310.0), 1, "foreign"))
+
+    def reported():
+        return any(
+            status.name == "fsw_supervisor: command topic" and status.level == b"\x02"
+            for array in weld.reports[reports:]
+            for status in array.status
+        )
+
+    weld.until(reported, what="the error on /diagnostics")
+    weld.ticks(5)
+    weld.node.destroy_publisher(foreign)
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert outcome.sources == ["decentral"], "no controller follows a stranger"
+    assert len([name for name in weld.supervisors if weld.role(name) == "active"]) == 1
+    table.add(
+        "a foreign writer on `/fsw/command`", "a command that was not sent here", "error on `/diagnostics`", outcome
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
+    weld.restore()
+    weld.switch("nmpc")
+    first = len(weld.truths)
+    weld.ticks(5)
+    silent = weld.on_duty
+    other = next(name for name in weld.supervisors if name != silent)
+    roles = weld.roles(other)
+    weld.signal(silent, number)
+    weld.until(lambda: weld.role(other) == "active", what="the takeover")
+    weld.ticks(10)
+    if number == signal.SIGSTOP:
+        weld.signal(silent, signal.SIGCONT)
+        weld.until(lambda: weld.role(silent) == "standby", what="the one that was stopped stepping back")
+    weld.ticks(10)
+    outcome = weld.outcome(first)
+    outcome.assert_steady(lost=3)
+    assert outcome.sources == ["nmpc"], "who was active goes on"
+    assert weld.roles(other) == [*roles, "active"], "it has stayed on duty"
+    assert weld.states[-1].requested_by == "takeover"
+    verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
+    reaction = "takes over in the second, under the same controller"
+    table.add(f"supervisor on duty {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_standby_falls_silent(weld, table, number):
+    first = weld.restore()
+    standby = next(name for name in weld.supervisors if name != weld.on_duty)
+    weld.signal(standby, number)
+    weld.ticks(8)
+    if number == signal.SIGSTOP:
+        weld.signal(standby, signal.SIGCONT)
+        weld.ticks(8)
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert outcome.sources == ["decentral"]
+    assert weld.role(standby) == "standby"
+    table.add("standby killed, or stopped and continued", "–", "none needed", outcome)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_recorder_falls_silent(weld, table, number):
+    weld.restore()
+    weld.record()
+    first = len(weld.truths)
+    weld.ticks(3)
+    weld.signal("recorder", number)
+    weld.ticks(15)
+    if number == signal.SIGSTOP:
+        weld.signal("recorder", signal.SIGCONT)
+        weld.ticks(5)
+        weld.launcher.stop("recorder")
+    outcome = weld.outcome(first)
+    outcome.assert_steady()
+    assert outcome.sources == ["decentral"]
+    table.add("recorder killed, or stopped and continued", "–", "none needed", outcome)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_only_supervisor_falls_silent(behind_relay, table, number):
+    weld = behind_relay
+    weld.restore()
+    weld.switch("nmpc")
+    first = len(weld.truths)
+    weld.ticks(5)
+    before = max(weld.commands)
+    weld.signal("supervisor", number)
+    if number == signal.SIGKILL:
+        weld.start("supervisor")
+    else:
+        weld.ticks(8)
+        before = max(weld.commands)
+        weld.signal("supervisor", signal.SIGCONT)
+    weld.until(lambda: max(weld.commands) > before, what="the next command")
+    weld.ticks(15)
+    outcome = weld.outcome(first)
+    outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
+    assert weld.source() == "nmpc", "who was active goes on, not who is configured"
+    verb = "killed (-9) and started again" if number == signal.SIGKILL else "stopped for 0.8 s and continued"
+    reaction = "the plant holds; goes on from the drives' feedback with who was active"
+    table.add(f"only supervisor {verb}", "–", reaction, outcome)
