@@ -6,7 +6,6 @@ Initialize with `init`, create nodes with `create_node` or `Node`, process callb
 
 from __future__ import annotations
 
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rclpy.context import Context
@@ -46,29 +45,13 @@ __all__ = [
 _executor: Executor | None = None
 
 
-class InitContextManager:
-    """What `init` returns: leaving it shuts the context down."""
-
-    def __init__(self, context: Context) -> None:
-        self.context = context
-
-    def __enter__(self) -> InitContextManager:
-        return self
-
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
-    ) -> None:
-        if self.context.ok():
-            shutdown(context=self.context)
-
-
 def init(
     *,
     args: list[str] | None = None,
     context: Context | None = None,
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
-) -> InitContextManager:
+) -> None:
     """Initialize a context (default: the global one).
 
     Parameters
@@ -91,7 +74,6 @@ def init(
         signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
     context.init(args, domain_id=domain_id)
     install_signal_handlers(signal_handler_options)
-    return InitContextManager(context)
 
 
 def get_global_executor() -> Executor:

@@ -113,6 +113,7 @@ class Client(ServiceEndpoint):
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
         self._check()
+        self._local_node.session.check("failed to check service availability")
         writer, reader = self._writer, self._reader
         requests = {
             self._service_id(writer.get_matched_subscription_data, handle)
@@ -130,7 +131,13 @@ class Client(ServiceEndpoint):
         return None if data is None else user_data_field(data.qos, "serviceid") or ""
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Wait for a server; return whether there is one. Without a timeout, wait until shutdown."""
+        """Wait for a server; return whether there is one. Without a timeout, wait until shutdown.
+
+        Raises
+        ------
+        RCLError
+            After shutdown.
+        """
         if self.service_is_ready():
             return True
         self._writer.set_status_mask(DDSStatus.PublicationMatched)
@@ -148,4 +155,4 @@ class Client(ServiceEndpoint):
             if remaining <= 0:
                 return False
             waitset.wait(int(remaining * 1e9))
-        return False
+        return self.service_is_ready()

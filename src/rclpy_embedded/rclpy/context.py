@@ -134,6 +134,8 @@ class Context:
             if not self._ok:
                 return False
             self._ok = False
+            if self._session is not None:
+                self._session.is_shut_down = True
             self._signaled = by_signal
             _initialized.discard(self)
             if not _initialized:

@@ -19,6 +19,7 @@ class GuardCondition(Destroyable):
     ) -> None:
         super().__init__()
         self._context = get_default_context() if context is None else context
+        self._context.session.check("failed to create guard condition")
         self.callback = callback
         self.callback_group = callback_group
         self._triggered = False

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-def _info(graph: Graph, endpoint: Endpoint, is_writer: bool) -> TopicEndpointInfo:
+def _info(graph: Graph, endpoint: Endpoint, is_writer: bool, no_mangle: bool) -> TopicEndpointInfo:
     node = graph.node_of(endpoint)
     return TopicEndpointInfo(
         node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
         node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-        topic_type=ros_type(endpoint.dds_type) or endpoint.dds_type,
+        topic_type=endpoint.dds_type if no_mangle else ros_type(endpoint.dds_type),
         topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
         endpoint_type=TopicEndpointTypeEnum.PUBLISHER if is_writer else TopicEndpointTypeEnum.SUBSCRIPTION,
         endpoint_gid=list(endpoint.guid),
@@ -49,7 +49,9 @@ class NodeGraph:
 
     @property
     def __graph(self) -> Graph:
-        return self._context.session.graph
+        session = self._context.session
+        session.check("failed to look at the graph")
+        return session.graph
 
     def __full_name(self, name: str, *, is_service: bool = False) -> str:
         full = expand_topic_name(name, self.get_name(), self.get_namespace())
@@ -70,7 +72,7 @@ class NodeGraph:
 
     def __topics_of(self, name: str, namespace: str, no_demangle: bool, *, writers: bool) -> NamesAndTypes:
         endpoints = self.__graph.endpoints_by_node(name, namespace, writers=writers)
-        return names_and_types(endpoints, str if no_demangle else ros_topic)
+        return names_and_types(endpoints, None if no_demangle else ros_topic)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return services and types of a node's servers; NodeNameNonExistentError if there is no such node."""
@@ -88,7 +90,7 @@ class NodeGraph:
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Return all topics and their types."""
-        return names_and_types(self.__all_endpoints(), str if no_demangle else ros_topic)
+        return names_and_types(self.__all_endpoints(), None if no_demangle else ros_topic)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services and their types."""
@@ -141,7 +143,8 @@ class NodeGraph:
         dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
         graph = self.__graph
         graph.nodes()
-        return [_info(graph, endpoint, writers) for endpoint in graph.endpoints_of(dds_topic, writers=writers)]
+        endpoints = graph.endpoints_of(dds_topic, writers=writers)
+        return [_info(graph, endpoint, writers, no_mangle) for endpoint in endpoints]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait up to `timeout` seconds until a node is there; return whether it is."""

@@ -42,8 +42,11 @@ class Publisher(TopicEndpoint):
             If it is of another type than the publisher.
         InvalidHandle
             After destruction.
+        RCLError
+            After shutdown.
         """
         writer = self._handle or self.handle
+        self._local_node.session.check("Failed to publish")
         if isinstance(msg, self.msg_type):
             data = self._support.serialize(msg)
         elif isinstance(msg, bytes):
@@ -59,10 +62,12 @@ class Publisher(TopicEndpoint):
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions match."""
+        self._local_node.session.check("failed to get subscription count")
         return len(matched(self.handle.get_matched_subscriptions))
 
     def assert_liveliness(self) -> None:
         """Say that this publisher is alive, for liveliness MANUAL_BY_TOPIC."""
+        self._local_node.session.check("Failed to assert liveliness on the Publisher")
         # The Python API of Cyclone DDS lacks this one call.
         code = DDS._dll_handle.dds_assert_liveliness(self.handle._ref)
         if code < 0:
@@ -78,6 +83,7 @@ class Publisher(TopicEndpoint):
         bool
             Whether all was acknowledged in time.
         """
+        self._local_node.session.check("Failed to wait for all acknowledgements")
         if self.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT:
             return True
         remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INFINITE_NS

@@ -59,6 +59,7 @@ class Timer(Destroyable):
             raise RCLError(f"failed to create timer: timer period must be non-negative, got {timer_period_ns} ns")
         super().__init__()
         self._context = get_default_context() if context is None else context
+        self._context.session.check("failed to create timer")
         self._clock = clock
         self._period_ns = int(timer_period_ns)
         self._canceled = not autostart
@@ -77,14 +78,16 @@ class Timer(Destroyable):
             )
 
     def _before_jump(self) -> None:
-        self._credit_ns = self._next_call_ns - self._clock._now_ns()
+        now = self._clock._now_ns()
+        self._credit_ns = self._next_call_ns - now if now else 0
 
     def _after_jump(self, jump: TimeJump) -> None:
         now = self._clock._now_ns()
         if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
-            # Another epoch: what was left of the period stays.
-            self._next_call_ns = now + self._credit_ns
-            self._last_call_ns = self._next_call_ns - self._period_ns
+            # As rcl does it. Simulated time begins with 0, which is none yet; the first one sent begins a period.
+            if now and self._credit_ns:
+                self._last_call_ns = now - self._credit_ns
+                self._next_call_ns = self._last_call_ns + self._period_ns
         elif now < self._last_call_ns:
             self._next_call_ns = now + self._period_ns
             self._last_call_ns = now

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.parameter import Parameter
+from rclpy.type_hash import TypeHash
 from type_description_interfaces import msg, srv
 
 from rosidl_embedded import description
@@ -41,9 +42,12 @@ class TypeDescriptionService:
 
     @staticmethod
     def _callback(request: Any, response: Any) -> Any:
+        if TypeHash.from_string(request.type_hash).version < 0:
+            response.failure_reason = "Failed to parse type hash"
+            return response
         try:
             known = description.type_hash(request.type_name)
-            if request.type_hash and request.type_hash != known:
+            if request.type_hash != known:
                 raise ValueError(f"type hash {request.type_hash} is not that of this node, {known}")
             described = description.type_description(request.type_name)
             response.type_description.type_description = _individual(described["type_description"])

@@ -140,7 +140,7 @@ def test_bad_user_data(node: Any, attacker: Attacker, wait_until: Any, user_data
     assert str(info.topic_type_hash) == "INVALID"
     assert info.topic_type == "not_a_ros_type"
     assert info.node_name == "_NODE_NAME_UNKNOWN_"
-    assert "/odd" not in dict(node.get_topic_names_and_types())
+    assert ("/odd", ["not_a_ros_type"]) in node.get_topic_names_and_types()
     del writer
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -34,11 +34,11 @@ def user_data_field(qos: Qos, key: str) -> str | None:
     return None
 
 
-def ros_type(dds_type: str) -> str | None:
-    """Return the ROS name of a DDS type, e.g. std_msgs/msg/String; None for a type that is not of ROS."""
+def ros_type(dds_type: str) -> str:
+    """Return the ROS name of a DDS type, e.g. std_msgs/msg/String; a type that is not of ROS keeps its name."""
     package, separator, name = dds_type.rpartition("::dds_::")
     if not separator or not name.endswith("_"):
-        return None
+        return dds_type
     name = name[:-1]
     if package.endswith("::srv"):
         for suffix in ("_Request", "_Response"):
@@ -196,11 +196,14 @@ class Graph:
         return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.guid in guids]
 
 
-def names_and_types(endpoints: Iterable[Endpoint], demangle: Any) -> NamesAndTypes:
-    """Collect the names that `demangle` gives for the DDS topics, sorted, each with its sorted types."""
+def names_and_types(endpoints: Iterable[Endpoint], demangle: Callable[[str], str | None] | None) -> NamesAndTypes:
+    """Collect the names that `demangle` gives for the DDS topics, sorted, each with its sorted types.
+
+    Without `demangle`, names and types are those of DDS.
+    """
     found: dict[str, set[str]] = {}
     for endpoint in endpoints:
-        name, type_name = demangle(endpoint.dds_topic), ros_type(endpoint.dds_type)
-        if name is not None and type_name is not None:
-            found.setdefault(name, set()).add(type_name)
+        name = demangle(endpoint.dds_topic) if demangle else endpoint.dds_topic
+        if name is not None:
+            found.setdefault(name, set()).add(ros_type(endpoint.dds_type) if demangle else endpoint.dds_type)
     return [(name, sorted(types)) for name, types in sorted(found.items())]

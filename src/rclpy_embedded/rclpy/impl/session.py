@@ -13,6 +13,7 @@ from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.sub import DataReader, Subscriber
 from cyclonedds.topic import Topic
+from rclpy.exceptions import RCLError
 from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
 from rclpy.impl.discovery import configuration
 from rclpy.impl.handle import Handle
@@ -81,6 +82,7 @@ class Session(Handle):
         self._nodes: list[LocalNode] = []
         self._ids = 0
         self._closed = False
+        self.is_shut_down = False
         self._graph: Graph | None = None
         _acquire_domain(domain_id)
         self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
@@ -113,9 +115,15 @@ class Session(Handle):
     def _create(
         self, kind: Any, parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
     ) -> Any:
+        self.check(f"failed to create an endpoint of '{dds_topic}'")
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
             return kind(parent, topic, qos)
+
+    def check(self, complaint: str) -> None:
+        """Raise an RCLError with `complaint` if the context was shut down."""
+        if self.is_shut_down:
+            raise RCLError(f"{complaint}: the context is invalid")
 
     def next_id(self) -> str:
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""

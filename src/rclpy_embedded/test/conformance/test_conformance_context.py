@@ -7,9 +7,12 @@ from typing import Any
 
 import pytest
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.context import Context
-from rclpy.exceptions import NotInitializedException, RCLError, UnknownROSArgsError
+from rclpy.exceptions import NotInitializedException
 from rclpy.utilities import get_default_context, remove_ros_args, timeout_sec_to_nsec
+from std_msgs.msg import Empty
+from std_srvs.srv import Empty as EmptySrv
 
 
 def test_init_ok_shutdown(domain_id: int) -> None:
@@ -106,11 +109,32 @@ def test_contexts_are_isolated(context: Context, domain_id: int) -> None:
     assert not other.ok()
 
 
-def test_context_manager_of_init(domain_id: int) -> None:
-    for _ in range(2):
-        with rclpy.init(args=[]):
-            assert rclpy.ok()
-        assert not rclpy.ok()
+def test_after_shutdown(context: Context) -> None:
+    node = rclpy.create_node("late", context=context)
+    publisher = node.create_publisher(Empty, "late", 1)
+    client = node.create_client(EmptySrv, "late")
+    context.shutdown()
+    for use in (
+        lambda: publisher.publish(Empty()),
+        publisher.get_subscription_count,
+        publisher.wait_for_all_acked,
+        publisher.assert_liveliness,
+        client.service_is_ready,
+        lambda: client.wait_for_service(0.1),
+        node.get_topic_names_and_types,
+        node.get_node_names,
+        lambda: node.count_publishers("late"),
+        lambda: node.create_publisher(Empty, "later", 1),
+        lambda: node.create_service(EmptySrv, "later", lambda request, response: response),
+        lambda: node.create_timer(1, lambda: None),
+        lambda: node.create_guard_condition(lambda: None),
+        lambda: node.declare_parameter("gain", 1.0),
+    ):
+        with pytest.raises(RCLError, match="context"):
+            use()
+    assert node.get_name() == "late"
+    node.get_logger().info("a last word")
+    node.destroy_node()
 
 
 def test_command_line_applies_to_nodes(domain_id: int) -> None:

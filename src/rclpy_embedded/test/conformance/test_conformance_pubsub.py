@@ -103,9 +103,12 @@ def test_keep_all(node: Any, spinner: Any) -> None:
 
 def test_best_available_subscription_adapts(node: Any, spinner: Any) -> None:
     node.create_publisher(String, "adapts", qos_profile_sensor_data)
+    assert spinner.until(lambda: node.count_publishers("adapts") == 1)
     subscription = node.create_subscription(String, "adapts", lambda _: None, qos_profile_best_available)
-    assert subscription.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
-    assert spinner.until(lambda: subscription.get_publisher_count() == 1)
+    assert subscription.qos_profile.reliability == QoSReliabilityPolicy.BEST_AVAILABLE
+    assert spinner.until(lambda: node.count_subscribers("adapts") == subscription.get_publisher_count() == 1)
+    (info,) = node.get_subscriptions_info_by_topic("adapts")
+    assert info.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
 
 
 def test_raw_both_ways(node: Any, spinner: Any) -> None:

@@ -7,9 +7,10 @@ import time
 from typing import Any
 
 import pytest
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ROSClock
 from rclpy.clock_type import ClockType
-from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rclpy.exceptions import InvalidHandle, ROSInterruptException
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.time import Time
@@ -137,11 +138,13 @@ def test_simulated_time(node: Any, spinner: Any) -> None:
         assert calls == expected
 
 
-def test_switch_to_simulated_time_keeps_what_is_left(node: Any) -> None:
+def test_first_simulated_time_begins_a_period(node: Any) -> None:
     clock = ROSClock()
     timer = node.create_timer(10, lambda: None, clock=clock)
     clock._set_ros_time_is_active(True)
-    assert timer.time_until_next_call() == pytest.approx(10e9, rel=0.1)
+    assert not timer.is_ready()
+    _set(clock, 5000)
+    assert timer.time_until_next_call() == 10_000_000_000
 
 
 def test_steady_clock(node: Any, spinner: Any) -> None:
