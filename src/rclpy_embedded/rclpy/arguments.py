@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,7 +56,7 @@ class Arguments:
         UNSET if none is given.
     log_levels : dict
         Level by logger name.
-    enclave, log_file_name, log_config_file : str or None
+    enclave : str or None
         As given.
     stdout_logs, rosout_logs, external_lib_logs : bool
         Which outputs of the log are wanted.
@@ -69,29 +69,25 @@ class Arguments:
     default_log_level: LoggingSeverity = LoggingSeverity.UNSET
     log_levels: dict[str, LoggingSeverity] = field(default_factory=dict)
     enclave: str | None = None
-    log_file_name: str | None = None
-    log_config_file: str | None = None
     stdout_logs: bool = True
     rosout_logs: bool = True
     external_lib_logs: bool = True
     remaining: list[str] = field(default_factory=list)
 
 
-def _remap_rule(text: str) -> RemapRule:
+def _add_remap(arguments: Arguments, text: str) -> None:
     match = _REMAP.fullmatch(text)
     if match is None:
         raise ValueError("expected [node:]from:=to, [node:]__node:=name or [node:]__ns:=/namespace")
     node = match["node"]
     if match["node_name"]:
-        return RemapRule("node", node, None, match["node_name"])
-    if match["namespace"]:
-        return RemapRule("namespace", node, None, match["namespace"])
-    kinds = {None: "topic_or_service", "rostopic://": "topic", "rosservice://": "service"}
-    return RemapRule(kinds[match["scheme"]], node, match["match"], match["replacement"])
-
-
-def _add_remap(arguments: Arguments, text: str) -> None:
-    arguments.remap_rules.append(_remap_rule(text))
+        rule = RemapRule("node", node, None, match["node_name"])
+    elif match["namespace"]:
+        rule = RemapRule("namespace", node, None, match["namespace"])
+    else:
+        kinds = {None: "topic_or_service", "rostopic://": "topic", "rosservice://": "service"}
+        rule = RemapRule(kinds[match["scheme"]], node, match["match"], match["replacement"])
+    arguments.remap_rules.append(rule)
 
 
 def _add_parameter(arguments: Arguments, text: str) -> None:
@@ -100,10 +96,6 @@ def _add_parameter(arguments: Arguments, text: str) -> None:
         raise ValueError("expected [node:]name:=value")
     value = parameter_yaml.parse_value(match["value"])
     arguments.parameters.setdefault(match["node"] or "/**", {})[match["name"]] = value
-
-
-def _add_parameter_file(arguments: Arguments, path: str) -> None:
-    parameter_yaml.parse_file(path, arguments.parameters)
 
 
 def _add_log_level(arguments: Arguments, text: str) -> None:
@@ -120,17 +112,21 @@ def _add_log_level(arguments: Arguments, text: str) -> None:
         arguments.default_log_level = severity
 
 
-#: flags with a value -> (what the value is called, what takes it)
-_OPTIONS = {
-    ("-r", "--remap"): ("remap rule", _add_remap),
-    ("-p", "--param"): ("parameter override rule", _add_parameter),
-    ("--params-file",): ("params file", _add_parameter_file),
-    ("--log-level",): ("log level", _add_log_level),
-    ("--log-file-name",): ("log file name prefix", lambda arguments, text: setattr(arguments, "log_file_name", text)),
-    ("--log-config-file",): ("log configuration file", lambda a, text: setattr(a, "log_config_file", text)),
-    ("-e", "--enclave"): ("enclave name", lambda arguments, text: setattr(arguments, "enclave", text)),
+def _ignore(arguments: Arguments, text: str) -> None:
+    """Accept what is about log files, of which there are none."""
+
+
+#: Flag with a value -> what the value is called, and what takes it.
+_OPTIONS: dict[str, tuple[str, Callable[[Arguments, str], None]]] = {
+    "--remap": ("remap rule", _add_remap),
+    "--param": ("parameter override rule", _add_parameter),
+    "--params-file": ("params file", lambda arguments, path: parameter_yaml.parse_file(path, arguments.parameters)),
+    "--log-level": ("log level", _add_log_level),
+    "--log-file-name": ("log file name prefix", _ignore),
+    "--log-config-file": ("log configuration file", _ignore),
+    "--enclave": ("enclave name", lambda arguments, text: setattr(arguments, "enclave", text)),
 }
-_BY_FLAG = {flag: option for flags, option in _OPTIONS.items() for flag in flags}
+_OPTIONS |= {"-r": _OPTIONS["--remap"], "-p": _OPTIONS["--param"], "-e": _OPTIONS["--enclave"]}
 
 
 def _warn_deprecated(rule: str) -> None:
@@ -170,8 +166,8 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
                 arguments.remaining.append(word)
         elif word == "--":
             in_ros = False
-        elif word in _BY_FLAG:
-            label, take = _BY_FLAG[word]
+        elif word in _OPTIONS:
+            label, take = _OPTIONS[word]
             text = next(words, None)
             if text is None:
                 raise RCLInvalidROSArgsError(
@@ -190,11 +186,6 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
     if unknown:
         raise UnknownROSArgsError(repr(unknown))
     return arguments
-
-
-def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
-    """Return the arguments that are not for ROS; raises like `parse`."""
-    return parse(args).remaining
 
 
 def rules_for(local: Arguments | None, global_: Arguments | None) -> list[RemapRule]:

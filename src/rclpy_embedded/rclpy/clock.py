@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from rclpy.clock_type import ClockType as ClockType
 from rclpy.constants import S_TO_NS
@@ -72,24 +73,16 @@ class JumpThreshold:
         )
 
 
+@dataclass(frozen=True, eq=False)
 class TimeJump:
-    """A jump of a clock: what changed and by how much."""
+    """A jump of a clock: whether ROS time was switched on or off, and new time minus old time."""
 
-    def __init__(self, clock_change: ClockChange, delta: Duration) -> None:
-        if not isinstance(clock_change, ClockChange):
+    clock_change: ClockChange
+    delta: Duration
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.clock_change, ClockChange):
             raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
-        self._clock_change = clock_change
-        self._delta = delta
-
-    @property
-    def clock_change(self) -> ClockChange:
-        """Whether ROS time was switched on or off."""
-        return self._clock_change
-
-    @property
-    def delta(self) -> Duration:
-        """New time minus old time."""
-        return self._delta
 
 
 class JumpHandle:
@@ -111,10 +104,9 @@ class JumpHandle:
     ) -> None:
         if pre_callback is None and post_callback is None:
             raise ValueError("One of pre_callback or post_callback must be callable")
-        if pre_callback is not None and not callable(pre_callback):
-            raise ValueError("pre_callback must be callable if given")
-        if post_callback is not None and not callable(post_callback):
-            raise ValueError("post_callback must be callable if given")
+        for name, callback in (("pre_callback", pre_callback), ("post_callback", post_callback)):
+            if callback is not None and not callable(callback):
+                raise ValueError(f"{name} must be callable if given")
         self._clock: Clock | None = clock
         self._threshold = threshold
         self._pre_callback = pre_callback
@@ -146,9 +138,6 @@ class Clock:
         self = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
         self._clock_type = clock_type
         self._jump_handles = []
-        if isinstance(self, ROSClock):
-            self._override_ns = 0
-            self._override_active = False
         return self
 
     @property
@@ -248,13 +237,11 @@ class Clock:
 class ROSClock(Clock):
     """ROS time: system time, or what a time source says (simulated time)."""
 
-    _override_ns: int
-    _override_active: bool
+    _override_ns = 0
+    _override_active = False
 
     def __new__(cls) -> ROSClock:
-        self = super().__new__(Clock, clock_type=ClockType.ROS_TIME)
-        assert isinstance(self, ROSClock)
-        return self
+        return cast(ROSClock, super().__new__(Clock, clock_type=ClockType.ROS_TIME))
 
     def _now_ns(self) -> int:
         return self._override_ns if self._override_active else time.time_ns()

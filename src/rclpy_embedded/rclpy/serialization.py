@@ -13,11 +13,5 @@ def serialize_message(message: Any) -> bytes:
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """Return the message of a type that `serialized_message` holds.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are not one (rosidl_embedded.DeserializationError).
-    """
+    """Return the message of a type that `serialized_message` holds; ValueError if the bytes are not one."""
     return type_support(message_type).deserialize(serialized_message)

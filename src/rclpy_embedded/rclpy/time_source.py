@@ -5,6 +5,8 @@ from __future__ import annotations
 import weakref
 from typing import TYPE_CHECKING
 
+import rcl_interfaces.msg
+import rosgraph_msgs.msg
 from rclpy.clock import ROSClock
 from rclpy.clock_type import ClockType
 from rclpy.parameter import Parameter
@@ -12,10 +14,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 
 if TYPE_CHECKING:
-    from rcl_interfaces.msg import SetParametersResult
     from rclpy.node import Node
     from rclpy.subscription import Subscription
-    from rosgraph_msgs.msg import Clock as ClockMsg
 
 CLOCK_TOPIC = "/clock"
 USE_SIM_TIME_NAME = "use_sim_time"
@@ -34,7 +34,7 @@ class TimeSource:
         self._clock_sub: Subscription | None = None
         self._node_weak_ref: weakref.ReferenceType[Node] | None = None
         self._associated_clocks: set[ROSClock] = set()
-        # Zero means that no time has come yet.
+        # Zero: no time has come yet.
         self._last_time_set = Time(clock_type=ClockType.ROS_TIME)
         self._ros_time_is_active = False
         if node is not None:
@@ -52,18 +52,12 @@ class TimeSource:
         self._ros_time_is_active = enabled
         for clock in list(self._associated_clocks):
             clock._set_ros_time_is_active(enabled)
-        if enabled:
-            self._subscribe_to_clock_topic()
-        else:
-            self._unsubscribe()
-
-    def _subscribe_to_clock_topic(self) -> None:
         node = self._get_node()
-        if self._clock_sub is None and node is not None:
-            from rosgraph_msgs.msg import Clock as ClockMsg
-
+        if enabled and self._clock_sub is None and node is not None:
             qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-            self._clock_sub = node.create_subscription(ClockMsg, CLOCK_TOPIC, self.clock_callback, qos)
+            self._clock_sub = node.create_subscription(rosgraph_msgs.msg.Clock, CLOCK_TOPIC, self.clock_callback, qos)
+        elif not enabled:
+            self._unsubscribe()
 
     def _unsubscribe(self) -> None:
         node = self._get_node()
@@ -86,9 +80,7 @@ class TimeSource:
         if parameter.type_ is Parameter.Type.BOOL:
             self.ros_time_is_active = parameter.value
         elif parameter.type_ is not Parameter.Type.NOT_SET:
-            node.get_logger().error(
-                f"Invalid type for parameter '{USE_SIM_TIME_NAME}' {parameter.type_!r} should be bool"
-            )
+            node.get_logger().error(f"Invalid type for parameter '{parameter.name}' {parameter.type_!r} should be bool")
         node.add_on_set_parameters_callback(self._on_parameter_event)
 
     def detach_node(self) -> None:
@@ -106,7 +98,7 @@ class TimeSource:
         clock._set_ros_time_is_active(self.ros_time_is_active)
         self._associated_clocks.add(clock)
 
-    def clock_callback(self, msg: ClockMsg) -> None:
+    def clock_callback(self, msg: rosgraph_msgs.msg.Clock) -> None:
         """Take the time from a message on /clock; a negative one is ignored."""
         if msg.clock.sec < 0:
             if (node := self._get_node()) is not None:
@@ -117,20 +109,16 @@ class TimeSource:
         for clock in list(self._associated_clocks):
             clock.set_ros_time_override(self._last_time_set)
 
-    def _on_parameter_event(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        from rcl_interfaces.msg import SetParametersResult
-
-        for parameter in parameter_list:
-            if parameter.name != USE_SIM_TIME_NAME:
-                continue
-            if parameter.type_ is not Parameter.Type.BOOL:
-                reason = f"{USE_SIM_TIME_NAME} parameter set to something besides a bool"
-                if (node := self._get_node()) is not None:
-                    node.get_logger().error(reason)
-                return SetParametersResult(successful=False, reason=reason)
-            self.ros_time_is_active = parameter.value
-            break
-        return SetParametersResult(successful=True)
+    def _on_parameter_event(self, parameter_list: list[Parameter]) -> rcl_interfaces.msg.SetParametersResult:
+        values = {parameter.name: parameter.value for parameter in parameter_list}
+        value = values.get(USE_SIM_TIME_NAME, self.ros_time_is_active)
+        if not isinstance(value, bool):
+            reason = f"{USE_SIM_TIME_NAME} parameter set to something besides a bool"
+            if (node := self._get_node()) is not None:
+                node.get_logger().error(reason)
+            return rcl_interfaces.msg.SetParametersResult(successful=False, reason=reason)
+        self.ros_time_is_active = value
+        return rcl_interfaces.msg.SetParametersResult(successful=True)
 
     def _get_node(self) -> Node | None:
         return self._node_weak_ref() if self._node_weak_ref is not None else None

@@ -12,12 +12,7 @@ from rosidl_embedded.typesupport import service_type_support, type_support
 def check_for_type_support(cls: Any) -> None:
     """Raise unless `cls` is a message or a service.
 
-    Raises
-    ------
-    AttributeError
-        If it has no type support at all, e.g. a plain Python class.
-    NoTypeSupportImportedException
-        If its type support cannot be loaded, e.g. that of a message which another runtime generated.
+    NoTypeSupportImportedException if its type support is of another runtime, AttributeError if there is none at all.
     """
     if not hasattr(cls, "_TYPE_NAME"):
         if hasattr(cls, "_TYPE_SUPPORT"):
@@ -26,28 +21,12 @@ def check_for_type_support(cls: Any) -> None:
 
 
 def check_is_valid_msg_type(msg_type: Any) -> None:
-    """Raise unless `msg_type` is a message class.
-
-    Raises
-    ------
-    AttributeError
-        If it has no type support at all, e.g. a plain Python class.
-    RuntimeError
-        If it is a service or action.
-    """
+    """Raise RuntimeError if `msg_type` is a service, AttributeError if it is neither that nor a message."""
     _check(msg_type, "message", type_support, "this might be a service or action")
 
 
 def check_is_valid_srv_type(srv_type: Any) -> None:
-    """Raise unless `srv_type` is a service class.
-
-    Raises
-    ------
-    AttributeError
-        If it has no type support at all, e.g. a plain Python class.
-    RuntimeError
-        If it is a message or action.
-    """
+    """Raise RuntimeError if `srv_type` is a message, AttributeError if it is neither that nor a service."""
     _check(srv_type, "service", service_type_support, "this might be a message or action")
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Sequence
 
+from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
 from rclpy.context import Context
 
@@ -27,9 +27,7 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
     """Return the arguments (``sys.argv`` by default) that are not for ROS."""
-    from rclpy.arguments import remove_ros_args as remove
-
-    return remove(sys.argv if args is None else args)
+    return parse(args).remaining
 
 
 def ok(*, context: Context | None = None) -> bool:

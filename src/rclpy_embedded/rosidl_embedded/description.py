@@ -53,7 +53,7 @@ def type_description(type_name: str) -> dict[str, Any]:
     }
 
 
-def type_sources(type_name: str) -> list[dict[str, str]]:
+def type_sources(type_name: str) -> list[dict[str, Any]]:
     """Texts of an interface and of what it refers to, as ``type_description_interfaces/msg/TypeSource`` has them."""
     return [
         {"type_name": name, "encoding": encoding, "raw_file_contents": text}

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.arguments import Arguments, RemapRule, parameter_overrides, parse, remove_ros_args
+from rclpy.arguments import Arguments, RemapRule, parameter_overrides, parse
 from rclpy.exceptions import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.parameter import Parameter
 from rclpy.parameter_yaml import parse_value
+from rclpy.utilities import remove_ros_args
 
 TOKEN = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,6}", fullmatch=True)
 WORD = st.text(st.characters(codec="utf-8"), max_size=12)
