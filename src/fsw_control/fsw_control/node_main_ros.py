@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Sequence
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
+
+#: How long after a first Ctrl-C a second one is meant.
+_PATIENCE_S = 1.0
 
 
 def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -25,9 +31,47 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     -------
     int
         Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on stderr).
-        Errors while spinning are not caught: they are bugs and deserve their traceback.
+        Errors while spinning are bugs and deserve their traceback, unless ROS was shut down meanwhile.
     """
     argv = list(sys.argv if args is None else args)
+    with _Interrupts() as interrupts:
+        return _run(factory, argv, interrupts)
+
+
+class _Interrupts:
+    """What SIGINT does beside the shutdown by rclpy's own handler, which calls this one.
+
+    While the node starts, KeyboardInterrupt ends it at once. While it spins the shutdown is enough, and an exception in
+    the middle of rclpy would do harm; only a second Ctrl-C later on breaks a callback that does not return. While it
+    ends nothing happens: a Ctrl-C often comes twice, from the terminal and from launch, and must not cut off a bag.
+    """
+
+    def __init__(self) -> None:
+        self.phase = "starting"
+        self._first_s: float | None = None
+        self._installed = False
+
+    def __enter__(self) -> _Interrupts:
+        in_main_thread = threading.current_thread() is threading.main_thread()
+        if in_main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self)
+            self._installed = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._installed:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def __call__(self, *_: object) -> None:
+        now_s = time.monotonic()
+        if self._first_s is None:
+            self._first_s = now_s
+        if self.phase == "starting" or (self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S):
+            self.phase = "ending"
+            raise KeyboardInterrupt
+
+
+def _run(factory: Callable[[], Node], argv: list[str], interrupts: _Interrupts) -> int:
     node: Node | None = None
     started = False
     try:
@@ -46,22 +90,20 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
             # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
             print(f"{_program(argv)}: {_one_line(error)}", file=sys.stderr)
             return 2
+        interrupts.phase = "spinning"
         try:
             rclpy.spin(node)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
+        except Exception:
+            # A shutdown in the middle of a callback, or between two, lets rclpy raise whatever it stumbles over.
+            if rclpy.ok():
+                raise
         return 0
     finally:
-        _end(node)
-
-
-def _end(node: Node | None) -> None:
-    try:
+        interrupts.phase = "ending"
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
-    except KeyboardInterrupt:
-        # A second Ctrl-C while ending: the end is under way already.
         rclpy.try_shutdown()
 
 
