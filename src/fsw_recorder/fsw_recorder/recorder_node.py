@@ -11,6 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rosbag2_interfaces.msg import WriteSplitEvent
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
@@ -224,7 +225,9 @@ class RecorderNode(Node):  # type: ignore[misc]
         counters = self.writer.statistics()
         if not self.failed:
             missing = f"{self._gaps.total} lost, {counters.dropped} dropped"
-            self.get_logger().info(f"{counters.written} messages in {self.writer.folder} ({missing})")
+            # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
+            logger = get_logger(f"{self.get_logger().name}.bag")
+            logger.info(f"{counters.written} messages in {self.writer.folder} ({missing})")
         super().destroy_node()
 
 
