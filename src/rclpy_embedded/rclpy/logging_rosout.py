@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
+import rcl_interfaces.msg
 from rclpy.impl.logging_output import LogRecord, system
-from rclpy.impl.logging_severity import LoggingSeverity
 
-if TYPE_CHECKING:
-    from rcl_interfaces.msg import Log
-
-Publish = Callable[["Log"], None]
+Publish = Callable[["rcl_interfaces.msg.Log"], None]
 
 _publishers: dict[str, list[Publish]] = {}
 #: Name of a child -> (name of the logger that publishes for it, number of logger objects).
@@ -26,16 +22,12 @@ def attach(logger_name: str, publish: Publish) -> None:
     with _lock:
         publishers = _publishers.setdefault(logger_name, [])
         publishers.append(publish)
-        shared = len(publishers) > 1
-    if shared:
-        system.log(
-            LoggingSeverity.WARN,
-            "rcl.logging_rosout",
+    if len(publishers) > 1:
+        from rclpy.logging import get_logger
+
+        get_logger("rcl.logging_rosout").warning(
             f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with the "
-            f"same name then all logs for the logger named '{logger_name}' will go out over the existing publisher.",
-            "attach",
-            __file__,
-            0,
+            f"same name then all logs for the logger named '{logger_name}' will go out over the existing publisher."
         )
 
 
@@ -78,23 +70,18 @@ def _publish(record: LogRecord) -> None:
     # A message logged while publishing a message would go round for ever.
     if publish is None or getattr(_state, "publishing", False):
         return
-    from builtin_interfaces.msg import Time
-    from rcl_interfaces.msg import Log
-
-    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+    message = rcl_interfaces.msg.Log(
+        level=int(record.severity),
+        name=record.name,
+        msg=record.message,
+        file=record.file_name,
+        function=record.function_name,
+        line=record.line_number,
+    )
+    message.stamp.sec, message.stamp.nanosec = divmod(record.stamp_ns, 1_000_000_000)
     _state.publishing = True
     try:
-        publish(
-            Log(
-                stamp=Time(sec=seconds, nanosec=nanoseconds),
-                level=int(record.severity),
-                name=record.name,
-                msg=record.message,
-                file=record.file_name,
-                function=record.function_name,
-                line=record.line_number,
-            )
-        )
+        publish(message)
     except RuntimeError:
         # The publisher was destroyed meanwhile: logging must not fail for that.
         return

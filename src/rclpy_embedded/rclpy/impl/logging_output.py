@@ -7,7 +7,7 @@ import re
 import sys
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TextIO
+from typing import TYPE_CHECKING, NamedTuple
 
 from rclpy.impl.logging_severity import LoggingSeverity
 
@@ -84,9 +84,6 @@ class Console:
         layout = re.sub(r"\\(?:[abnrt]|x1b)", lambda escape: _ESCAPES[escape[0]], layout)
         self._parts = _TOKEN.split(layout)
 
-    def _stream(self) -> TextIO | None:
-        return sys.stdout if self._use_stdout else sys.stderr
-
     def format(self, record: LogRecord) -> str:
         """Return the message in the layout of the console, without colour."""
         # Token names are at the odd places.
@@ -94,7 +91,7 @@ class Console:
 
     def __call__(self, record: LogRecord) -> None:
         """Write the message; a console that is gone is no reason to fail."""
-        stream = self._stream()
+        stream = sys.stdout if self._use_stdout else sys.stderr
         if stream is None:
             return
         try:
@@ -154,22 +151,16 @@ class LoggingSystem:
         """Return the level of a logger or of its nearest ancestor that has one."""
         found = self._effective.get(name)
         if found is None:
-            found, ancestor = LoggingSeverity.UNSET, name
-            while ancestor and found is LoggingSeverity.UNSET:
-                found = self._levels.get(ancestor, LoggingSeverity.UNSET)
-                ancestor = ancestor.rpartition(SEPARATOR)[0]
-            if found is LoggingSeverity.UNSET:
-                found = self._default_level
+            found = self.level(name)
+            if found is LoggingSeverity.UNSET and name:
+                found = self.effective_level(name.rpartition(SEPARATOR)[0])
             self._effective[name] = found
         return found
 
-    def log(
-        self, severity: LoggingSeverity, name: str, message: str, function_name: str, file_name: str, line_number: int
-    ) -> None:
+    def log(self, record: LogRecord) -> None:
         """Send a message to the outputs if the logger is enabled for it."""
-        if severity < self.effective_level(name) or severity is LoggingSeverity.UNSET:
+        if record.severity < self.effective_level(record.name) or record.severity is LoggingSeverity.UNSET:
             return
-        record = LogRecord(severity, name, message, function_name, file_name, line_number, time.time_ns())
         if self.stdout_enabled:
             self._console(record)
         if self.rosout_enabled and self.rosout is not None:

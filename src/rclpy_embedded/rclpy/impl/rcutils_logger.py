@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NamedTuple
 
 from rclpy import logging_rosout
 from rclpy.clock import Clock
-from rclpy.impl.logging_output import SEPARATOR, system
+from rclpy.impl.logging_output import SEPARATOR, LogRecord, system
 from rclpy.impl.logging_severity import LoggingSeverity
 
 #: Files whose frames are not the caller of a logging method; wrappers around a logger may add theirs.
@@ -179,7 +180,7 @@ class RcutilsLogger:
             site.check_unchanged(severity, name, options)
         if not site.lets_pass():
             return False
-        system.log(severity, name, message, caller.function_name, caller.file_path, caller.line_number)
+        system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
         return True
 
     def debug(self, message: str, **kwargs: Any) -> bool:
