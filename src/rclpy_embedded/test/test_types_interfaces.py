@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import rosidl_embedded
 from rosidl_embedded import InvalidInterfaceError, UnknownInterfaceError, catalogue, stubs
+from rosidl_embedded.description import type_sources
 from rosidl_embedded.parser import parse_service, parse_structure
 from rosidl_embedded.typesupport import (
     get_message,
@@ -216,6 +217,21 @@ def test_definition_text_holds_all_that_is_referred_to() -> None:
         f"{bar}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
         f"{bar}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
+
+
+def test_sources_of_a_service_are_its_file_and_what_it_refers_to() -> None:
+    sources = type_sources("std_srvs/srv/SetBool")
+    assert [(source["type_name"], source["encoding"]) for source in sources] == [
+        ("std_srvs/srv/SetBool", "srv"),
+        ("std_srvs/srv/SetBool_Event", "implicit"),
+        ("service_msgs/msg/ServiceEventInfo", "msg"),
+        ("builtin_interfaces/msg/Time", "msg"),
+        ("std_srvs/srv/SetBool_Request", "implicit"),
+        ("std_srvs/srv/SetBool_Response", "implicit"),
+    ]
+    texts = [source["raw_file_contents"] for source in sources]
+    assert texts[0].split() == ["bool", "data", "---", "bool", "success", "string", "message"]
+    assert texts[1] == texts[4] == texts[5] == ""
 
 
 @pytest.mark.parametrize("name", ["rcl_interfaces/msg/ParameterEvent", "geometry_msgs/msg/PoseWithCovarianceStamped"])
