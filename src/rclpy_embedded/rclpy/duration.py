@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import builtin_interfaces.msg
 from rclpy.constants import INT64_MAX, INT64_MIN, S_TO_NS
-
-if TYPE_CHECKING:
-    import builtin_interfaces.msg
 
 
 class NanosecondValue:
@@ -81,17 +77,13 @@ class Duration(NanosecondValue):
 
     def to_msg(self) -> builtin_interfaces.msg.Duration:
         """Return the duration as ``builtin_interfaces/msg/Duration``."""
-        from builtin_interfaces.msg import Duration as DurationMsg
-
         sec, nanosec = divmod(self._nanoseconds, S_TO_NS)
-        return DurationMsg(sec=sec, nanosec=nanosec)
+        return builtin_interfaces.msg.Duration(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_interfaces.msg.Duration) -> Duration:
         """Create a duration from a ``builtin_interfaces/msg/Duration``; anything else is a TypeError."""
-        from builtin_interfaces.msg import Duration as DurationMsg
-
-        if not isinstance(msg, DurationMsg):
+        if not isinstance(msg, builtin_interfaces.msg.Duration):
             raise TypeError("Must pass a builtin_interfaces.msg.Duration object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec)
 

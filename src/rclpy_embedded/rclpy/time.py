@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
+import builtin_interfaces.msg
 from rclpy.clock_type import ClockType
 from rclpy.constants import INT64_MAX, S_TO_NS
 from rclpy.duration import Duration, NanosecondValue
-
-if TYPE_CHECKING:
-    import builtin_interfaces.msg
 
 
 class Time(NanosecondValue):
@@ -98,16 +96,12 @@ class Time(NanosecondValue):
 
     def to_msg(self) -> builtin_interfaces.msg.Time:
         """Return the point as ``builtin_interfaces/msg/Time``."""
-        from builtin_interfaces.msg import Time as TimeMsg
-
         sec, nanosec = self.seconds_nanoseconds()
-        return TimeMsg(sec=sec, nanosec=nanosec)
+        return builtin_interfaces.msg.Time(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
         """Create a point from a ``builtin_interfaces/msg/Time``; anything else is a TypeError."""
-        from builtin_interfaces.msg import Time as TimeMsg
-
-        if not isinstance(msg, TimeMsg):
+        if not isinstance(msg, builtin_interfaces.msg.Time):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)

@@ -313,7 +313,7 @@ class _Decoder(_Generator):
             self.line(f"{target} = d[p:e - 1].decode()")
             self.known(1)
         self.line("p = e")
-        if type_.has_maximum_size():
+        if type_.maximum_size is not None:
             self.refuse(f"len({target}) > {type_.maximum_size}", "string is longer than its bound")
 
     def several(self, type_: AbstractNestedType, target: str) -> None:

@@ -40,7 +40,6 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
     **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
     **{f"uint{n}": (0, 2**n - 1) for n in (8, 16, 32, 64)},
 }
-EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME = "structure_needs_at_least_one_member"
 
 
 class InvalidInterfaceError(ValueError):
@@ -80,10 +79,6 @@ class AbstractGenericString(AbstractNestableType):
     """Any string."""
 
     maximum_size: int | None = None
-
-    def has_maximum_size(self) -> bool:
-        """Tell whether the string is bounded."""
-        return self.maximum_size is not None
 
 
 class AbstractString(AbstractGenericString):

@@ -9,7 +9,6 @@ from typing import Any
 
 from . import catalogue
 from .definition import (
-    EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME,
     Array,
     BasicType,
     BoundedSequence,
@@ -32,7 +31,8 @@ _TYPE_IDS: dict[type, int] = {
     BoundedWString: 22,
 }
 _NESTED_IDS: dict[type, int] = {Array: 48, BoundedSequence: 96, UnboundedSequence: 144}
-_EMPTY = (Field(EMPTY_STRUCTURE_REQUIRED_MEMBER_NAME, BasicType("uint8")),)
+# What stands for the fields of an empty structure.
+_EMPTY = (Field("structure_needs_at_least_one_member", BasicType("uint8")),)
 
 
 @cache
@@ -66,7 +66,7 @@ def type_sources(type_name: str) -> list[dict[str, Any]]:
 def interface_definition(type_name: str) -> str:
     """Text of a message with all that it refers to, as rosbag2 writes it into MCAP schemas (``ros2msg``)."""
     main, *referenced = type_sources(type_name)
-    text = main["raw_file_contents"]
+    text: str = main["raw_file_contents"]
     for source in referenced:
         name = source["type_name"].replace("/msg/", "/")
         text += f"\n{'=' * 80}\nMSG: {name}\n{source['raw_file_contents']}"
