@@ -11,6 +11,7 @@ import atexit
 import contextlib
 import os
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -42,7 +43,7 @@ except ImportError:
         return mark
 
 
-__all__ = ["Exit", "Observer", "WeldUnderTest", "exit_codes", "post_shutdown_test"]
+__all__ = ["Exit", "Observer", "WeldUnderTest", "exit_codes", "kill", "post_shutdown_test"]
 DEEP = QoSProfile(depth=1000)
 TICK_NS = 100_000_000
 # As the launcher has it for its processes: with another range than theirs, discovery can take half a minute.
@@ -67,11 +68,14 @@ class WeldUnderTest:
         YAML text; longer than the tests take.
     controllers : tuple of str
     record : bool
+    standby : bool
+        Whether a second supervisor stands by.
     """
 
     scenario: str
     controllers: tuple[str, ...]
     record: bool = False
+    standby: bool = False
 
     def launch_description(self) -> tuple[Any, dict[str, Any]]:
         """What ``generate_test_description`` returns: ``weld.launch.py``, and arguments for the tests."""
@@ -92,6 +96,7 @@ class WeldUnderTest:
             "scenario": str(scenario),
             "controllers": ",".join(self.controllers),
             "record": str(self.record).lower(),
+            "standby": str(self.standby).lower(),
             "bag_dir": str(folder / "bag"),
         }
         launch_file = Path(get_package_share_directory("fsw_bringup")) / "launch" / "weld.launch.py"
@@ -116,7 +121,8 @@ class WeldUnderTest:
         scenario = parse(self.scenario, overrides=[f"controller={self.controllers[0]}"])
         exits: list[Exit] = []
         with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
-            graph = WeldGraph(scenario, folder, self.controllers, realtime=True, record=self.record)
+            options = {"realtime": True, "record": self.record, "standby": self.standby}
+            graph = WeldGraph(scenario, folder, self.controllers, **options)
             graph.start(launcher)
 
             def stop() -> None:
@@ -125,6 +131,19 @@ class WeldUnderTest:
                     exits.extend(Exit(f"{name}-{i}", code) for i, (name, code) in enumerate(codes.items(), 1))
 
             yield {"domain": domain, "bag": graph.bag, "proc_info": exits}, stop
+
+
+def kill(domain: int, word: str, but: str) -> None:
+    """Kill -9 the one process in a ROS domain whose command line has the one text and not the other."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            here = f"ROS_DOMAIN_ID={domain}".encode() in (folder / "environ").read_bytes().split(b"\0")
+            command = (folder / "cmdline").read_bytes().decode(errors="replace")
+            if here and word in command and but not in command:
+                found.append(int(folder.name))
+    assert len(found) == 1, f"{len(found)} processes of {word!r} in domain {domain}"
+    os.kill(found[0], signal.SIGKILL)
 
 
 def exit_codes(proc_info: Iterable[Any]) -> dict[str, int]:

@@ -1,8 +1,9 @@
-"""Starts a weld: plant, controllers, supervisor and, if wanted, recorder and scenario player.
+"""Starts a weld: plant, controllers, supervisors and, if wanted, recorder and scenario player.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
-Controllers, supervisor and recorder are started again when they die. The plant is not: a weld cannot be begun anew
-half-way, so its end is the end of the launch.
+Controllers, supervisors and recorder are started again when they die. The plant is not: a weld cannot be begun anew
+half-way, so its end is the end of the launch. To start a supervisor again costs a second, in which the drives hold; so
+in real time a second one stands by and takes over within two ticks.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_experiment.graph import CONTROLLER_MODULES, WeldGraph
+from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph, for_standby
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.scenario_file import load, shipped
 
@@ -36,6 +37,7 @@ ARGUMENTS = {
         "",
         "Folder of the bag, must not exist; empty: out/weld_<date>-<time>, and a recorder that died begins another",
     ),
+    "standby": ("", "Whether a second supervisor stands by and takes over when the first dies; empty: in real time"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
     "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
@@ -67,10 +69,11 @@ def weld(context: LaunchContext) -> list[Any]:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
     record = _flag("record", given["record"])
     speed = _speed(_flag("realtime", given["realtime"]), given["speed"])
+    standby = _flag("standby", given["standby"]) if given["standby"] else speed is None
     folder = Path(launch_config.log_dir)
     scenario = _scenario(given["scenario"], controllers[0])
     if scenario is None:
-        parameters = _parameters_by_hand(controllers, record, speed)
+        parameters = _parameters_by_hand(controllers, record, standby, speed)
     else:
         simulated = {} if speed is None else {"fsw_plant": {"speed": speed}}
         graph = WeldGraph(
@@ -95,6 +98,8 @@ def weld(context: LaunchContext) -> list[Any]:
     for name in controllers:
         actions.append(node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **RESPAWN))
     actions.append(node("fsw_supervisor", "supervisor", **RESPAWN))
+    if standby:
+        actions.append(node.standby(**RESPAWN))
     if scenario is not None:
         actions.append(node("fsw_experiment", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
@@ -106,6 +111,7 @@ class _Nodes:
     def __init__(self, given: dict[str, str], parameters: Path) -> None:
         self._namespace = given["namespace"] or None
         self._log_level = given["log_level"]
+        self._folder = parameters.parent
         share = Path(get_package_share_directory("fsw_bringup"))
         self._files = [str(share / "config" / "weld.yaml"), str(parameters)]
         if given["params_file"]:
@@ -114,12 +120,22 @@ class _Nodes:
                 raise RuntimeError(f"params_file: there is no file {file}")
             self._files.append(str(file))
 
-    def __call__(self, package: str, program: str, **options: Any) -> Node:
+    def standby(self, **options: Any) -> Node:
+        """The second supervisor; it has the parameters of the first, whatever file they come from."""
+        files = []
+        for number, file in enumerate(self._files):
+            copy = self._folder / f"standby_parameters_{number}.yaml"
+            copy.write_text(for_standby(Path(file).read_text(encoding="utf-8")), encoding="utf-8")
+            files.append(str(copy))
+        program = ("fsw_supervisor", "supervisor")
+        return self(*program, [*files, {"standby": True}], name=STANDBY, exec_name="standby", **options)
+
+    def __call__(self, package: str, program: str, parameters: list[Any] | None = None, **options: Any) -> Node:
         return Node(
             package=package,
             executable=program,
             namespace=self._namespace,
-            parameters=self._files,
+            parameters=parameters or self._files,
             ros_arguments=["--log-level", self._log_level],
             output="screen",
             **options,
@@ -138,10 +154,10 @@ def _scenario(source: str, controller: str) -> Scenario | None:
         raise RuntimeError(f"scenario: {error}") from None
 
 
-def _parameters_by_hand(controllers: list[str], record: bool, speed: float | None) -> dict[str, Any]:
-    """Parameters without a scenario; the first tick waits for controllers, supervisor and recorder."""
+def _parameters_by_hand(controllers: list[str], record: bool, standby: bool, speed: float | None) -> dict[str, Any]:
+    """Parameters without a scenario; the first tick waits for controllers, supervisors and recorder."""
     nodes: dict[str, dict[str, Any]] = {
-        "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + record},
+        "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + standby + record},
         "fsw_supervisor": {"controller": controllers[0]},
         "fsw_recorder": {},
     } | {f"fsw_{name}": {} for name in controllers}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -23,6 +24,15 @@ CONTROLLER_MODULES = {
     "nmpc": "fsw_nmpc.nmpc_node",
     OpenLoopController.name: "fsw_experiment.open_loop_node",
 }
+
+#: Node name of the supervisor that stands by.
+STANDBY = "fsw_supervisor_standby"
+_SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
+
+
+def for_standby(parameter_file: str) -> str:
+    """Text of a parameter file in which what is meant for the supervisor, in any namespace, is for the standby."""
+    return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
 
 
 def installed_controllers() -> list[str]:
@@ -99,7 +109,7 @@ class WeldGraph:
             launcher.start(name, CONTROLLER_MODULES[name], ros_args)
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
         if self.standby:
-            renamed = [*ros_args, "-r", "__node:=fsw_supervisor_standby"]
+            renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
             launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
         return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
 
@@ -127,7 +137,7 @@ class WeldGraph:
         for name, values in self.extra_parameters.items():
             nodes.setdefault(name, {}).update(values)
         if self.standby:
-            nodes["fsw_supervisor_standby"] = nodes["fsw_supervisor"] | {"standby": True}
+            nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
             for name, values in nodes.items():
                 if name != "fsw_plant":

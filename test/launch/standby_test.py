@@ -1,0 +1,61 @@
+"""The supervisor on duty is killed in mid-weld: the standby goes on with it."""
+
+import itertools
+import math
+import sys
+import unittest
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from weld_under_test import Observer, WeldUnderTest, exit_codes, kill, post_shutdown_test, stamp_ns
+
+from fsw_msgs.msg import ShoulderDepth, SupervisorState, WeldCommand
+
+WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TICKS = 20
+MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
+
+
+@pytest.mark.launch_test
+def generate_test_description():
+    return WELD.launch_description()
+
+
+class TestStandby(unittest.TestCase):
+    def test_the_weld_goes_on_when_the_supervisor_on_duty_is_killed(self, domain):
+        with Observer(domain) as eye:
+            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
+            commands = eye.listen(WeldCommand, "fsw/command")
+            depths = eye.listen(ShoulderDepth, "fsw/depth")
+            eye.until(lambda: len(commands) > TICKS, f"{TICKS} commands")
+            eye.until(lambda: {"fsw_supervisor", "fsw_supervisor_standby"} <= set(eye.node.get_node_names()), "both")
+            first = states[-1].header.frame_id
+            self.assertEqual({command.header.frame_id for command in commands}, {first})
+            self.assertEqual(eye.node.count_publishers("/fsw/command"), 1)
+            kill(domain, "supervisor", but="standby")
+            eye.until(lambda: states[-1].requested_by == "takeover", "the standby on duty")
+            goal = len(commands) + TICKS
+            eye.until(lambda: len(commands) > goal, f"{TICKS} more commands")
+        self.assertEqual({command.source for command in commands}, {"decentral"})
+        self.assertEqual(len({command.header.frame_id for command in commands}), 2)
+        answered = [stamp_ns(command) for command in commands]
+        self.assertEqual(answered, sorted(set(answered)), "one command per tick")
+        ticks = [ns for ns in map(stamp_ns, depths) if answered[0] <= ns <= answered[-1]]
+        self.assertLessEqual(len(set(ticks) - set(answered)), 2, "one tick is lost, and one where the machine is busy")
+        for before, after in itertools.pairwise(commands):
+            self.assertLessEqual(abs(after.axial_force - before.axial_force), MOVE_N + 1e-6)
+            self.assertLessEqual(abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9)
+
+
+@post_shutdown_test()
+class TestAfterShutdown(unittest.TestCase):
+    def test_all_others_have_ended_cleanly(self, proc_info):
+        codes = exit_codes(proc_info)
+        codes.pop("scenario")
+        codes.pop("supervisor")  # killed, and started again where launch does that
+        self.assertEqual(codes, dict.fromkeys(("plant", "decentral", "standby"), 0))
