@@ -35,7 +35,8 @@ ARGUMENTS = {
     "record": ("false", "Whether a recorder runs"),
     "bag_dir": (
         "",
-        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>, and a recorder that died begins another",
+        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A recorder that died goes on beside it, "
+        "in <folder>_1",
     ),
     "standby": ("", "Whether a second supervisor stands by and takes over when the first dies; empty: in real time"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
@@ -88,12 +89,15 @@ def weld(context: LaunchContext) -> list[Any]:
     if unknown:
         raise RuntimeError(f"controllers: no {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")
     if given["bag_dir"]:
-        parameters["fsw_recorder"]["ros__parameters"]["output"] = str(Path(given["bag_dir"]).expanduser())
+        bag = Path(given["bag_dir"]).expanduser()
+        if record and bag.exists():
+            raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
+        parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = []
     if record:
-        actions.append(node("fsw_recorder", "recorder", **({} if given["bag_dir"] else RESPAWN)))
+        actions.append(node("fsw_recorder", "recorder", **RESPAWN))
     actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
     for name in controllers:
         actions.append(node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **RESPAWN))

@@ -24,7 +24,14 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.qos_ros import offered_by
-from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions_text
+from fsw_recorder.recording import (
+    custom_entries,
+    free_sibling,
+    media_type,
+    output_folder,
+    read_attachment,
+    versions_text,
+)
 from fsw_recorder.sequence_gaps import SequenceGaps
 from fsw_recorder.topic_selection import TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
@@ -67,7 +74,13 @@ class RecorderNode(Node):  # type: ignore[misc]
             max_pending_bytes=values["max_cache_size"],
             snapshot=values["snapshot_mode"],
         )
-        self.writer = BagWriter(output_folder(values["output"], datetime.now()), options, self._custom)
+        wanted = folder = output_folder(values["output"], datetime.now())
+        if values["number_if_taken"] or not values["output"]:
+            folder = free_sibling(wanted)
+        if folder != wanted:
+            self.get_logger().warning(f"{wanted} exists already and stays as it is: recording goes on beside it")
+            self._custom["continues"] = wanted.name
+        self.writer = BagWriter(folder, options, self._custom)
         for name, data in attachments:
             self.writer.attach(name, media_type(name), data)
         if values["start_paused"]:

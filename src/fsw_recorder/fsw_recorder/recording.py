@@ -8,6 +8,7 @@ import platform
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain, count
 from pathlib import Path
 
 from fsw_recorder.errors import BagError
@@ -20,6 +21,12 @@ _MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json"
 def output_folder(wanted: str, now: datetime) -> Path:
     """Folder of the bag; without a wish one that tells when the recording began."""
     return Path(wanted).expanduser() if wanted else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
+
+
+def free_sibling(folder: Path) -> Path:
+    """The folder itself where nothing is there, else the first free one of ``<name>_1``, ``<name>_2``, ..."""
+    siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
+    return next(one for one in chain([folder], siblings) if not os.path.lexists(one))
 
 
 def versions() -> dict[str, str]:

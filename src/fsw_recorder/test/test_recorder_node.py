@@ -219,3 +219,24 @@ def test_bad_parameters_are_one_line(graph: Any, tmp_path: Path, parameters: lis
     code, output = graph.end(graph.start(RECORDER, "--ros-args", *arguments, cwd=tmp_path))
     assert code == 2 and text in output and output.count("\n") == 1
     assert sorted(one.name for one in tmp_path.iterdir()) == ["existing", "file"]
+
+
+def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path: Path) -> None:
+    bag, sibling = tmp_path / "weld", tmp_path / "weld_1"
+    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
+    first = start_recorder(graph, bag, "number_if_taken:=true")
+    talk(graph, depth, 100)
+    graph.until(lambda: len(depths_of(bag)) == 100)
+    first.kill()
+    first.wait()
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    graph.until(lambda: depth.get_subscription_count() == 0)
+    second = start_recorder(graph, bag, "number_if_taken:=true")
+    talk(graph, depth, 50, first=100)
+    graph.until(lambda: len(depths_of(sibling)) == 50)
+    code, output = graph.end(second, signal.SIGINT)
+    assert code == 0 and "weld exists already" in output and "weld_1" in output
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
+    assert depths_of(bag) == list(range(100)) and depths_of(sibling) == list(range(100, 150))
+    with BagReader(sibling) as reader:
+        assert reader.info().custom_data["continues"] == "weld"

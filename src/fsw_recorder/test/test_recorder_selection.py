@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fsw_recorder import BagError
 from fsw_recorder.bag_metadata import OfferedQos, parse_qos, qos_text
-from fsw_recorder.recording import custom_entries, media_type, output_folder, read_attachment, versions
+from fsw_recorder.recording import custom_entries, free_sibling, media_type, output_folder, read_attachment, versions
 from fsw_recorder.repeats import Repeats
 from fsw_recorder.sequence_gaps import SequenceGaps
 from fsw_recorder.topic_selection import TopicSelection, hears, replayed_qos, requested_qos, strongest_first
@@ -163,3 +163,12 @@ def test_output_folder() -> None:
 
 def test_versions_name_python_and_packages() -> None:
     assert {"python", "mcap", "numpy"} <= set(versions())
+
+
+def test_free_sibling(tmp_path: Path) -> None:
+    bag = tmp_path / "my.weld"
+    assert free_sibling(bag) == bag
+    bag.mkdir()
+    (tmp_path / "my.weld_1").write_text("something else")
+    (tmp_path / "my.weld_2").symlink_to("nowhere")
+    assert free_sibling(bag) == tmp_path / "my.weld_3"
