@@ -62,6 +62,8 @@ async def _run(entity: Any, executor: Executor) -> None:
             callback = entity._take()
         except (InvalidHandle, DDSException):  # destroyed in the meantime
             return
+        for future in getattr(entity, "_futures", ()):
+            future._set_executor(executor)
         if callback is not None:
             result = callback()
             if inspect.iscoroutine(result):

@@ -62,10 +62,7 @@ class Subscription(TopicEndpoint):
 
     @callback.setter
     def callback(self, value: Callable[..., Any]) -> None:
-        for callback_type, arguments in (
-            (Subscription.CallbackType.MessageOnly, 1),
-            (Subscription.CallbackType.WithMessageInfo, 2),
-        ):
+        for arguments, callback_type in enumerate(Subscription.CallbackType, 1):
             try:
                 inspect.signature(value).bind(*range(arguments))
             except TypeError:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
 
 from rclpy.qos import QoSHistoryPolicy, QoSPresetProfiles, QoSProfile
 from rclpy.type_hash import TypeHash
@@ -17,44 +17,17 @@ class TopicEndpointTypeEnum(IntEnum):
     SUBSCRIPTION = 2
 
 
+@dataclass(kw_only=True, slots=True)
 class TopicEndpointInfo:
     """Node, type, kind, GID and QoS of a publisher or subscription."""
 
-    __slots__ = (
-        "endpoint_gid",
-        "endpoint_type",
-        "node_name",
-        "node_namespace",
-        "qos_profile",
-        "topic_type",
-        "topic_type_hash",
-    )
-
-    def __init__(
-        self,
-        *,
-        node_name: str = "",
-        node_namespace: str = "",
-        topic_type: str = "",
-        topic_type_hash: TypeHash | None = None,
-        endpoint_type: TopicEndpointTypeEnum = TopicEndpointTypeEnum.INVALID,
-        endpoint_gid: list[int] | None = None,
-        qos_profile: QoSProfile | None = None,
-    ) -> None:
-        self.node_name = node_name
-        self.node_namespace = node_namespace
-        self.topic_type = topic_type
-        self.topic_type_hash = topic_type_hash or TypeHash()
-        self.endpoint_type = TopicEndpointTypeEnum(endpoint_type)
-        self.endpoint_gid = endpoint_gid or []
-        self.qos_profile = qos_profile or QoSPresetProfiles.UNKNOWN.value
-
-    def __eq__(self, other: Any) -> bool:
-        return isinstance(other, TopicEndpointInfo) and all(
-            getattr(self, slot) == getattr(other, slot) for slot in self.__slots__
-        )
-
-    __hash__ = None  # type: ignore[assignment]
+    node_name: str = ""
+    node_namespace: str = ""
+    topic_type: str = ""
+    topic_type_hash: TypeHash = field(default_factory=TypeHash)
+    endpoint_type: TopicEndpointTypeEnum = TopicEndpointTypeEnum.INVALID
+    endpoint_gid: list[int] = field(default_factory=list)
+    qos_profile: QoSProfile = field(default_factory=lambda: QoSPresetProfiles.UNKNOWN.value)
 
     def __str__(self) -> str:
         qos = self.qos_profile

@@ -16,6 +16,7 @@ from rclpy.impl.dds import matched
 from rclpy.task import Future
 from rclpy.time import Time
 from rclpy.timer import TimerInfo
+from rclpy.waitable import Waitable
 from std_msgs.msg import String
 
 
@@ -149,3 +150,35 @@ def test_matches_that_come_while_counting() -> None:
         return answer
 
     assert matched(handles) == [1, 2]
+
+
+class Bell(Waitable):
+    """Ready once."""
+
+    def __init__(self, node: Any, future: Future) -> None:
+        super().__init__(node.default_callback_group)
+        self.add_future(future)
+        self._rung, self._future = False, future
+        self.heard: list[str] = []
+        future.add_done_callback(lambda done: self.heard.append(done.result()))
+
+    def is_ready(self) -> bool:
+        return not self._rung
+
+    def take_data(self) -> str:
+        self._rung = True
+        return "ding"
+
+    async def execute(self, taken_data: str) -> None:
+        self._future.set_result(taken_data)
+        self.heard_at_once = list(self.heard)
+
+
+def test_future_of_a_waitable_calls_back_from_the_executor(node: Any, spinner: Any) -> None:
+    future: Future = Future()
+    bell = Bell(node, future)
+    node.add_waitable(bell)
+    assert spinner.until(lambda: bell.heard)
+    assert bell.heard_at_once == [] and bell.heard == ["ding"]
+    bell.remove_future(future)
+    node.remove_waitable(bell)

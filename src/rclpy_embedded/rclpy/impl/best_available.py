@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.impl.dds import profile_from_dds
 from rclpy.impl.session import Session
 from rclpy.qos import (
@@ -15,40 +17,37 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
 )
 
+_BEST_AVAILABLE = {
+    "reliability": QoSReliabilityPolicy.BEST_AVAILABLE,
+    "durability": QoSDurabilityPolicy.BEST_AVAILABLE,
+    "liveliness": QoSLivelinessPolicy.BEST_AVAILABLE,
+    "deadline": DeadlineBestAvailable,
+    "liveliness_lease_duration": LivelinessLeaseDurationeBestAvailable,
+}
+_STRICT_AND_LAX = {
+    "reliability": (QoSReliabilityPolicy.RELIABLE, QoSReliabilityPolicy.BEST_EFFORT),
+    "durability": (QoSDurabilityPolicy.TRANSIENT_LOCAL, QoSDurabilityPolicy.VOLATILE),
+    "liveliness": (QoSLivelinessPolicy.MANUAL_BY_TOPIC, QoSLivelinessPolicy.AUTOMATIC),
+}
+
 
 def resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: bool) -> QoSProfile:
     """Return the profile with its BEST_AVAILABLE policies chosen; the same object if it has none."""
-    reliability = profile.reliability == QoSReliabilityPolicy.BEST_AVAILABLE
-    durability = profile.durability == QoSDurabilityPolicy.BEST_AVAILABLE
-    liveliness = profile.liveliness == QoSLivelinessPolicy.BEST_AVAILABLE
-    deadline = profile.deadline == DeadlineBestAvailable
-    lease = profile.liveliness_lease_duration == LivelinessLeaseDurationeBestAvailable
-    if not (reliability or durability or liveliness or deadline or lease):
+    wanted = [name for name, value in _BEST_AVAILABLE.items() if getattr(profile, name) == value]
+    if not wanted:
         return profile
     peers = [profile_from_dds(endpoint.qos) for endpoint in session.graph.endpoints_of(dds_topic, writers=not writer)]
     chosen = copy.copy(profile)
-    # A writer that offers the most matches every reader; a reader may only ask for what every writer offers.
-    if reliability:
-        all_reliable = all(peer.reliability == QoSReliabilityPolicy.RELIABLE for peer in peers)
-        chosen.reliability = (
-            QoSReliabilityPolicy.RELIABLE if writer or all_reliable else QoSReliabilityPolicy.BEST_EFFORT
-        )
-    if durability:
-        all_local = all(peer.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL for peer in peers)
-        chosen.durability = (
-            QoSDurabilityPolicy.TRANSIENT_LOCAL
-            if (writer or all_local) and (writer or peers)
-            else QoSDurabilityPolicy.VOLATILE
-        )
-    if liveliness:
-        all_manual = peers and all(peer.liveliness == QoSLivelinessPolicy.MANUAL_BY_TOPIC for peer in peers)
-        any_manual = any(peer.liveliness == QoSLivelinessPolicy.MANUAL_BY_TOPIC for peer in peers)
-        manual = any_manual if writer else all_manual
-        chosen.liveliness = QoSLivelinessPolicy.MANUAL_BY_TOPIC if manual else QoSLivelinessPolicy.AUTOMATIC
-    pick = min if writer else max
-    for wanted, name in ((deadline, "deadline"), (lease, "liveliness_lease_duration")):
-        if wanted:
-            durations = [getattr(peer, name) for peer in peers]
-            unspecified = type(DeadlineBestAvailable)()
-            setattr(chosen, name, pick(durations, key=lambda d: d.nanoseconds) if durations else unspecified)
+    for name in wanted:
+        setattr(chosen, name, _best(name, [getattr(peer, name) for peer in peers], writer))
     return chosen
+
+
+def _best(name: str, of_peers: list[Any], writer: bool) -> Any:
+    if name not in _STRICT_AND_LAX:
+        return (min if writer else max)(of_peers, key=lambda duration: duration.nanoseconds, default=Duration())
+    strict, lax = _STRICT_AND_LAX[name]
+    if not writer:  # may ask only for what every writer offers
+        return strict if all(value == strict for value in of_peers) else lax
+    # What a writer offers beyond need does no harm, but liveliness has to be asserted by its program.
+    return strict if name != "liveliness" or strict in of_peers else lax

@@ -113,31 +113,25 @@ def profile_from_dds(qos: Qos) -> QoSProfile:
     """Translate discovered QoS back into a profile; policies that are absent become unknown."""
     from rclpy.duration import Duration
 
-    def seconds(policy: Any, field: str) -> Duration:
-        value = getattr(policy, field, INFINITE_NS) if policy is not None else INFINITE_NS
-        return Duration(nanoseconds=min(int(value), INFINITE_NS))
+    def duration(policy: Any, field: str) -> Duration:
+        return Duration(nanoseconds=min(int(getattr(policy, field, INFINITE_NS)), INFINITE_NS))
 
-    history = qos[Policy.History]
-    reliability = qos[Policy.Reliability]
+    history, depth = QoSHistoryPolicy.UNKNOWN, 0
+    if qos[Policy.History] == Policy.History.KeepAll:
+        history = QoSHistoryPolicy.KEEP_ALL
+    elif qos[Policy.History] is not None:
+        history, depth = QoSHistoryPolicy.KEEP_LAST, qos[Policy.History].depth
+    reliable = isinstance(qos[Policy.Reliability], Policy.Reliability.Reliable)
+    transient_local = qos[Policy.Durability] == Policy.Durability.TransientLocal
     liveliness = qos[Policy.Liveliness]
-    keep_all = history == Policy.History.KeepAll
+    manual = isinstance(liveliness, Policy.Liveliness.ManualByTopic)
     return QoSProfile(
-        history=QoSHistoryPolicy.UNKNOWN
-        if history is None
-        else QoSHistoryPolicy.KEEP_ALL
-        if keep_all
-        else QoSHistoryPolicy.KEEP_LAST,
-        depth=0 if keep_all or history is None else history.depth,
-        reliability=QoSReliabilityPolicy.BEST_EFFORT
-        if reliability == Policy.Reliability.BestEffort or reliability is None
-        else QoSReliabilityPolicy.RELIABLE,
-        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL
-        if qos[Policy.Durability] == Policy.Durability.TransientLocal
-        else QoSDurabilityPolicy.VOLATILE,
-        lifespan=seconds(qos[Policy.Lifespan], "lifespan"),
-        deadline=seconds(qos[Policy.Deadline], "deadline"),
-        liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC
-        if isinstance(liveliness, Policy.Liveliness.ManualByTopic)
-        else QoSLivelinessPolicy.AUTOMATIC,
-        liveliness_lease_duration=seconds(liveliness, "lease_duration"),
+        history=history,
+        depth=depth,
+        reliability=QoSReliabilityPolicy.RELIABLE if reliable else QoSReliabilityPolicy.BEST_EFFORT,
+        durability=QoSDurabilityPolicy.TRANSIENT_LOCAL if transient_local else QoSDurabilityPolicy.VOLATILE,
+        lifespan=duration(qos[Policy.Lifespan], "lifespan"),
+        deadline=duration(qos[Policy.Deadline], "deadline"),
+        liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC if manual else QoSLivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=duration(liveliness, "lease_duration"),
     )

@@ -58,27 +58,23 @@ def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
     peers = [peer for peer in environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
     user = environ.get("CYCLONEDDS_URI", "")
     general = discovery = ""
-    limit = min(_MAX_PARTICIPANTS, (65535 - 7411 - 250 * domain) // 2)
     if wanted == "LOCALHOST":
         general = "<AllowMulticast>false</AllowMulticast>"
         peers.insert(0, "localhost")
     elif wanted == "OFF":
         general = "<AllowMulticast>false</AllowMulticast>"
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
-        peers = []
-    elif wanted == "SYSTEM_DEFAULT":
-        peers = []
-    elif loopback_only():
+    elif wanted == "SUBNET" and loopback_only():
         general = '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
     if wanted in ("LOCALHOST", "SUBNET"):
-        discovery = (
-            "<ParticipantIndex>auto</ParticipantIndex>"
-            f"<MaxAutoParticipantIndex>{limit}</MaxAutoParticipantIndex>"
-            f"<Peers>{''.join(f'<Peer address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
-        )
+        limit = min(_MAX_PARTICIPANTS, (65535 - 7411 - 250 * domain) // 2)
+        index = "<ParticipantIndex>auto</ParticipantIndex>"
+        discovery = f"{index}<MaxAutoParticipantIndex>{limit}</MaxAutoParticipantIndex>"
+        if peers:
+            discovery += f"<Peers>{''.join(f'<Peer address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     # An explicit interface in CYCLONEDDS_URI would add to ours instead of replacing it.
-    if "<Interfaces>" in user.replace(" ", "") or "NetworkInterfaceAddress" in user:
-        general = general if "Interfaces" not in general else ""
+    if "Interfaces" in general and ("<Interfaces>" in user.replace(" ", "") or "NetworkInterfaceAddress" in user):
+        general = ""
     elements = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
     return f"<CycloneDDS><Domain>{elements}</Domain></CycloneDDS>" + ("," + user if user else "")
 

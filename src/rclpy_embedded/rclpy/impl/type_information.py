@@ -12,35 +12,22 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from typing import Any
+
+from cyclonedds.internal import DDS
 
 _WORD = ctypes.sizeof(ctypes.c_void_p)
 #: the sertype's head (of the C library) is shorter than this many words
 _SEARCHED_WORDS = 48
 
 
-@cache
-def _library() -> ctypes.CDLL | None:
-    """Return the loaded C library, None if it cannot be found."""
-    try:
-        with open("/proc/self/maps") as maps:
-            path = next(line.split(maxsplit=5)[5].strip() for line in maps if "libddsc" in line)
-        library = ctypes.CDLL(path)
-        library.dds_get_entity_sertype.argtypes = [ctypes.c_int32, ctypes.POINTER(ctypes.c_void_p)]
-        library.dds_get_entity_sertype.restype = ctypes.c_int32
-    except (OSError, StopIteration, AttributeError):
-        return None
-    return library
-
-
 def _size_in_memory(topic: Any) -> ctypes.c_uint32 | None:
     """Return the size field of a topic's type information, None where it is not found for sure."""
-    library = _library()
     sample_type = topic.data_type
     information = sample_type.__idl__._xt_bytedata[0]
+    get_sertype = getattr(DDS._dll_handle, "dds_get_entity_sertype", None)
     sertype = ctypes.c_void_p()
-    if library is None or not information or library.dds_get_entity_sertype(topic._ref, ctypes.byref(sertype)) != 0:
+    if not information or get_sertype is None or get_sertype(topic._ref, ctypes.byref(sertype)) != 0:
         return None
     base = sertype.value or 0
     words = (ctypes.c_size_t * _SEARCHED_WORDS).from_address(base)

@@ -13,6 +13,7 @@ from rclpy.qos import (
     QoSCompatibility,
     QoSDurabilityPolicy,
     QoSHistoryPolicy,
+    QoSLivelinessPolicy,
     QoSProfile,
     QoSReliabilityPolicy,
     qos_check_compatible,
@@ -109,6 +110,15 @@ def test_best_available_subscription_adapts(node: Any, spinner: Any) -> None:
     assert spinner.until(lambda: node.count_subscribers("adapts") == subscription.get_publisher_count() == 1)
     (info,) = node.get_subscriptions_info_by_topic("adapts")
     assert info.qos_profile.reliability == QoSReliabilityPolicy.BEST_EFFORT
+
+
+def test_best_available_subscription_is_strict_when_alone(node: Any, spinner: Any) -> None:
+    node.create_subscription(String, "alone", lambda _: None, qos_profile_best_available)
+    assert spinner.until(lambda: node.count_subscribers("alone") == 1)
+    (info,) = node.get_subscriptions_info_by_topic("alone")
+    assert info.qos_profile.reliability == QoSReliabilityPolicy.RELIABLE
+    assert info.qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+    assert info.qos_profile.liveliness == QoSLivelinessPolicy.MANUAL_BY_TOPIC
 
 
 def test_raw_both_ways(node: Any, spinner: Any) -> None:
