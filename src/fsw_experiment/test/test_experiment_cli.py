@@ -5,6 +5,7 @@ import json
 import pytest
 
 from fsw_experiment.cli.main import main, parser
+from fsw_recorder.sample_weld import write_sample_weld
 
 
 def run(capsys, *arguments):
@@ -103,6 +104,17 @@ def test_help_tells_units_and_ranges(capsys, command, words):
     assert code == 0
     text = " ".join(printed.split())
     assert all(word in text for word in words)
+
+
+def test_notes_on_a_damaged_bag_leave_the_output_to_the_result(capsys, tmp_path):
+    write_sample_weld(tmp_path / "bag", 300)
+    whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, printed, error = run(capsys, "bag", "kpi", str(cut), "--json", str(tmp_path / "kpi.json"))
+    assert code == 0
+    assert "note: " in error and "note: " not in printed
+    assert json.loads((tmp_path / "kpi.json").read_text())
 
 
 def test_list_of_scenarios(capsys):

@@ -231,6 +231,8 @@ def run_verify(arguments: argparse.Namespace) -> int:
     for name in names:
         make, parameters = _controller(name, arguments.kind, arguments.parameters)
         result = verify(arguments.bag, name, make, parameters)
+        for note in result.notes:
+            print(f"note: {note}", file=sys.stderr)
         print("\n".join(result.lines()), flush=True)
         identical &= result.identical
     return 0 if identical else 1

@@ -89,16 +89,14 @@ class Verification:
         return not self.differences
 
     def lines(self) -> list[str]:
-        """The result in words."""
-        lines = [f"note: {note}" for note in self.notes]
+        """The result in words, without the notes."""
         if self.identical:
-            return [*lines, f"{self.controller}: all {self.ticks} proposals reproduced bit by bit"]
+            return [f"{self.controller}: all {self.ticks} proposals reproduced bit by bit"]
         first = self.differences[0]
         what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (f", {first.text}" if first.text else "")
         force = max((abs(one.force_kn) for one in self.differences if not math.isnan(one.force_kn)), default=0.0)
         speed = max((abs(one.speed_rpm) for one in self.differences if not math.isnan(one.speed_rpm)), default=0.0)
         return [
-            *lines,
             f"{self.controller}: {len(self.differences)} of {self.ticks} proposals differ",
             f"first at tick {first.tick}, {first.time_s:.1f} s: {what} (replayed minus recorded)",
             f"largest: {1e3 * force:.6g} N, {speed:.6g} rpm",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def load_runs(bags: list[Path]) -> list[Any]:
         signals = load_weld(bag, bar)
         bar.done()
         for problem in signals.problems:
-            print(f"note: {label}: {problem}")
+            print(f"note: {label}: {problem}", file=sys.stderr)
         runs.append(Run(label, cut_to_scenario(signals)))
     return runs
 
@@ -75,7 +76,7 @@ def _figures_of(signals: Any) -> tuple[int, ...]:
     try:
         return parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures if text else ()
     except ScenarioError as error:
-        print(f"note: {error}")
+        print(f"note: {error}", file=sys.stderr)
         return ()
 
 
