@@ -20,6 +20,12 @@ KEYS = {
     "yaml": "python3-yaml",
     "zstandard": "python3-rosbags-pip",
 }
+#: other keys that rosdep knows, or packages of Jazzy, as of August 2026
+KNOWN = {*KEYS.values(), "python3-hypothesis", "python3-pytest", "python3-pytest-timeout"}
+KNOWN |= {"ament_cmake", "ament_index_python", "launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
+KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py", "ros2launch"}
+KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "rosgraph", "sensor", "std")}
+KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "rcl", "rosbag2")}
 #: done without where they are not installed; fsw_experiment imports fsw_recorder, which only asks it for controllers
 OPTIONAL = {"lz4", "pyarrow", "rosidl_embedded", "rclpy_embedded"}
 CIRCULAR = {("fsw_recorder", "fsw_experiment")}
@@ -51,3 +57,11 @@ def test_package_has_what_ament_looks_for(package):
     assert f"install_scripts=$base/lib/{package.name}" in setup
     name = ElementTree.parse(package / "package.xml").getroot().findtext("name")
     assert name == package.name
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
+def test_dependencies_are_known_to_rosdep_and_named_once(package):
+    root = ElementTree.parse(package / "package.xml").getroot()
+    entries = [(entry.tag, entry.text) for entry in root if entry.tag.endswith("depend")]
+    assert len(entries) == len(set(entries))
+    assert {key for _, key in entries} - KNOWN - {path.name for path in PACKAGES} - {"fsw_msgs"} == set()
