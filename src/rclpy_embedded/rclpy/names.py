@@ -83,35 +83,33 @@ def topic_name_error(name: str) -> NameError_:
         return "topic name token must not start with a number", 0
     if name[-1] == "/":
         return "topic name must not end with a forward slash", len(name) - 1
-    open_brace: int | None = None
-    for index, char in enumerate(name):
-        if char in "0123456789" and open_brace == index - 1:
-            return "substitution name must not start with a number", index
-        if char.isascii() and (char.isalnum() or char == "_"):
-            continue
-        if char == "}":
-            if open_brace is None:
-                return "topic name must not have unmatched (unbalanced) curly braces '{}'", index
-            open_brace = None
-        elif char == "~":
-            if index:
-                return "topic name must not have tilde '~' unless it is the first character", index
-        elif open_brace is not None:
-            return "substitution name must not contain characters other than alphanumerics or '_'", index
-        elif char == "{":
-            open_brace = index
-        elif char != "/":
-            return (
-                "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'",
-                index,
-            )
-    if open_brace is not None:
-        return "topic name must not have unmatched (unbalanced) curly braces '{}'", open_brace
+    valid = re.match(r"~?(?:[A-Za-z0-9_/]|\{(?![0-9])[A-Za-z0-9_]*\})*", name)
+    if valid and valid.end() < len(name):
+        return _bad_character(name, valid.end())
     if name[0] == "~" and len(name) > 2 and name[1] != "/":
         return "topic name must not have a tilde '~' that is not followed by a forward slash '/'", 1
     if bad := re.search(r"/[0-9]", name):
         return "topic name token must not start with a number", bad.start() + 1
     return None
+
+
+def _bad_character(name: str, index: int) -> NameError_:
+    """Say what is wrong with the character, or with the braces that begin there."""
+    unmatched = "topic name must not have unmatched (unbalanced) curly braces '{}'"
+    opened = re.compile(r"\{([A-Za-z0-9_]*)").match(name, index)
+    if opened:
+        if opened[1][:1].isdigit():
+            return "substitution name must not start with a number", index + 1
+        if opened.end() == len(name):
+            return unmatched, index
+        index = opened.end()
+    if name[index] == "~":
+        return "topic name must not have tilde '~' unless it is the first character", index
+    if opened:
+        return "substitution name must not contain characters other than alphanumerics or '_'", index
+    if name[index] == "}":
+        return unmatched, index
+    return "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'", index
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:

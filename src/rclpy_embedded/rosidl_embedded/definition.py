@@ -182,6 +182,12 @@ class Structure:
     fields: tuple[Field, ...] = ()
     constants: tuple[Constant, ...] = ()
 
+    def values(self) -> dict[str, Any]:
+        """Constants and default values by the names that they have in a message class."""
+        defaults = {f"{field.name.upper()}__DEFAULT": field.default for field in self.fields}
+        constants = {constant.name: constant.value for constant in self.constants}
+        return constants | {name: value for name, value in defaults.items() if value is not None}
+
     def references(self) -> list[str]:
         """Names of the structures that the fields are made of, sorted."""
         elements = (element_type(field.type) for field in self.fields)

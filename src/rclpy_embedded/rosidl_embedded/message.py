@@ -114,8 +114,7 @@ def _make_message(definition: Structure) -> type:
     package, kind, name = definition.type_name.split("/")
     module = {"__module__": f"{package}.{kind}"}
     fields = definition.fields
-    values = {constant.name: constant.value for constant in definition.constants}
-    values |= {f"{field.name.upper()}__DEFAULT": field.default for field in fields if field.default is not None}
+    values = definition.values()
     functions = _functions(definition)
     members = {
         "__doc__": f"Message class '{name}'.",

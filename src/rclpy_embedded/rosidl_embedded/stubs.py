@@ -34,7 +34,7 @@ _IMPORTS = {
 def stub_text(package: str, kind: str) -> str:
     """Text of the stub of a module: `kind` is ``msg`` or ``srv``."""
     lines: list[str] = []
-    imported: dict[str, None] = {}
+    imported: set[str] = set()
     for name in catalogue.interface_names(package, kind):
         type_name = f"{package}/{kind}/{name}"
         if kind == "msg":
@@ -43,7 +43,7 @@ def stub_text(package: str, kind: str) -> str:
             structures = [catalogue.structure(f"{type_name}_{part}") for part in ("Request", "Response", "Event")]
         for structure in structures:
             lines += ["", *_class_lines(structure)]
-            imported.update(dict.fromkeys(reference.split("/")[0] for reference in structure.references()))
+            imported |= {reference.split("/")[0] for reference in structure.references()}
         if kind == "srv":
             lines += ["", f"class {name}:"]
             lines += [f"    {part}: TypeAlias = {name}_{part}" for part in ("Request", "Response", "Event")]
@@ -56,11 +56,8 @@ def stub_text(package: str, kind: str) -> str:
 def _class_lines(structure: Structure) -> Iterator[str]:
     name = structure.type_name.rpartition("/")[2]
     yield f"class {name}:"
-    for constant in structure.constants:
-        yield f"    {constant.name}: ClassVar[{type(constant.value).__name__}]"
-    for field in structure.fields:
-        if field.default is not None:
-            yield f"    {field.name.upper()}__DEFAULT: ClassVar[{type(field.default).__name__}]"
+    for key, value in structure.values().items():
+        yield f"    {key}: ClassVar[{type(value).__name__}]"
     yield "    SLOT_TYPES: ClassVar[tuple[Any, ...]]"
     arguments = []
     properties: list[str] = []
