@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Callable
 from inspect import ismethod
-from types import MethodType, TracebackType
+from types import MethodType
 from typing import TYPE_CHECKING, Any
 from weakref import WeakMethod, WeakSet
 
@@ -28,7 +28,6 @@ class Context:
         self._callbacks: list[WeakMethod[MethodType] | Callable[[], None]] = []
         self._session: Session | None = None
         self._arguments: Arguments | None = None
-        self._ok = False
         # A signal came, and its shutdown is under way in another thread.
         self._interrupted = False
         # After a signal, executors have to report the shutdown as external.
@@ -69,7 +68,6 @@ class Context:
                 logging.configure(self._arguments)
             domain = discovery.domain_id() if domain_id is None else domain_id
             self._session = Session(domain, self._arguments.enclave or "/")
-            self._ok = True
             _initialized.add(self)
 
     @property
@@ -92,7 +90,7 @@ class Context:
 
     def ok(self) -> bool:
         """Return whether it is initialized and not shut down."""
-        return self._ok and not self._interrupted
+        return self._session is not None and not self._session.is_shut_down and not self._interrupted
 
     def get_domain_id(self) -> int:
         """Return the DDS domain.
@@ -131,11 +129,9 @@ class Context:
 
     def _shutdown(self, *, by_signal: bool = False) -> bool:
         with self._lock:
-            if not self._ok:
+            if self._session is None or self._session.is_shut_down:
                 return False
-            self._ok = False
-            if self._session is not None:
-                self._session.is_shut_down = True
+            self._session.is_shut_down = True
             self._signaled = by_signal
             _initialized.discard(self)
             if not _initialized:
@@ -151,7 +147,7 @@ class Context:
 
     def _close_when_unused(self) -> None:
         """Leave the graph once it is shut down and its last node is destroyed."""
-        if not self._ok and self._session is not None and not self._nodes:
+        if self._session is not None and self._session.is_shut_down and not self._nodes:
             self._session.close()
 
     def _wake_all(self) -> None:
@@ -169,7 +165,7 @@ class Context:
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:
-            if self._session is None or self._ok:
+            if self._session is None or not self._session.is_shut_down:
                 self._callbacks.append(WeakMethod(callback) if ismethod(callback) else callback)
                 return
         callback()
@@ -178,9 +174,7 @@ class Context:
         self.init()
         return self
 
-    def __exit__(
-        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: Any) -> None:
         self.try_shutdown()
 
 

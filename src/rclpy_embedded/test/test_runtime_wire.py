@@ -274,7 +274,8 @@ def test_captured_nodes_show_in_our_graph(context: Context, node: Any) -> None:
     try:
         session = other.session
         golden = next(data for data in _golden_samples("ros_discovery_info") if b"cli_node\0" in data)
-        session._info_writer.write(raw_type(ROS_DISCOVERY_INFO.dds_name)(golden.replace(golden[4:20], session.guid)))
+        ours = golden.replace(golden[4:20], session.participant.guid.bytes)
+        session._info_writer.write(raw_type(ROS_DISCOVERY_INFO.dds_name)(ours))
         for _ in range(500):
             if "/ns/cli_node" in node.get_fully_qualified_node_names():
                 break

@@ -16,7 +16,7 @@ from rosidl_embedded.typesupport import type_support
 
 
 class Endpoint(Destroyable):
-    """One or two DDS entities under a name, announced as a node's; the handle is the reader, if there is one.
+    """One or two DDS entities under a name, announced as a node's; the first one is the handle.
 
     Parameters
     ----------
@@ -28,15 +28,14 @@ class Endpoint(Destroyable):
     condition: Any = None
     event_handlers: list[Any] | tuple[()] = ()
 
-    def __init__(
-        self, local_node: LocalNode, name: str, *, reader: Reader | None = None, writer: Writer | None = None
-    ) -> None:
-        super().__init__(writer if reader is None else reader)
+    def __init__(self, local_node: LocalNode, name: str, *entities: Reader | Writer) -> None:
+        super().__init__(entities[0])
         self._local_node = local_node
         self._name = name
-        self._reader, self._writer = reader, writer
-        self.condition = None if reader is None else any_sample(reader)
-        local_node.session.add_endpoints(local_node, reader, writer)
+        self._entities = entities
+        if isinstance(entities[0], Reader):
+            self.condition = any_sample(entities[0])
+        local_node.session.add_endpoints(local_node, *entities)
 
     def destroy(self) -> None:
         """Remove it from the graph; better call the node's method for this."""
@@ -45,8 +44,7 @@ class Endpoint(Destroyable):
             for handler in self.event_handlers:
                 handler.destroy()
             delete(self.condition)
-            self._local_node.session.remove_endpoints(self._local_node, self._reader, self._writer)
-            self._reader = self._writer = None
+            self._local_node.session.remove_endpoints(self._local_node, *self._entities)
 
 
 class TopicEndpoint(Endpoint):
@@ -79,7 +77,7 @@ class TopicEndpoint(Endpoint):
         session, dds_topic = local_node.session, "rt" + name
         create = session.writer if self._is_writer else session.reader
         entity = create(dds_topic, self._support, resolve(qos_profile, session, dds_topic, writer=self._is_writer))
-        super().__init__(local_node, name, **{"writer" if self._is_writer else "reader": entity})
+        super().__init__(local_node, name, entity)
         self.event_handlers = event_callbacks.create_event_handlers(
             callback_group, entity, topic, local_node.logger_name
         )

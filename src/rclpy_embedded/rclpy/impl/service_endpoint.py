@@ -61,9 +61,9 @@ class ServiceEndpoint(Endpoint):
         self._received, self._sent = received[1], sent[1]
         session = local_node.session
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
-        writer = session.writer(*sent, qos_profile, prefix)
-        reader = session.reader(*received, qos_profile, prefix)
-        super().__init__(local_node, name, reader=reader, writer=writer)
+        self._writer = session.writer(*sent, qos_profile, prefix)
+        self._reader = session.reader(*received, qos_profile, prefix)
+        super().__init__(local_node, name, self._reader, self._writer)
 
     @property
     def service_name(self) -> str:

@@ -35,12 +35,24 @@ _INFO_WRITER = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCA
 _INFO_READER = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
+def _gid(entity: Entity) -> Any:
+    return get_message("rmw_dds_common/msg/Gid")(data=list(entity.guid.bytes))
+
+
 class Writer(Handle, DataWriter[RawSample]):
     """A writer of CDR."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.gid = _gid(self)
 
 
 class Reader(Handle, DataReader[RawSample]):
     """A reader of CDR."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.gid = _gid(self)
 
 
 @dataclass(eq=False)
@@ -50,8 +62,7 @@ class LocalNode(Handle):
     session: Session
     namespace: str
     name: str
-    reader_gids: list[bytes] = field(default_factory=list)
-    writer_gids: list[bytes] = field(default_factory=list)
+    endpoints: list[Reader | Writer] = field(default_factory=list)
 
     @property
     def full_name(self) -> str:
@@ -88,7 +99,6 @@ class Session(Handle):
         self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
         self.publisher = Publisher(self.participant)
         self.subscriber = Subscriber(self.participant)
-        self.guid = self.participant.guid.bytes
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
         self._info_writer = self.writer("ros_discovery_info", self.info_support, _INFO_WRITER)
         self.info_reader = self.reader("ros_discovery_info", self.info_support, _INFO_READER)
@@ -129,7 +139,7 @@ class Session(Handle):
         """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""
         with self._lock:
             self._ids += 1
-            raw = self.guid[:12] + self._ids.to_bytes(4, "big")
+            raw = self.participant.guid.bytes[:12] + self._ids.to_bytes(4, "big")
         return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
 
     def add_node(self, node: LocalNode) -> None:
@@ -146,40 +156,33 @@ class Session(Handle):
             self._nodes.remove(node)
             self._announce()
 
-    def add_endpoints(self, node: LocalNode, reader: Reader | None, writer: Writer | None) -> None:
+    def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
         """Announce endpoints of a node, in one message."""
         with self._lock:
-            if reader is not None:
-                node.reader_gids.append(reader.guid.bytes)
-            if writer is not None:
-                node.writer_gids.append(writer.guid.bytes)
+            node.endpoints.extend(endpoints)
             self._announce()
 
-    def remove_endpoints(self, node: LocalNode, reader: Reader | None, writer: Writer | None) -> None:
+    def remove_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
         """Withdraw endpoints of a node, then delete them."""
         with self._lock:
             if self._closed:
                 return
-            if reader is not None:
-                node.reader_gids.remove(reader.guid.bytes)
-            if writer is not None:
-                node.writer_gids.remove(writer.guid.bytes)
+            node.endpoints = [endpoint for endpoint in node.endpoints if endpoint not in endpoints]
             if node in self._nodes:
                 self._announce()
-            delete(reader)
-            delete(writer)
+            for endpoint in endpoints:
+                delete(endpoint)
 
     def _announce(self) -> None:
-        info = get_message("rmw_dds_common/msg/ParticipantEntitiesInfo")
         entities = get_message("rmw_dds_common/msg/NodeEntitiesInfo")
-        message = info(
-            gid=_gid(self.guid),
+        message = self.info_support.cls(
+            gid=_gid(self.participant),
             node_entities_info_seq=[
                 entities(
                     node_namespace=node.namespace,
                     node_name=node.name,
-                    reader_gid_seq=[_gid(gid) for gid in node.reader_gids],
-                    writer_gid_seq=[_gid(gid) for gid in node.writer_gids],
+                    reader_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Reader)],
+                    writer_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Writer)],
                 )
                 for node in self._nodes
             ],
@@ -195,10 +198,6 @@ class Session(Handle):
             _sessions.discard(self)
             delete(self.participant)
             _release_domain(self.domain_id)
-
-
-def _gid(guid: bytes) -> object:
-    return get_message("rmw_dds_common/msg/Gid")(data=list(guid))
 
 
 def _acquire_domain(domain_id: int) -> None:
