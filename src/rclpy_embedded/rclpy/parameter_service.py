@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces import msg, srv
@@ -46,29 +47,23 @@ class ParameterService:
             raise ReferenceError("Expected valid node weak reference")
         return node
 
-    # One unknown name empties the whole answer: that is how a client sees that something was wrong.
+    # One unknown name leaves the whole answer empty: that is how a client sees that something was wrong.
 
     def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
-        try:
+        with suppress(ParameterNotDeclaredException):
             response.descriptors = self._node().describe_parameters(list(request.names))
-        except ParameterNotDeclaredException:
-            response.descriptors = []
         return response
 
     def _get_parameters_callback(self, request: Any, response: Any) -> Any:
-        try:
+        with suppress(ParameterNotDeclaredException, ParameterUninitializedException):
             parameters = self._node().get_parameters(list(request.names))
             response.values = [parameter.get_parameter_value() for parameter in parameters]
-        except (ParameterNotDeclaredException, ParameterUninitializedException):
-            response.values = []
         return response
 
     def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
-        try:
+        with suppress(ParameterNotDeclaredException):
             types = self._node().get_parameter_types(list(request.names))
             response.types = [type_.value if isinstance(type_, Parameter.Type) else type_ for type_ in types]
-        except ParameterNotDeclaredException:
-            response.types = []
         return response
 
     def _list_parameters_callback(self, request: Any, response: Any) -> Any:

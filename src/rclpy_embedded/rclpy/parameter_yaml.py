@@ -37,10 +37,10 @@ def _integer(text: str) -> int | None:
 
 def _scalar(node: Any) -> bool | int | float | str:
     text: str = node.value
+    if not text and (node.tag != _STRING or node.style in ("|", ">")):
+        raise ValueError(f"No value at line {node.start_mark.line + 1}")
     if node.tag == _STRING:
         return text
-    if not text:
-        raise ValueError(f"No value at line {node.start_mark.line + 1}")
     if text in _BOOLEANS:
         return _BOOLEANS[text]
     if (integer := _integer(text)) is not None:
