@@ -61,7 +61,6 @@ class _Generator(ABC):
         self.modulus, self.offset = 8, 0
         self.format = ""
         self.run: list[str] = []
-        self.run_size = 0
         self.count = 0
 
     def line(self, text: str) -> None:
@@ -96,23 +95,22 @@ class _Generator(ABC):
         padding = -self.offset % size
         self.format += "x" * padding + code
         self.run.append(text)
-        self.run_size += padding + size
         self.advance(padding + size)
 
-    def packer(self) -> struct.Struct:
-        packer = struct.Struct(self.order + self.format)
-        self.format, self.run, self.run_size = "", [], 0
-        return packer
+    def take_run(self) -> tuple[struct.Struct, str]:
+        """Take the values of the run and what packs them."""
+        taken = struct.Struct(self.order + self.format), ", ".join(self.run)
+        self.format, self.run = "", []
+        return taken
 
     def loop(self, head: str, body: Callable[[], None]) -> None:
         """Emit a loop whose body starts, each time, at the first of the alignments that its end preserves."""
         entries = [(modulus, self.offset % modulus) for modulus in (8, 4) if modulus <= self.modulus]
         self.line(head)
         self.depth += 1
-        start, state = len(self.lines), (self.count, dict(self.names))
+        start = len(self.lines)
         for modulus, offset in (*entries, (1, 0)):
             del self.lines[start:]
-            self.count, self.names = state[0], dict(state[1])
             self.known(modulus, offset)
             body()
             self.close()
@@ -175,8 +173,8 @@ class _Encoder(_Generator):
     def flush(self) -> None:
         if self.run:
             self.end_string()
-            values = ", ".join(self.run)
-            self.line(f"buf += {self.constant('pack', self.packer().pack)}({values})")
+            packer, values = self.take_run()
+            self.line(f"buf += {self.constant('pack', packer.pack)}({values})")
 
     def close(self) -> None:
         self.flush()
@@ -269,9 +267,9 @@ class _Decoder(_Generator):
 
     def flush(self) -> None:
         if self.run:
-            targets, size = ", ".join(self.run), self.run_size
-            self.line(f"{targets}, = {self.constant('unpack', self.packer().unpack_from)}(d, p)")
-            self.line(f"p += {size}")
+            packer, targets = self.take_run()
+            self.line(f"{targets}, = {self.constant('unpack', packer.unpack_from)}(d, p)")
+            self.line(f"p += {packer.size}")
 
     def close(self) -> None:
         self.flush()
