@@ -8,27 +8,11 @@ from typing import TYPE_CHECKING
 
 from rclpy.impl import rcutils_logger
 from rclpy.impl.logging_output import system
-from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.impl.logging_severity import LoggingSeverity as LoggingSeverity
+from rclpy.impl.rcutils_logger import RcutilsLogger as RcutilsLogger
 
 if TYPE_CHECKING:
     from rclpy.arguments import Arguments
-
-__all__ = [
-    "LoggingSeverity",
-    "RcutilsLogger",
-    "clear_config",
-    "configure",
-    "finish",
-    "get_logger",
-    "get_logger_effective_level",
-    "get_logger_level",
-    "get_logging_directory",
-    "get_logging_severity_from_string",
-    "initialize",
-    "set_logger_level",
-    "shutdown",
-]
 
 rcutils_logger._internal_callers.append(__file__)
 _root_logger = RcutilsLogger()

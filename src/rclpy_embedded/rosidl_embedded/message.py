@@ -41,12 +41,7 @@ _DEFAULTS = {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0
 
 
 def get_message(type_name: str) -> Any:
-    """Class of a message, or of a service's request, response or event, by its name.
-
-    Parameters
-    ----------
-    type_name : str
-        ``std_msgs/msg/String``, ``std_msgs/String`` or ``std_srvs/srv/Trigger_Request``.
+    """Class of ``std_msgs/msg/String``, ``std_msgs/String`` or ``std_srvs/srv/Trigger_Request``.
 
     Raises
     ------

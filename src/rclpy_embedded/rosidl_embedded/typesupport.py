@@ -8,8 +8,10 @@ from functools import cache, cached_property
 from typing import Any
 
 from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
-from .description import interface_definition, type_hash
-from .message import get_message, get_service
+from .description import interface_definition as interface_definition
+from .description import type_hash as type_hash
+from .message import get_message as get_message
+from .message import get_service as get_service
 
 _HEADER = b"\x00\x01\x00\x00" if NATIVE == "<" else bytes(4)
 _ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
@@ -116,17 +118,7 @@ class TypeSupport:
 
 
 class ServiceTypeSupport:
-    """Type support of a service class.
-
-    Attributes
-    ----------
-    cls : type
-        The service class.
-    type_name : str
-        ``std_srvs/srv/Trigger``.
-    request, response : TypeSupport
-        Type supports of the two messages.
-    """
+    """Type support of a service class: that of request and response; names as in `TypeSupport`."""
 
     def __init__(self, cls: Any) -> None:
         self.cls = cls
@@ -157,17 +149,3 @@ def service_type_support(cls: Any) -> ServiceTypeSupport:
 def _require(cls: Any, what: str, attribute: str) -> None:
     if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
         raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")
-
-
-__all__ = [
-    "DeserializationError",
-    "SerializationError",
-    "ServiceTypeSupport",
-    "TypeSupport",
-    "get_message",
-    "get_service",
-    "interface_definition",
-    "service_type_support",
-    "type_hash",
-    "type_support",
-]
