@@ -9,7 +9,8 @@ from rosidl_embedded.typesupport import type_support
 
 def serialize_message(message: Any) -> bytes:
     """Return the CDR of a message, with its 4 byte encapsulation header."""
-    return type_support(type(message)).serialize(message)
+    message_type: Any = type(message)
+    return type_support(message_type).serialize(message)
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
