@@ -204,10 +204,6 @@ class QoSProfile:
         return f"{type(self).__name__}({', '.join(f'{key}={value}' for key, value in self.to_dict().items())})"
 
 
-def _keep_last(depth: int, **kwargs: Any) -> QoSProfile:
-    return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, **kwargs)
-
-
 #: For initialization only.
 qos_profile_unknown = QoSProfile(
     history=HistoryPolicy.UNKNOWN,
@@ -216,7 +212,7 @@ qos_profile_unknown = QoSProfile(
     durability=DurabilityPolicy.UNKNOWN,
     liveliness=LivelinessPolicy.UNKNOWN,
 )
-qos_profile_default = _keep_last(10)
+qos_profile_default = QoSProfile(depth=10)
 #: The middleware's own defaults.
 qos_profile_system_default = QoSProfile(
     history=HistoryPolicy.SYSTEM_DEFAULT,
@@ -225,24 +221,24 @@ qos_profile_system_default = QoSProfile(
     durability=DurabilityPolicy.SYSTEM_DEFAULT,
 )
 #: Best effort with a short queue.
-qos_profile_sensor_data = _keep_last(5, reliability=ReliabilityPolicy.BEST_EFFORT)
-qos_profile_services_default = _keep_last(10)
+qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+qos_profile_services_default = QoSProfile(depth=10)
 #: Like services, with a queue so long that no request is lost.
-qos_profile_parameters = _keep_last(1000)
-qos_profile_parameter_events = _keep_last(1000)
+qos_profile_parameters = QoSProfile(depth=1000)
+qos_profile_parameter_events = QoSProfile(depth=1000)
 #: Matches most of the endpoints present when the entity is created; not revised later.
-qos_profile_best_available = _keep_last(
-    10,
+qos_profile_best_available = QoSProfile(
+    depth=10,
     reliability=ReliabilityPolicy.BEST_AVAILABLE,
     durability=DurabilityPolicy.BEST_AVAILABLE,
     deadline=DeadlineBestAvailable,
     liveliness=LivelinessPolicy.BEST_AVAILABLE,
     liveliness_lease_duration=LivelinessLeaseDurationeBestAvailable,
 )
-qos_profile_action_status_default = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+qos_profile_action_status_default = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: Topic /rosout: ten seconds of history for whoever joins late.
-qos_profile_rosout_default = _keep_last(
-    1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10)
+qos_profile_rosout_default = QoSProfile(
+    depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10)
 )
 
 
