@@ -15,7 +15,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.contract import SENSORS, Command, Controller, Proposal
+from fsw_control.contract import SENSORS, Command, Controller, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.join import Tick, TickJoin
 from fsw_control.node_main_ros import run
@@ -104,6 +104,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._armed_s: float | None = None
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
         self.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
+        self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept_reference, LATCHED)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
         self.create_subscription(SpindleTorque, "fsw/spindle_torque", self._on_torque, STREAM)
@@ -133,12 +134,18 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _on_reference(self, message: WeldReference) -> None:
+        self._take_reference(message, self._references.add)
+
+    def _on_kept_reference(self, message: WeldReference) -> None:
+        self._take_reference(message, self._references.hand_on)
+
+    def _take_reference(self, message: WeldReference, take: Callable[[int, Reference], None]) -> None:
         try:
             reference = convert.reference(message)
         except ValueError as error:
             self.get_logger().error(f"{error}; the last one stays")
             return
-        self._references.add(convert.stamp_ns(message.header.stamp), reference)
+        take(convert.stamp_ns(message.header.stamp), reference)
 
     def _on_deadline(self) -> None:
         self._armed_s = None

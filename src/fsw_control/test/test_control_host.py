@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Controller, Measurement, Proposal, Reference
 from fsw_control.host import answer
-from fsw_control.references import ReferenceQueue
 
 APPLIED = Command(78.0, 400.0)
 REFERENCE = Reference(2.66, 850.0)
@@ -73,31 +72,3 @@ def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
 def test_without_reference_there_is_no_healthy_proposal():
     proposal = answer(Scripted(Proposal(Command(1.0, 1.0))), GOOD, None, APPLIED, 0.1)
     assert proposal.command == APPLIED and proposal.reason == "no reference received yet"
-
-
-SECOND = 1_000_000_000
-OTHER = Reference(2.86, 850.0)
-
-
-def test_reference_begins_at_its_stamp():
-    queue = ReferenceQueue()
-    assert queue.at(0) is None
-    queue.add(0, REFERENCE)
-    queue.add(2 * SECOND, OTHER)
-    assert [queue.at(k * SECOND) for k in range(4)] == [REFERENCE, REFERENCE, OTHER, OTHER]
-
-
-def test_past_and_foreign_stamps_begin_at_once():
-    queue = ReferenceQueue()
-    queue.add(SECOND, REFERENCE)
-    assert queue.at(5 * SECOND) == REFERENCE
-    queue.add(1_700_000_000 * SECOND, OTHER)
-    assert queue.at(6 * SECOND) == OTHER
-
-
-def test_a_newer_message_overrides_one_held_back():
-    queue = ReferenceQueue()
-    queue.add(9 * SECOND, OTHER)
-    assert queue.at(SECOND) is None
-    queue.add(0, REFERENCE)
-    assert [queue.at(k * SECOND) for k in (2, 9, 10)] == [REFERENCE] * 3

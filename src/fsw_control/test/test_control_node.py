@@ -183,6 +183,15 @@ def test_without_reference_it_is_not_healthy(start):
     assert proposal.reason == "no reference received yet"
 
 
+def test_who_starts_when_the_sender_is_gone_takes_the_reference_that_the_supervisor_keeps(start):
+    peer = start()
+    kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
+    kept.publish(convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS))
+    peer.wait(lambda: peer.node._references._current is not None)
+    assert peer.tick(9).healthy
+    assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
+
+
 def test_reference_sent_ahead_begins_at_its_tick(start):
     peer = start()
     peer.refer()

@@ -293,7 +293,10 @@ class _Loader:
         return signals
 
     def _references(self, ticks: _Ticks, signals: WeldSignals, events: list[WeldEvent]) -> None:
-        topic = self.topic("/fsw/reference", {"depth": "number", "temperature": "number"})
+        # Where recording began after their sender had left, the supervisor has handed them on.
+        names = ("/fsw/reference", "/fsw/supervisor/reference")
+        found = (self.topic(name, {"depth": "number", "temperature": "number"}) for name in names)
+        topic = next((one for one in found if one is not None), None)
         if topic is None:
             return
         held = ticks.held(topic)

@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +133,17 @@ def test_export_refusals(signals: WeldSignals, tmp_path: Path, monkeypatch: pyte
     (tmp_path / "file").write_text("")
     with pytest.raises(BagError, match="cannot be written"):
         export_weld(signals, tmp_path / "file" / "weld.csv")
+
+
+def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic in sample_topics():
+            writer.add_topic(replace(topic, name=topic.name.replace("/fsw/reference", "/fsw/supervisor/reference")))
+        for name, time_ns, data in sample_messages(50):
+            if name != "/fsw/reference":
+                writer.write(name, data, time_ns, time_ns)
+            elif time_ns < START_NS + TICK_NS:
+                writer.write("/fsw/supervisor/reference", data, time_ns, time_ns)
+    signals = load_weld(tmp_path / "bag")
+    assert signals.reference_depth_mm == pytest.approx(2.66) and signals.reference_temperature_c == pytest.approx(816.0)
+    assert signals.problems == []

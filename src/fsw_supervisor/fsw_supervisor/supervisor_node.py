@@ -35,6 +35,7 @@ from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.duty import Duty, Role
 from fsw_supervisor.events import Level
 from fsw_supervisor.interlocks import Interlocks
+from fsw_supervisor.kept_reference_ros import KeptReference
 from fsw_supervisor.modes import Mode
 from fsw_supervisor.requests import SwitchRequest
 from fsw_supervisor.tick import Decision
@@ -84,6 +85,7 @@ class SupervisorNode(Node):
         self._refused_names: set[str] = set()
         self._published_revision = -1
         self._next_report_s = 0.0
+        self._kept_reference = KeptReference(self)
         self._open_topics()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
@@ -113,6 +115,7 @@ class SupervisorNode(Node):
         self._open_commands()
         if self._states is None:
             self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+        self._kept_reference.open()
         if not self._duty_services:
             # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
             group = self._service_group
@@ -127,6 +130,7 @@ class SupervisorNode(Node):
         for service in self._duty_services:
             self.destroy_service(service)
         self._duty_services = []
+        self._kept_reference.close()
         if self._states is not None:
             self.destroy_publisher(self._states)
             self._states = None
@@ -205,6 +209,8 @@ class SupervisorNode(Node):
             self._open_commands()
         for decision in permitted:
             self._open_commands().publish(reports.command(decision, self._duty.token))
+        if self._arbiter.tick is not None:
+            self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
         wakeup_s = self._duty.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)

@@ -29,6 +29,7 @@ from fsw_msgs.msg import (  # noqa: E402
     SpindleTorque,
     SupervisorState,
     WeldCommand,
+    WeldReference,
 )
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController  # noqa: E402
 from fsw_supervisor.supervisor_node import SupervisorNode  # noqa: E402
@@ -333,3 +334,22 @@ def test_names_that_are_sources_already_are_no_controllers(bench):
     bench.peer.add("manual")
     bench.until(lambda: bench.supervisor._refused_names)
     assert "unknown controller 'manual'" in bench.switch("manual").message
+
+
+def test_set_points_are_kept_for_those_who_come_when_their_sender_has_left(bench):
+    bench.run()
+    operator = rclpy.create_node("operator")
+    sender = operator.create_publisher(WeldReference, "fsw/reference", LATCHED)
+    bench.until(lambda: sender.get_subscription_count())
+    sender.publish(WeldReference(depth=float("nan"), temperature=850.0))
+    sender.publish(WeldReference(depth=2.7e-3, temperature=845.0))
+    heard = []
+    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", heard.append, LATCHED)
+    bench.until(lambda: heard)
+    operator.destroy_node()
+    late = []
+    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", late.append, LATCHED)
+    bench.until(lambda: late)
+    assert len(heard) == len(late) == 1
+    assert (late[0].depth, late[0].temperature) == (pytest.approx(2.7e-3), 845.0)
+    assert 0 < convert.stamp_ns(late[0].header.stamp) <= bench.peer.stamp_ns

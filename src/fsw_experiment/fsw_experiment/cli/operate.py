@@ -102,12 +102,12 @@ def _status(arguments: argparse.Namespace) -> int:
     from sensor_msgs.msg import Temperature
 
     from fsw_control import messages_ros as convert
-    from fsw_experiment.cli.operator_node import LATCHED, in_force, nothing_there, operator
-    from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+    from fsw_experiment.cli.operator_node import LATCHED, SetPoints, nothing_there, operator
+    from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 
     with operator(arguments.timeout) as visit:
         states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATCHED)
-        references = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+        set_points = SetPoints(visit)
         streams = [
             visit.watch(kind, topic)
             for kind, topic in (
@@ -117,13 +117,13 @@ def _status(arguments: argparse.Namespace) -> int:
                 (Temperature, "/fsw/thermocouple"),
             )
         ]
-        if not visit.wait_until(lambda: any((states, references, *streams))):
+        if not visit.wait_until(lambda: any((states, set_points, *streams))):
             raise nothing_there()
-        visit.wait_until(lambda: all((states, references, *streams)), _SETTLE_S)
+        visit.wait_until(lambda: all((states, set_points, *streams)), _SETTLE_S)
         nodes = sorted(name for name in visit.node.get_node_names() if name != "fsw_operator")
     state = states[-1] if states else None
     command, depth, torque, temperature = (stream[-1] if stream else None for stream in streams)
-    reference = in_force(references, depth and convert.stamp_ns(depth.header.stamp))
+    reference = set_points.in_force(depth and convert.stamp_ns(depth.header.stamp))
     print(f"nodes        {', '.join(nodes)}")
     if state is None:
         print("supervisor   none")
@@ -159,7 +159,7 @@ def _health(controller: Any) -> str:
 
 def _reference(arguments: argparse.Namespace) -> int:
     from fsw_control import messages_ros as convert
-    from fsw_experiment.cli.operator_node import LATCHED, in_force, nothing_there, operator
+    from fsw_experiment.cli.operator_node import LATCHED, SetPoints, nothing_there, operator
     from fsw_msgs.msg import ShoulderDepth, WeldReference
 
     if arguments.depth is None and arguments.temperature is None:
@@ -167,11 +167,11 @@ def _reference(arguments: argparse.Namespace) -> int:
     with operator(arguments.timeout) as visit:
         depth, temperature = arguments.depth, arguments.temperature
         if depth is None or temperature is None:
-            references = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+            set_points = SetPoints(visit)
             depths = visit.watch(ShoulderDepth, "/fsw/depth")
-            visit.wait_until(lambda: bool(references and depths))
+            visit.wait_until(lambda: bool(set_points and depths))
             now_ns = convert.stamp_ns(depths[-1].header.stamp) if depths else None
-            last = in_force(references, now_ns)
+            last = set_points.in_force(now_ns)
             if last is None:
                 missing = "--depth" if depth is None else "--temperature"
                 raise CommandError(f"reference: there is no set-point yet that could stay; give {missing} as well")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from fsw_control import messages_ros as convert
 from fsw_experiment.cli.errors import CommandError
+from fsw_msgs.msg import WeldReference
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: as deep as a scenario's set-points are sent ahead
@@ -81,11 +83,27 @@ def operator(timeout_s: float) -> Iterator[Operator]:
         rclpy.try_shutdown()
 
 
-def in_force(references: Sequence[Any], now_ns: int | None) -> Any | None:
-    """The reference message that holds at a time (a scenario sends its set-points ahead); None if there is none."""
-    stamps = [message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec for message in references]
-    begun = [message for message, stamp in zip(references, stamps, strict=True) if now_ns is None or stamp <= now_ns]
-    return begun[-1] if begun else None
+class SetPoints:
+    """What is known of the set-points that hold.
+
+    The supervisor tells them; without one, what is still kept of those that were sent.
+
+    Parameters
+    ----------
+    visit : Operator
+    """
+
+    def __init__(self, visit: Operator) -> None:
+        self._kept = visit.watch(WeldReference, "/fsw/supervisor/reference", LATCHED)
+        self._sent = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+
+    def __bool__(self) -> bool:
+        return bool(self._kept or self._sent)
+
+    def in_force(self, now_ns: int | None) -> WeldReference | None:
+        """The message that holds at a time (a scenario sends its set-points ahead); None if there is none."""
+        begun = [one for one in self._sent if now_ns is None or convert.stamp_ns(one.header.stamp) <= now_ns]
+        return next(iter([*reversed(self._kept), *reversed(begun)]), None)
 
 
 def nothing_there() -> CommandError:

@@ -1,0 +1,77 @@
+"""Keeps the set-points in force for those who come when their sender has left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
+from fsw_control.references import ReferenceQueue
+from fsw_msgs.msg import WeldReference
+
+_LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: as deep as a scenario's set-points are sent ahead
+_AHEAD = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class KeptReference:
+    """Hears ``fsw/reference`` and tells, latched, on ``fsw/supervisor/reference`` what holds at present.
+
+    An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
+    them. A topic of its own has one writer, the supervisor on duty, and can override nobody: a controller takes
+    from it only what it needs to begin.
+
+    Parameters
+    ----------
+    node : Node
+        The supervisor's node.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._queue = ReferenceQueue()
+        self._publisher: Publisher | None = None
+        self._told: Reference | None = None
+        self._tick_ns = -1
+        node.create_subscription(WeldReference, "fsw/reference", self._on_reference, _AHEAD)
+        node.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept, _LATCHED)
+
+    def open(self) -> None:
+        """Go on duty: tell from the next tick on."""
+        if self._publisher is None:
+            self._publisher = self._node.create_publisher(WeldReference, "fsw/supervisor/reference", _LATCHED)
+            self._told = None
+
+    def close(self) -> None:
+        """Leave duty."""
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+            self._publisher = None
+
+    def on_tick(self, tick_ns: int) -> None:
+        """Tell what holds at a tick if it has changed."""
+        if tick_ns == self._tick_ns:
+            return
+        self._tick_ns = tick_ns
+        present = self._queue.at(tick_ns)
+        if self._publisher is not None and present is not None and present != self._told:
+            self._told = present
+            self._publisher.publish(convert.reference_message(present, tick_ns))
+
+    def _on_reference(self, message: WeldReference) -> None:
+        self._take(message, self._queue.add)
+
+    def _on_kept(self, message: WeldReference) -> None:
+        self._take(message, self._queue.hand_on)
+
+    @staticmethod
+    def _take(message: WeldReference, take: Callable[[int, Reference], None]) -> None:
+        try:
+            reference = convert.reference(message)
+        except ValueError:
+            return  # every controller says so
+        take(convert.stamp_ns(message.header.stamp), reference)
