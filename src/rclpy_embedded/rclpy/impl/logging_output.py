@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from rclpy.arguments import Arguments
 
 SEPARATOR = "."
-DEFAULT_LEVEL = LoggingSeverity.INFO
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
 
 
@@ -115,8 +114,8 @@ class LoggingSystem:
 
     def initialize(self) -> None:
         """Forget all levels and read the environment anew."""
-        self._levels: dict[str, LoggingSeverity] = {}
-        self._default_level = DEFAULT_LEVEL
+        # That of the root, whose name is empty, is the default of all.
+        self._levels = {"": LoggingSeverity.INFO}
         self._effective: dict[str, LoggingSeverity] = {}
         self._console = Console()
         self.stdout_enabled = True
@@ -124,7 +123,7 @@ class LoggingSystem:
     def configure(self, arguments: Arguments) -> None:
         """Apply a command line: levels and outputs; done by the first context."""
         if arguments.default_log_level is not LoggingSeverity.UNSET:
-            self._default_level = arguments.default_log_level
+            self._levels[""] = arguments.default_log_level
         self._levels.update(arguments.log_levels)
         self._effective = {}
         self.stdout_enabled = arguments.stdout_logs
@@ -137,14 +136,11 @@ class LoggingSystem:
 
     def level(self, name: str) -> LoggingSeverity:
         """Return the level set for exactly this logger; UNSET if none is."""
-        return self._levels.get(name, LoggingSeverity.UNSET) if name else self._default_level
+        return self._levels.get(name, LoggingSeverity.UNSET)
 
     def set_level(self, name: str, level: LoggingSeverity) -> None:
-        """Set the level of a logger; '' is the root, whose level is the default of all."""
-        if name:
-            self._levels[name] = level
-        else:
-            self._default_level = level
+        """Set the level of a logger."""
+        self._levels[name] = level
         self._effective = {}
 
     def effective_level(self, name: str) -> LoggingSeverity:
