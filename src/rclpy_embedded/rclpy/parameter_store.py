@@ -185,16 +185,20 @@ class ParameterStore:
         """Return whether a parameter is declared."""
         return name in self._parameters
 
+    def _is_declared(self, name: str) -> bool:
+        """Return the same; ParameterNotDeclaredException if it is not and has to be."""
+        if name in self._parameters:
+            return True
+        if self._allow_undeclared_parameters:
+            return False
+        raise ParameterNotDeclaredException(name)
+
     def get_parameter_type(self, name: str) -> Any:
         """Return the type of a parameter as the number in ``ParameterType``.
 
         If it is not declared: Type.NOT_SET where that is allowed, else ParameterNotDeclaredException.
         """
-        if self.has_parameter(name):
-            return self._parameters[name].type_.value
-        if self._allow_undeclared_parameters:
-            return Parameter.Type.NOT_SET
-        raise ParameterNotDeclaredException(name)
+        return self._parameters[name].type_.value if self._is_declared(name) else Parameter.Type.NOT_SET
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
         """Return the types of parameters; see `get_parameter_type`."""
@@ -211,14 +215,12 @@ class ParameterStore:
         ParameterUninitializedException
             If it was declared with a type only and has no value yet.
         """
-        if self.has_parameter(name):
-            parameter = self._parameters[name]
-            if parameter.type_ is Parameter.Type.NOT_SET and not self._descriptors[name].dynamic_typing:
-                raise ParameterUninitializedException(name)
-            return parameter
-        if self._allow_undeclared_parameters:
-            return Parameter(name, Parameter.Type.NOT_SET, None)
-        raise ParameterNotDeclaredException(name)
+        if not self._is_declared(name):
+            return Parameter(name)
+        parameter = self._parameters[name]
+        if parameter.type_ is Parameter.Type.NOT_SET and not self._descriptors[name].dynamic_typing:
+            raise ParameterUninitializedException(name)
+        return parameter
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
         """Return parameters; see `get_parameter`."""
@@ -230,7 +232,7 @@ class ParameterStore:
         parameter = self._parameters.get(name)
         if parameter is not None and parameter.type_ is not Parameter.Type.NOT_SET:
             return parameter
-        return Parameter(name, Parameter.Type.NOT_SET) if alternative_value is None else alternative_value
+        return Parameter(name) if alternative_value is None else alternative_value
 
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
         """Return the parameters below a prefix by the rest of their names; '' stands for all."""
@@ -373,11 +375,7 @@ class ParameterStore:
 
     def describe_parameter(self, name: str) -> msg.ParameterDescriptor:
         """Return the descriptor; an empty one, or ParameterNotDeclaredException, if not declared."""
-        if name in self._descriptors:
-            return self._descriptors[name]
-        if self._allow_undeclared_parameters:
-            return msg.ParameterDescriptor()
-        raise ParameterNotDeclaredException(name)
+        return self._descriptors[name] if self._is_declared(name) else msg.ParameterDescriptor()
 
     def describe_parameters(self, names: list[str]) -> list[msg.ParameterDescriptor]:
         """Return the descriptors of parameters; see `describe_parameter`."""
@@ -399,10 +397,8 @@ class ParameterStore:
         InvalidParameterValueException
             If neither value complies.
         """
-        if not self.has_parameter(name):
-            if not self._allow_undeclared_parameters:
-                raise ParameterNotDeclaredException(name)
-            return self.get_parameter(name).get_parameter_value()
+        if not self._is_declared(name):
+            return Parameter(name).get_parameter_value()
         if self._descriptors[name].read_only:
             raise ParameterImmutableException(name)
         parameter = self.get_parameter(name)
