@@ -107,11 +107,10 @@ class ParameterEventHandler:
     @staticmethod
     def get_parameter_from_event(event: ParameterEvent, parameter_name: str, node_name: str) -> Parameter | None:
         """Return the new or changed parameter of a node (full name) from an event, None if it is not in there."""
-        if event.node == node_name:
-            for parameter in ParameterEventHandler.get_parameters_from_event(event):
-                if parameter.name == parameter_name:
-                    return parameter
-        return None
+        if event.node != node_name:
+            return None
+        parameters = ParameterEventHandler.get_parameters_from_event(event)
+        return next((parameter for parameter in parameters if parameter.name == parameter_name), None)
 
     @staticmethod
     def get_parameters_from_event(event: ParameterEvent) -> Iterable[Parameter]:
