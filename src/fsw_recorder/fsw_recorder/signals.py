@@ -71,6 +71,8 @@ _COMMAND: dict[str, Kind] = {
     "source": "text",
     "reason": "text",
 }
+#: what a weld cannot do without one of, with its namespace before it
+_OF_A_WELD = re.compile(r"^(.*)/fsw/(?:depth|spindle_torque|thermocouple|plant/truth|command)$")
 _STAMP: dict[str, Kind] = {"header.stamp.sec": "number", "header.stamp.nanosec": "number"}
 
 
@@ -176,7 +178,8 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     Parameters
     ----------
     path : Path or str
-        Bag folder or file, of any storage; an unfinished or damaged one is read as far as possible.
+        Bag folder or file, of any storage; an unfinished or damaged one is read as far as possible. The weld may have
+        run in a namespace.
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
 
@@ -188,7 +191,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     Raises
     ------
     BagError
-        There is no bag, it cannot be read, or it holds no weld.
+        There is no bag, it cannot be read, or it holds no weld, or several in namespaces.
     """
     with BagReader(path) as reader:
         raw: dict[str, list[tuple[int, bytes]]] = {}
@@ -204,12 +207,26 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     counts = {name: len(messages) for name, messages in raw.items()}
     if not counts:
         raise BagError(f"{path}: the bag holds no messages" + "".join(f"; {one}" for one in problems))
-    loader = _Loader(infos, raw, problems)
+    loader = _Loader(*_without_namespace(path, infos, raw), problems)
     signals = loader.weld(Path(path))
     signals.attachments, signals.counts = attachments, counts
     if progress is not None:
         progress(1.0)
     return signals
+
+
+def _without_namespace(
+    path: Path | str, infos: Mapping[str, TopicInfo], raw: Mapping[str, list[tuple[int, bytes]]]
+) -> tuple[dict[str, TopicInfo], dict[str, list[tuple[int, bytes]]]]:
+    """The topics of the one weld in the bag, by the names that they have without namespace."""
+    spaces = {match[1] for name in raw if (match := _OF_A_WELD.match(name))}
+    if len(spaces) > 1 and "" not in spaces:
+        raise BagError(f"{path}: holds several welds, in {', '.join(sorted(spaces))}: convert or record one of them")
+    space = spaces.pop() if len(spaces) == 1 else ""
+    return (
+        {name.removeprefix(space): info for name, info in infos.items()},
+        {name.removeprefix(space): messages for name, messages in raw.items()},
+    )
 
 
 class _Loader:

@@ -147,3 +147,27 @@ def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(tm
     signals = load_weld(tmp_path / "bag")
     assert signals.reference_depth_mm == pytest.approx(2.66) and signals.reference_temperature_c == pytest.approx(816.0)
     assert signals.problems == []
+
+
+def in_namespaces(bag: Path, *namespaces: str) -> Path:
+    """A short weld, once in each namespace."""
+    with BagWriter(bag) as writer:
+        for space in namespaces:
+            for topic in sample_topics():
+                writer.add_topic(replace(topic, name=space + topic.name))
+            for name, time_ns, data in sample_messages(20):
+                writer.write(space + name, data, time_ns, time_ns)
+    return bag
+
+
+def test_weld_in_a_namespace_reads_as_without(tmp_path: Path) -> None:
+    spaced = load_weld(in_namespaces(tmp_path / "spaced", "/hall/cell1"))
+    plain = load_weld(in_namespaces(tmp_path / "plain", ""))
+    np.testing.assert_array_equal(weld_table(spaced)["depth_mm"], weld_table(plain)["depth_mm"])
+    assert list(spaced.proposals) == list(plain.proposals)
+    assert len(spaced.events) == len(plain.events)
+
+
+def test_several_welds_in_one_bag_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="several welds, in /cell1, /cell2"):
+        load_weld(in_namespaces(tmp_path / "both", "/cell1", "/cell2"))
