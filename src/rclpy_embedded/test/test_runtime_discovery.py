@@ -35,6 +35,13 @@ def test_localhost(environ: dict[str, str]) -> None:
     assert _element(text, "Discovery/ParticipantIndex") == "auto"
     assert int(_element(text, "Discovery/MaxAutoParticipantIndex") or 0) > 40
     assert _peers(text) == ["localhost"]
+    assert re.findall(r"<NetworkInterface ([^/]*)/>", text) == ['address="127.0.0.1"']
+
+
+def test_localhost_and_static_peers() -> None:
+    text = discovery.configuration(0, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_STATIC_PEERS": "10.0.0.1"})
+    assert _peers(text) == ["localhost", "10.0.0.1"]
+    assert re.findall(r"<NetworkInterface ([^/]*)/>", text) == ['address="127.0.0.1"', 'autodetermine="true"']
 
 
 def test_off() -> None:
@@ -65,6 +72,7 @@ def test_static_peers() -> None:
 def test_loopback_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "loopback_only", lambda: True)
     assert 'name="lo" multicast="true"' in discovery.configuration(0, {})
+    assert _peers(discovery.configuration(0, {})) == ["localhost"]
     own = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface/></Interfaces></General></Domain></CycloneDDS>"
     assert 'name="lo"' not in discovery.configuration(0, {"CYCLONEDDS_URI": own})
 

@@ -57,15 +57,21 @@ def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
     wanted = discovery_range(environ)
     peers = [peer for peer in environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
     user = environ.get("CYCLONEDDS_URI", "")
-    general = discovery = ""
+    general = interfaces = discovery = ""
     if wanted == "LOCALHOST":
         general = "<AllowMulticast>false</AllowMulticast>"
+        # What other nodes send to localhost comes in here, and Cyclone DDS takes it from chosen interfaces only.
+        interfaces = '<NetworkInterface address="127.0.0.1"/>'
+        if peers and not loopback_only():
+            interfaces += '<NetworkInterface autodetermine="true"/>'
         peers.insert(0, "localhost")
     elif wanted == "OFF":
         general = "<AllowMulticast>false</AllowMulticast>"
         discovery = f"<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_{os.getpid()}</Tag>"
     elif wanted == "SUBNET" and loopback_only():
-        general = '<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>'
+        interfaces = '<NetworkInterface name="lo" multicast="true"/>'
+        # Genuine nodes do without multicast there.
+        peers.insert(0, "localhost")
     if wanted in ("LOCALHOST", "SUBNET"):
         limit = min(_MAX_PARTICIPANTS, (65535 - 7411 - 250 * domain) // 2)
         index = "<ParticipantIndex>auto</ParticipantIndex>"
@@ -73,8 +79,8 @@ def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
         if peers:
             discovery += f"<Peers>{''.join(f'<Peer address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     # An explicit interface in CYCLONEDDS_URI would add to ours instead of replacing it.
-    if "Interfaces" in general and ("<Interfaces>" in user.replace(" ", "") or "NetworkInterfaceAddress" in user):
-        general = ""
+    if interfaces and "<Interfaces>" not in user.replace(" ", "") and "NetworkInterfaceAddress" not in user:
+        general += f"<Interfaces>{interfaces}</Interfaces>"
     elements = f"<General>{general}</General><Discovery>{discovery}</Discovery>"
     return f"<CycloneDDS><Domain>{elements}</Domain></CycloneDDS>" + ("," + user if user else "")
 
