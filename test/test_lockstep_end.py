@@ -102,6 +102,18 @@ def test_player_alone_gives_up_with_one_clear_line(tmp_path):
         assert "no 1 controllers listening for 1 s" in player.text()
 
 
+def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
+    arguments = ["quick", "--ros-args", "-p", "silence_timeout_s:=3.0"]
+    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+        launcher.start("supervisor", "fsw_supervisor.supervisor_node")
+        launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
+        launcher.wait_for_text("supervisor", "role: active")
+        player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
+        launcher.wait_for_text("recorder", "subscribed to /fsw/reference")
+        wait_for(lambda: not player.running, "the player to give up")
+        assert "no 1 controllers listening for 3 s" in player.text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

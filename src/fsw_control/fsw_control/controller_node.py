@@ -10,8 +10,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
@@ -22,19 +20,9 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
+from fsw_control.topics_ros import LATCHED, STREAM, subscribe_sensors
 from fsw_control.validity import SensorGuard, SensorLimits
-from fsw_msgs.msg import (
-    ControllerStatus,
-    Prediction,
-    ShoulderDepth,
-    SpindleTorque,
-    WeldCommand,
-    WeldReference,
-)
-
-STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: as deep as a scenario's set-points are sent ahead
-LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReference
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
@@ -106,21 +94,10 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
         self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept_reference, LATCHED)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
-        self.create_subscription(SpindleTorque, "fsw/spindle_torque", self._on_torque, STREAM)
-        self.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, STREAM)
+        subscribe_sensors(self, self._on_sample)
 
-    def _on_depth(self, message: ShoulderDepth) -> None:
-        self._on_sample("depth", message, convert.depth_mm(message))
-
-    def _on_torque(self, message: SpindleTorque) -> None:
-        self._on_sample("torque", message, convert.torque_nm(message))
-
-    def _on_temperature(self, message: Temperature) -> None:
-        self._on_sample("thermocouple", message, convert.temperature_c(message))
-
-    def _on_sample(self, sensor: str, message: Any, value: float) -> None:
-        self._consume(self._join.add(sensor, convert.stamp_ns(message.header.stamp), value, time.monotonic()))
+    def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
+        self._consume(self._join.add(sensor, stamp_ns, value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
         header = message.header

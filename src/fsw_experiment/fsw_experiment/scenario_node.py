@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
@@ -22,19 +22,17 @@ from std_msgs.msg import String
 from fsw_control import messages_ros as convert
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
+from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_experiment.closed_loop import TICK_NS, start_reference
 from fsw_experiment.scenario_file import load
 from fsw_experiment.timeline import references, switches
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
 
-#: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are.
-_AHEAD = 500
+#: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
+#: what the topic keeps.
+_AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent so long before it holds: its time is near, whoever's clock it is.
 _AHEAD_REAL_NS = 5_000_000_000
-STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(
-    depth=2 * _AHEAD, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 
 
 class ScenarioNode(Node):
@@ -77,11 +75,20 @@ class ScenarioNode(Node):
         self._extra_subscriptions: list[Subscription] = []
 
     def _on_watch(self) -> None:
-        if not self._listening and self._setpoints.get_subscription_count() >= self._controllers:
+        if not self._listening and self._controllers_listen():
             self._begin()
         if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
             what = "no measurement on fsw/depth" if self._listening else f"no {self._controllers} controllers listening"
             self._end(f"{what} for {self._silence_s:g} s; is the graph running, on the same domain?")
+
+    def _controllers_listen(self) -> bool:
+        """Whether all that listen to set-points get them, and enough of these are controllers."""
+        infos = self.get_subscriptions_info_by_topic(self._setpoints.topic_name)
+        if self._setpoints.get_subscription_count() < len(infos):
+            return False
+        proposals = [name for name, _ in self.get_topic_names_and_types() if name.endswith("/proposal")]
+        proposing = {_node_of(info) for name in proposals for info in self.get_publishers_info_by_topic(name)}
+        return len(proposing.intersection(map(_node_of, infos))) >= self._controllers
 
     def _begin(self) -> None:
         self._listening = True
@@ -145,6 +152,10 @@ class ScenarioNode(Node):
             self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
             print(f"finished after {time.monotonic() - self._began_s:.3f} s", flush=True)
         rclpy.try_shutdown()
+
+
+def _node_of(info: TopicEndpointInfo) -> tuple[str, str]:
+    return info.node_namespace, info.node_name
 
 
 def _ignore(_: object) -> None:

@@ -6,16 +6,12 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
+from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldReference
-
-_LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-#: as deep as a scenario's set-points are sent ahead
-_AHEAD = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class KeptReference:
@@ -37,13 +33,13 @@ class KeptReference:
         self._publisher: Publisher | None = None
         self._told: Reference | None = None
         self._tick_ns = -1
-        node.create_subscription(WeldReference, "fsw/reference", self._on_reference, _AHEAD)
-        node.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept, _LATCHED)
+        node.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
+        node.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept, LATEST)
 
     def open(self) -> None:
         """Go on duty: tell from the next tick on."""
         if self._publisher is None:
-            self._publisher = self._node.create_publisher(WeldReference, "fsw/supervisor/reference", _LATCHED)
+            self._publisher = self._node.create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
             self._told = None
 
     def close(self) -> None:

@@ -15,10 +15,8 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
 from rclpy.task import Future
-from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
@@ -26,8 +24,9 @@ from fsw_control import units
 from fsw_control.contract import Command
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
+from fsw_control.topics_ros import LATEST, STREAM, subscribe_sensors
 from fsw_control.validity import SensorGuard
-from fsw_msgs.msg import ControllerStatus, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
+from fsw_msgs.msg import ControllerStatus, PlantState, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import configuration, reports
 from fsw_supervisor.arbiter import Arbiter
@@ -40,8 +39,6 @@ from fsw_supervisor.modes import Mode
 from fsw_supervisor.requests import SwitchRequest
 from fsw_supervisor.tick import Decision
 
-STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: sources that are no controllers, so no controller may be called so
 RESERVED = ("manual", "hold", "safe_stop")
 _DISCOVERY_S = 0.2
@@ -95,14 +92,12 @@ class SupervisorNode(Node):
         self._on_housekeeping()
 
     def _open_topics(self) -> None:
-        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
-        self.create_subscription(SpindleTorque, "fsw/spindle_torque", self._on_torque, STREAM)
-        self.create_subscription(Temperature, "fsw/thermocouple", self._on_temperature, STREAM)
+        subscribe_sensors(self, self._on_sample)
         # Only the part that real drives report: the force and the speed that act.
         self.create_subscription(PlantState, "fsw/plant/truth", self._on_drives, STREAM)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATCHED)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATEST)
         for name in dict.fromkeys((self._arbiter.settings.controller, *self._arbiter.settings.fallbacks)):
             self._subscribe(name)
 
@@ -114,7 +109,7 @@ class SupervisorNode(Node):
     def _go_on_duty(self) -> None:
         self._open_commands()
         if self._states is None:
-            self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+            self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
         self._kept_reference.open()
         if not self._duty_services:
             # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
@@ -145,17 +140,7 @@ class SupervisorNode(Node):
 
     # ---------------------------------------------------------------- topics
 
-    def _on_depth(self, message: ShoulderDepth) -> None:
-        self._on_sample("depth", message, convert.depth_mm(message))
-
-    def _on_torque(self, message: SpindleTorque) -> None:
-        self._on_sample("torque", message, convert.torque_nm(message))
-
-    def _on_temperature(self, message: Temperature) -> None:
-        self._on_sample("thermocouple", message, convert.temperature_c(message))
-
-    def _on_sample(self, sensor: str, message: Any, value: float) -> None:
-        stamp_ns = convert.stamp_ns(message.header.stamp)
+    def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._publish(self._arbiter.on_sample(sensor, stamp_ns, value, time.monotonic()))
 
     def _on_drives(self, message: PlantState) -> None:

@@ -102,11 +102,12 @@ def _status(arguments: argparse.Namespace) -> int:
     from sensor_msgs.msg import Temperature
 
     from fsw_control import messages_ros as convert
-    from fsw_experiment.cli.operator_node import LATCHED, SetPoints, nothing_there, operator
+    from fsw_control.topics_ros import LATEST
+    from fsw_experiment.cli.operator_node import SetPoints, nothing_there, operator
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 
     with operator(arguments.timeout) as visit:
-        states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATCHED)
+        states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
         set_points = SetPoints(visit)
         streams = [
             visit.watch(kind, topic)
@@ -159,7 +160,8 @@ def _health(controller: Any) -> str:
 
 def _reference(arguments: argparse.Namespace) -> int:
     from fsw_control import messages_ros as convert
-    from fsw_experiment.cli.operator_node import LATCHED, SetPoints, nothing_there, operator
+    from fsw_control.topics_ros import LATCHED
+    from fsw_experiment.cli.operator_node import SetPoints, nothing_there, operator
     from fsw_msgs.msg import ShoulderDepth, WeldReference
 
     if arguments.depth is None and arguments.temperature is None:
@@ -181,8 +183,10 @@ def _reference(arguments: argparse.Namespace) -> int:
         publisher = visit.node.create_publisher(WeldReference, "/fsw/reference", LATCHED)
         if not visit.wait_until(lambda: publisher.get_subscription_count() > 0):
             raise nothing_there()
-        # Not every controller need have been matched at once; the writer's memory serves those that follow.
+        # Not every controller need have been found at once.
         visit.wait_until(lambda: False, 0.3)
+        listeners = visit.node.count_subscribers("/fsw/reference")
+        visit.wait_until(lambda: publisher.get_subscription_count() >= listeners, _SETTLE_S)
         publisher.publish(convert.reference_message(Reference(depth, temperature), 0))
         visit.wait_until(lambda: False, 0.3)
     print(f"set-points: {depth:.4g} mm, {temperature:.5g} degC")

@@ -10,15 +10,12 @@ from typing import Any
 
 import rclpy
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 
 from fsw_control import messages_ros as convert
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_experiment.cli.errors import CommandError
 from fsw_msgs.msg import WeldReference
-
-STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: as deep as a scenario's set-points are sent ahead
-LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Operator:
@@ -94,7 +91,7 @@ class SetPoints:
     """
 
     def __init__(self, visit: Operator) -> None:
-        self._kept = visit.watch(WeldReference, "/fsw/supervisor/reference", LATCHED)
+        self._kept = visit.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
         self._sent = visit.watch(WeldReference, "/fsw/reference", LATCHED)
 
     def __bool__(self) -> bool:

@@ -1,0 +1,46 @@
+"""The topics of the weld as all nodes use them: quality of service, and the sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Temperature
+
+from fsw_control import messages_ros as convert
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque
+
+STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+#: the last message is kept for who comes later
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: set-points; as deep as a scenario's are sent ahead
+LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+#: by sensor (of ``SENSORS``): topic, message, and its value in the paper's units
+_SENSOR_TOPICS: dict[str, tuple[str, Any, Callable[[Any], float]]] = {
+    "depth": ("fsw/depth", ShoulderDepth, convert.depth_mm),
+    "torque": ("fsw/spindle_torque", SpindleTorque, convert.torque_nm),
+    "thermocouple": ("fsw/thermocouple", Temperature, convert.temperature_c),
+}
+
+
+def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> None:
+    """Subscribe to the sensors.
+
+    Parameters
+    ----------
+    node : Node
+    take : callable
+        Gets each sample: the sensor's name (one of ``SENSORS``), the stamp in ns, the value in mm, N m or degC.
+    """
+
+    def subscribe(sensor: str, topic: str, kind: Any, value: Callable[[Any], float]) -> None:
+        def on_sample(message: Any) -> None:
+            take(sensor, convert.stamp_ns(message.header.stamp), value(message))
+
+        node.create_subscription(kind, topic, on_sample, STREAM)
+
+    for sensor, (topic, kind, value) in _SENSOR_TOPICS.items():
+        subscribe(sensor, topic, kind, value)
