@@ -9,9 +9,7 @@ from typing import Any
 
 from cyclonedds.core import DDSStatus, WaitSet
 from rclpy.context import Context
-from rclpy.impl.dds import matched
-from rclpy.impl.graph import user_data_field
-from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint
+from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, matched_ids
 from rclpy.task import Future
 
 # A wait for a service looks at least this often whether the context is still up.
@@ -114,39 +112,26 @@ class Client(ServiceEndpoint):
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
         self._check()
         self._local_node.session.check("failed to check service availability")
-        writer, reader = self._writer, self._reader
-        requests = {
-            self._service_id(writer.get_matched_subscription_data, handle)
-            for handle in matched(writer.get_matched_subscriptions)
-        }
-        replies = {
-            self._service_id(reader.get_matched_publication_data, handle)
-            for handle in matched(reader.get_matched_publications)
-        }
-        return bool(requests & replies - {None})
-
-    @staticmethod
-    def _service_id(get_data: Callable[[int], Any], handle: int) -> str | None:
-        data = get_data(handle)
-        return None if data is None else user_data_field(data.qos, "serviceid") or ""
+        replies = matched_ids(
+            self._reader.get_matched_publications, self._reader.get_matched_publication_data, "service"
+        )
+        return bool(self._reader_ids("service") & replies)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Wait for a server; return whether there is one. Without a timeout, wait until shutdown.
+        """Wait for a server; return whether there is one. Without a timeout, wait for ever.
 
         Raises
         ------
         RCLError
-            After shutdown.
+            When the context is shut down.
         """
-        if self.service_is_ready():
-            return True
         self._writer.set_status_mask(DDSStatus.PublicationMatched)
         self._reader.set_status_mask(DDSStatus.SubscriptionMatched)
         waitset = WaitSet(self._local_node.session.participant)
         waitset.attach(self._writer)
         waitset.attach(self._reader)
         deadline = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        while self.context.ok():
+        while True:
             self._writer.get_publication_matched_status()
             self._reader.get_subscription_matched_status()
             if self.service_is_ready():
@@ -155,4 +140,3 @@ class Client(ServiceEndpoint):
             if remaining <= 0:
                 return False
             waitset.wait(int(remaining * 1e9))
-        return self.service_is_ready()

@@ -8,9 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.impl.dds import matched
-from rclpy.impl.graph import user_data_field
-from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint
+from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, peer_id
 
 # How long a reply waits for the client's reply reader to be discovered; as rmw_cyclonedds.
 _CLIENT_DISCOVERY_S = 0.1
@@ -65,18 +63,13 @@ class Service(ServiceEndpoint):
             return True
         deadline = time.monotonic() + _CLIENT_DISCOVERY_S
         while True:
-            publication = self._reader.get_matched_publication_data(handle)
-            if publication is None:
-                return False
-            client = user_data_field(publication.qos, "clientid")
+            client = peer_id(self._reader.get_matched_publication_data(handle), "client")
             if client is None:
+                return False
+            if client in self._reader_ids("client"):
+                self._reachable.add(handle)
                 return True
-            for subscription in matched(self._writer.get_matched_subscriptions):
-                data = self._writer.get_matched_subscription_data(subscription)
-                if data is not None and user_data_field(data.qos, "clientid") == client:
-                    self._reachable.add(handle)
-                    return True
-            if time.monotonic() >= deadline:
+            if not client or time.monotonic() >= deadline:
                 return True
             time.sleep(0.001)
 

@@ -68,17 +68,17 @@ class Future:
 
     def set_result(self, result: Any) -> None:
         """Complete it with a result."""
-        with self._lock:
-            self._result = result
-            self._done = True
-            self._cancelled = False
-        self._run_callbacks()
+        self._result = result
+        self._finish()
 
     def set_exception(self, exception: BaseException) -> None:
         """Complete it with an exception."""
+        self._exception = exception
+        self._exception_fetched = False
+        self._finish()
+
+    def _finish(self) -> None:
         with self._lock:
-            self._exception = exception
-            self._exception_fetched = False
             self._done = True
             self._cancelled = False
         self._run_callbacks()

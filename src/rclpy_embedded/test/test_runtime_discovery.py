@@ -69,6 +69,11 @@ def test_static_peers() -> None:
     ]
 
 
+@pytest.mark.parametrize("environ", [{"ROS_LOCALHOST_ONLY": "1"}, {"ROS_STATIC_PEERS": "10.0.0.1"}])
+def test_peers_are_called_for_ever(environ: dict[str, str]) -> None:
+    assert _element(discovery.configuration(0, environ), "Discovery/InitialLocatorPruneDelay") == "inf"
+
+
 def test_loopback_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "loopback_only", lambda: True)
     assert 'name="lo" multicast="true"' in discovery.configuration(0, {})

@@ -77,6 +77,8 @@ def configuration(domain: int, environ: Mapping[str, str] = os.environ) -> str:
         index = "<ParticipantIndex>auto</ParticipantIndex>"
         discovery = f"{index}<MaxAutoParticipantIndex>{limit}</MaxAutoParticipantIndex>"
         if peers:
+            # Peers that come later are called all the same, as by the Cyclone DDS of Jazzy; by default not after 30 s.
+            discovery += "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
             discovery += f"<Peers>{''.join(f'<Peer address={quoteattr(peer)}/>' for peer in peers)}</Peers>"
     # An explicit interface in CYCLONEDDS_URI would add to ours instead of replacing it.
     if interfaces and "<Interfaces>" not in user.replace(" ", "") and "NetworkInterfaceAddress" not in user:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,7 +11,9 @@ from cyclonedds.core import DDSException
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import RCLError
 from rclpy.impl import faults
+from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import Endpoint
+from rclpy.impl.graph import user_data_field
 from rclpy.impl.session import LocalNode
 from rclpy.qos import QoSProfile
 
@@ -27,6 +30,17 @@ class RequestId:
 
     writer_guid: int
     sequence_number: int
+
+
+def peer_id(data: Any, role: str) -> str | None:
+    """Return the id that a matched peer has as "client" or "service": '' if it has none, None if the peer is gone."""
+    return None if data is None else user_data_field(data.qos, f"{role}id") or ""
+
+
+def matched_ids(handles: Callable[[], list[int]], data_of: Callable[[int], Any], role: str) -> set[str]:
+    """Return the ids of all matched peers."""
+    ids = {peer_id(data_of(handle), role) for handle in matched(handles)}
+    return {found for found in ids if found is not None}
 
 
 class ServiceEndpoint(Endpoint):
@@ -70,6 +84,9 @@ class ServiceEndpoint(Endpoint):
         """Full name of the service."""
         self._check()
         return self._name
+
+    def _reader_ids(self, role: str) -> set[str]:
+        return matched_ids(self._writer.get_matched_subscriptions, self._writer.get_matched_subscription_data, role)
 
     def _send(self, request_id: RequestId, message: Any) -> None:
         prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
