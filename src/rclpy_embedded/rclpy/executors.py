@@ -6,7 +6,7 @@ import inspect
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable
 from typing import TYPE_CHECKING, Any
 
 from cyclonedds.core import DDSException
@@ -289,12 +289,13 @@ class Executor:
         self._blocked = False
         self._timers, self._guards, self._readers, self._events = [], [], [], []
         for node in self.get_nodes():
-            for target, entities in (
+            kinds: tuple[tuple[list[Any], Iterable[Any]], ...] = (
                 (self._timers, node.timers),
                 (self._guards, node.guards),
                 (self._readers, [*node.subscriptions, *node.clients, *node.services]),
                 (self._events, node.waitables),
-            ):
+            )
+            for target, entities in kinds:
                 for entity in list(entities):
                     if self.can_execute(entity):
                         target.append((entity, node))
@@ -322,9 +323,7 @@ class Executor:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
         ready = self._ready
-        for timer in self._timers:
-            if timer[0]._wait_ns() == 0:
-                ready.append(timer)
+        ready.extend(entry for entry in self._timers if entry[0]._wait_ns() == 0)
         found = 0
         if triggered:
             for reader in self._readers:
@@ -333,9 +332,7 @@ class Executor:
                     found += 1
                     if found == triggered:
                         break
-        for guard in self._guards:
-            if guard[0]._triggered:
-                ready.append(guard)
+        ready.extend(entry for entry in self._guards if entry[0]._triggered)
         now = time.monotonic_ns()
         if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
@@ -23,17 +23,22 @@ from rclpy.waitable import Waitable
 
 if TYPE_CHECKING:
     from rclpy.impl.session import LocalNode
+    from rclpy.node import Node
 
 
 class NodeEntities:
     """The entities of a Node, and the methods that make and destroy them."""
 
     _context: Context
-    handle: LocalNode
     _clock: Clock
     resolve_topic_name: Callable[..., str]
     resolve_service_name: Callable[..., str]
     _wake_executor: Callable[[], None]
+
+    if TYPE_CHECKING:
+
+        @property
+        def handle(self) -> LocalNode: ...
 
     def __init__(self) -> None:
         self._publishers: list[Publisher] = []
@@ -98,11 +103,10 @@ class NodeEntities:
             raise ValueError("history depth must be greater than or equal to zero")
         return QoSProfile(depth=qos_or_depth)
 
-    def __add(self, entity: Any, entities: list[Any]) -> Any:
+    def __add(self, entity: Any, entities: list[Any]) -> None:
         entity.callback_group.add_entity(entity)
         entities.append(entity)
         self._wake_executor()
-        return entity
 
     def __topic(
         self,
@@ -118,7 +122,8 @@ class NodeEntities:
         check_is_valid_msg_type(msg_type)
         name = self.resolve_topic_name(topic)
         if options is not None:
-            profile = declare_qos_parameters("publisher" if writer else "subscription", self, name, profile, options)
+            kind = "publisher" if writer else "subscription"
+            profile = declare_qos_parameters(kind, cast("Node", self), name, profile, options)
         return name, profile
 
     def create_publisher(
@@ -178,7 +183,8 @@ class NodeEntities:
             self.handle, msg_type, topic, name, profile, callbacks, group, callback=callback, raw=raw
         )
         self.__waitables.extend(subscription.event_handlers)
-        return self.__add(subscription, self._subscriptions)
+        self.__add(subscription, self._subscriptions)
+        return subscription
 
     def create_client(
         self,
@@ -193,7 +199,8 @@ class NodeEntities:
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
         client = Client(self.handle, srv_type, srv_name, name, qos_profile, group, context=self._context)
-        return self.__add(client, self._clients)
+        self.__add(client, self._clients)
+        return client
 
     def create_service(
         self,
@@ -215,7 +222,8 @@ class NodeEntities:
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
         service = Service(self.handle, srv_type, srv_name, name, qos_profile, group, callback=callback)
-        return self.__add(service, self._services)
+        self.__add(service, self._services)
+        return service
 
     def create_timer(
         self,
@@ -235,14 +243,17 @@ class NodeEntities:
             context=self._context,
             autostart=autostart,
         )
-        return self.__add(timer, self._timers)
+        self.__add(timer, self._timers)
+        return timer
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Create a guard condition, whose callback is called after its ``trigger``."""
         group = callback_group or self._default_callback_group
-        return self.__add(GuardCondition(callback, group, context=self._context), self._guards)
+        guard = GuardCondition(callback, group, context=self._context)
+        self.__add(guard, self._guards)
+        return guard
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
         """Create a rate of `frequency` Hz; ValueError unless it is positive."""

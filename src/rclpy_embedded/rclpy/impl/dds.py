@@ -42,7 +42,7 @@ class RawSample(IdlStruct):
 
 
 @cache
-def raw_type(dds_name: str) -> type[RawSample]:
+def raw_type(dds_name: str) -> Any:
     """Return the DDS type of the given name that carries CDR."""
     # The one member (every ROS message has at least a byte) is named after the type: else DDS would take all these
     # types for the same and match them within a process.
@@ -50,7 +50,7 @@ def raw_type(dds_name: str) -> type[RawSample]:
     return make_idl_struct("RawType", dds_name, {member: uint8}, dataclassify=False, bases=(RawSample,))
 
 
-def any_sample(reader: DataReader) -> ReadCondition:
+def any_sample(reader: DataReader[Any]) -> ReadCondition:
     """Return a condition that triggers while the reader holds any sample."""
     return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
 

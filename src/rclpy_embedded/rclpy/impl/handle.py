@@ -23,7 +23,7 @@ class Destroyable:
     """Has a handle until it is destroyed."""
 
     def __init__(self, handle: Any = None) -> None:
-        self._handle = Handle() if handle is None else handle
+        self._handle: Any = Handle() if handle is None else handle
 
     @property
     def handle(self) -> Any:

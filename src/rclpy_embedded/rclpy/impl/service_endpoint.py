@@ -75,8 +75,8 @@ class ServiceEndpoint(Endpoint):
         self._received, self._sent = received[1], sent[1]
         session = local_node.session
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
-        self._writer = session.writer(*sent, qos_profile, prefix)
-        self._reader = session.reader(*received, qos_profile, prefix)
+        self._writer: Any = session.writer(*sent, qos_profile, prefix)
+        self._reader: Any = session.reader(*received, qos_profile, prefix)
         super().__init__(local_node, name, self._reader, self._writer)
 
     @property

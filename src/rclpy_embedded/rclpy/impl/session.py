@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import threading
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from weakref import WeakSet
 
 from cyclonedds.core import Entity, Policy, Qos
@@ -53,6 +53,9 @@ class Reader(Handle, DataReader[RawSample]):
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
         self.gid = _gid(self)
+
+
+_Kind = TypeVar("_Kind", Reader, Writer)
 
 
 @dataclass(eq=False)
@@ -123,8 +126,8 @@ class Session(Handle):
         return self._create(Reader, self.subscriber, dds_topic, support, profile, prefix)
 
     def _create(
-        self, kind: Any, parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
-    ) -> Any:
+        self, kind: type[_Kind], parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
+    ) -> _Kind:
         self.check(f"failed to create an endpoint of '{dds_topic}'")
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
