@@ -1,8 +1,7 @@
 """Plays a bag into the graph; controllers named as shadows compute along, and nobody obeys them.
 
 A shadow sees the recorded measurements, references and commands. What it publishes goes to shadow/<name>/proposal,
-status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over. A bag of a
-lockstep run tells of many seconds of welding per second of recording: shadows need a rate below 1 to keep up.
+status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ SENSORS = ["/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
-    "rate": ("1.0", "Recording time per wall time; 2 plays twice as fast"),
+    "rate": ("1.0", "Time of the weld per wall time, also of one that was simulated; 2 plays twice as fast"),
     "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
     "controllers": ("", "Controllers to run as shadows, parted by commas, e.g. nmpc"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
