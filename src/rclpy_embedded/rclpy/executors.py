@@ -12,12 +12,9 @@ from typing import TYPE_CHECKING, Any
 from cyclonedds.core import DDSException
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.guard_condition import GuardCondition
 from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
 from rclpy.task import Future, Task
-from rclpy.timer import Timer
 from rclpy.utilities import get_default_context, timeout_sec_to_nsec
-from rclpy.waitable import Waitable
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -97,10 +94,10 @@ class Executor:
         self._working = threading.RLock()
         self._entities_changed = True
         self._blocked = False
-        self._timers: list[tuple[Timer, Node]] = []
-        self._guards: list[tuple[GuardCondition, Node]] = []
+        self._timers: list[tuple[Any, Node]] = []
+        self._guards: list[tuple[Any, Node]] = []
         self._readers: list[tuple[Any, Node]] = []
-        self._events: list[tuple[Waitable, Node]] = []
+        self._events: list[tuple[Any, Node]] = []
         self._events_seen_ns = 0
         self._context._wakers.add(self)
 
@@ -323,7 +320,9 @@ class Executor:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
         ready = self._ready
-        ready.extend(entry for entry in self._timers if entry[0]._wait_ns() == 0)
+        for entry in self._timers:
+            if entry[0]._wait_ns() == 0:
+                ready.append(entry)
         found = 0
         if triggered:
             for reader in self._readers:
@@ -332,7 +331,9 @@ class Executor:
                     found += 1
                     if found == triggered:
                         break
-        ready.extend(entry for entry in self._guards if entry[0]._triggered)
+        for entry in self._guards:
+            if entry[0]._triggered:
+                ready.append(entry)
         now = time.monotonic_ns()
         if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
