@@ -192,6 +192,7 @@ def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 10)
     recorder = start_recorder(graph, bag)
     talk(graph, depth, 10)
+    graph.until((bag / "bag_0.mcap").exists)
     (bag / "bag_0.mcap").unlink()
     timer = graph.node.create_timer(0.01, lambda: depth.publish(ShoulderDepth(depth=1.0)))
     graph.until(lambda: recorder.poll() is not None)
