@@ -112,12 +112,12 @@ def spinner(context: Context, node: Any) -> Iterator[Spinner]:
 class Program:
     """A Python program in another process; its output is read line by line."""
 
-    def __init__(self, source: str, *args: str) -> None:
-        environ = dict(os.environ)
+    def __init__(self, source: str, *args: str, python: str = sys.executable, environ: Any = None) -> None:
+        environ = dict(os.environ if environ is None else environ)
         if "ROS_DISTRO" not in environ:
             environ["PYTHONPATH"] = f"{_SOURCE}{os.pathsep}{environ.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(
-            [sys.executable, "-u", "-c", source, *args],
+            [python, "-u", "-c", source, *args],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -141,8 +141,8 @@ def run_program(domain_id: int) -> Iterator[Callable[..., Program]]:
     """Start programs in the test's domain; they are killed after the test."""
     programs: list[Program] = []
 
-    def run(source: str, *args: str) -> Program:
-        programs.append(Program(source, *args))
+    def run(source: str, *args: str, **options: Any) -> Program:
+        programs.append(Program(source, *args, **options))
         return programs[-1]
 
     yield run
