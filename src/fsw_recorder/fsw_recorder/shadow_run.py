@@ -16,8 +16,8 @@ from fsw_recorder.errors import BagError
 from fsw_recorder.weld_signals import WeldSignals
 
 _SENSORS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
-#: shown to the controller
-_SHOWN = (*_SENSORS, "/fsw/reference", "/fsw/command")
+#: set-points; the latter where recording began after their sender had left
+_REFERENCES = ("/fsw/reference", "/fsw/supervisor/reference")
 #: only kept with the proposals, so that the bag of the shadow can be drawn like any other
 _KEPT = ("/fsw/plant/truth", "/fsw/supervisor/state", "/clock")
 #: parameters of a node that are not the controller's business
@@ -25,6 +25,10 @@ _FOREIGN = ("use_sim_time", "start_type_description_service")
 #: the controller's last diagnostics come after a second, the recorder's last chunk after half of one
 _LAST_WORDS_S = 2.0
 _TICK_S = 0.1
+
+
+def _reference_of(weld: WeldSignals) -> str:
+    return next((name for name in _REFERENCES if weld.counts.get(name)), _REFERENCES[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +83,7 @@ class ShadowRun:
         """
         from fsw_experiment.launcher import Launcher, LaunchError, free_domain
 
-        missing = [name for name in (*_SENSORS, "/fsw/reference") if not weld.counts.get(name)]
+        missing = [name for name in (*_SENSORS, _reference_of(weld)) if not weld.counts.get(name)]
         if missing:
             raise BagError(f"{self.bag}: cannot be shown to a controller, it has no {', '.join(missing)}")
         try:
@@ -120,7 +124,8 @@ class ShadowRun:
     def _parameter_file(self, weld: WeldSignals) -> dict[str, Any]:
         with BagReader(self.bag) as reader:
             present = reader.topics()
-        shown = [name for name in _SHOWN if name in present and present[name].count]
+        wanted = (*_SENSORS, _reference_of(weld), "/fsw/command")
+        shown = [name for name in wanted if name in present and present[name].count]
         kept = [name for name in _KEPT if name in present and present[name].count]
         nodes: dict[str, dict[str, Any]] = {
             "fsw_replay": {

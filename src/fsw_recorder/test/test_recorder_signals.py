@@ -11,6 +11,7 @@ import pytest
 from fsw_recorder import BagError
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.sample_weld import START_NS, TICK_NS, sample_messages, sample_topics
+from fsw_recorder.shadow_run import ShadowRun
 from fsw_recorder.signal_export import export_weld, weld_table
 from fsw_recorder.signals import load_weld
 from fsw_recorder.weld_signals import WeldSignals
@@ -136,17 +137,20 @@ def test_export_refusals(signals: WeldSignals, tmp_path: Path, monkeypatch: pyte
 
 
 def test_set_points_whose_sender_had_left_are_those_that_the_supervisor_keeps(tmp_path: Path) -> None:
+    kept = "/fsw/supervisor/reference"
     with BagWriter(tmp_path / "bag") as writer:
         for topic in sample_topics():
-            writer.add_topic(replace(topic, name=topic.name.replace("/fsw/reference", "/fsw/supervisor/reference")))
+            writer.add_topic(replace(topic, name=topic.name.replace("/fsw/reference", kept)))
         for name, time_ns, data in sample_messages(50):
             if name != "/fsw/reference":
                 writer.write(name, data, time_ns, time_ns)
             elif time_ns < START_NS + TICK_NS:
-                writer.write("/fsw/supervisor/reference", data, time_ns, time_ns)
+                writer.write(kept, data, time_ns, time_ns)
     signals = load_weld(tmp_path / "bag")
     assert signals.reference_depth_mm == pytest.approx(2.66) and signals.reference_temperature_c == pytest.approx(816.0)
     assert signals.problems == []
+    shadow = ShadowRun(tmp_path / "bag", tmp_path / "shadow", "decentral", "fsw_decentral.decentral_node")
+    assert kept in shadow._parameter_file(signals)["fsw_replay"]["ros__parameters"]["topics"]
 
 
 def in_namespaces(bag: Path, *namespaces: str) -> Path:
