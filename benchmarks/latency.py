@@ -1,7 +1,8 @@
-"""Publish-to-receive latency between two processes: rclpy_embedded and bare cyclonedds, in turns, in one run.
+"""Publish-to-receive latency between two processes, in one run: rclpy_embedded, genuine rclpy, bare cyclonedds.
 
 Each ping carries its time of publication and is answered by the other process; what is reported is half of the round
-trip, so that both directions count alike and no clock has to be shared.
+trip, so that both directions count alike and no clock has to be shared. Genuine rclpy is measured where ROS 2 is
+sourced.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-SOURCE = Path(__file__).resolve().parent.parent / "src" / "rclpy_embedded"
+from worlds import Side, output, ratios, sides
+
 PAYLOADS = {"small": 64, "1mb": 1_000_000}
 
 
-class Embedded:
+class Rclpy:
     """Ping-pong over rclpy."""
 
     def __init__(self, role: str) -> None:
@@ -112,7 +114,7 @@ class Bare:
             self.writer.write(self._receive())
 
 
-SIDES: dict[str, Any] = {"rclpy_embedded": Embedded, "cyclonedds": Bare}
+SIDES: dict[str, Any] = {"rclpy_embedded": Rclpy, "genuine": Rclpy, "cyclonedds": Bare}
 
 
 def measure(side: Any, size: int, count: int) -> list[float]:
@@ -141,31 +143,16 @@ def run_master(name: str, counts: dict[str, int]) -> None:
     os._exit(0)
 
 
-def compare(counts: dict[str, int]) -> dict[str, float]:
-    """Run both sides, each with two processes, and return all figures under flat names."""
-    environ = dict(os.environ)
-    environ.setdefault("ROS_DOMAIN_ID", str(101 + os.getpid() % 60))
-    environ["PYTHONPATH"] = f"{SOURCE}{os.pathsep}{environ.get('PYTHONPATH', '')}"
-    figures: dict[str, float] = {}
-    for name in SIDES:
-        command = [sys.executable, __file__, "--side", name]
-        partner = subprocess.Popen([*command, "--role", "partner"], env=environ)
-        try:
-            text = subprocess.run(
-                [*command, "--role", "master", "--counts", json.dumps(counts)],
-                env=environ,
-                check=True,
-                capture_output=True,
-                text=True,
-                timeout=300,
-            ).stdout
-        finally:
-            partner.kill()
-            partner.wait()
-        figures.update({f"{name}_{key}": value for key, value in json.loads(text.splitlines()[-1]).items()})
-    for payload in counts:
-        ours, bare = figures[f"rclpy_embedded_{payload}_p50_ms"], figures[f"cyclonedds_{payload}_p50_ms"]
-        figures[f"ratio_{payload}_p50"] = ours / bare
+def run(name: str, side: Side, counts: dict[str, int]) -> dict[str, float]:
+    """Measure one side with two processes."""
+    python, environ = side
+    partner = subprocess.Popen([python, __file__, "--side", name, "--role", "partner"], env=environ)
+    try:
+        text = output(side, __file__, "--side", name, "--role", "master", "--counts", json.dumps(counts))
+    finally:
+        partner.kill()
+        partner.wait()
+    figures: dict[str, float] = json.loads(text)
     return figures
 
 
@@ -183,14 +170,19 @@ def main() -> None:
     elif arguments.role == "master":
         run_master(arguments.side, arguments.counts)
     else:
-        figures = compare({"small": 500, "1mb": 20} if arguments.quick else {"small": 5000, "1mb": 200})
-        print(f"{'one way, ms':<16}{'p50 small':>12}{'p99 small':>12}{'p50 1 MB':>12}{'p99 1 MB':>12}")
-        for name in SIDES:
-            columns = [figures[f"{name}_{key}_ms"] for key in ("small_p50", "small_p99", "1mb_p50", "1mb_p99")]
-            print(f"{name:<16}" + "".join(f"{value:>12.3f}" for value in columns))
-        print("genuine rclpy on a comparable machine: 0.44 ms median (Cyclone DDS), small message")
+        counts = {"small": 500, "1mb": 20} if arguments.quick else {"small": 5000, "1mb": 200}
+        measured = {name: run(name, side, counts) for name, side in sides().items()}
+        keys = list(measured["rclpy_embedded"])
+        print(f"{'one way':<24}" + "".join(f"{key:>14}" for key in keys))
+        for name, values in measured.items():
+            print(f"{name:<24}" + "".join(f"{values[key]:>14.3f}" for key in keys))
+        compared = ratios(measured)
+        for name in list(measured)[1:]:
+            title = f"embedded / {name}"
+            print(f"{title:<24}" + "".join(f"{compared[f'ratio_{name}_{key}']:>14.2f}" for key in keys))
         if arguments.json:
-            arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+            figures = {f"{name}_{key}": value for name, values in measured.items() for key, value in values.items()}
+            arguments.json.write_text(json.dumps(figures | compared, indent=2) + "\n")
 
 
 if __name__ == "__main__":

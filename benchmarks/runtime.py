@@ -1,26 +1,23 @@
-"""What the runtime costs next to bare cyclonedds, in one run: CPU, jitter, service round trip, start-up, memory.
+"""What the runtime costs next to genuine rclpy and bare cyclonedds, in one run: CPU, jitter, services, start, memory.
 
 CPU is measured at 10, 100 and 1,000 Hz for 64 bytes and for 1 MB, with publisher and subscription in one process; the
 jitter of a timer is the distance of its calls from their grid. The latency of topics between processes is in
-`latency.py`. Where ROS_DISTRO is set the same file measures genuine rclpy; bare cyclonedds is left out where its
-package is missing.
+`latency.py`. Genuine rclpy is measured where ROS 2 is sourced.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import resource
 import statistics
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
-SOURCE = Path(__file__).resolve().parent.parent / "src" / "rclpy_embedded"
+from worlds import Side, output, ratios, sides
+
 SIZES = {"small": 64, "1mb": 1_000_000}
 RATES_HZ = (10, 100, 1000)
 START = {
@@ -32,7 +29,7 @@ rclpy.init()
 rclpy.create_node("starter").create_publisher(String, "chat", 10)
 print(time.perf_counter() - start)
 """,
-    "bare": """
+    "cyclonedds": """
 import time; start = time.perf_counter()
 import os
 from dataclasses import dataclass
@@ -172,7 +169,7 @@ class Bare:
                 return
 
 
-SIDES: dict[str, Any] = {"rclpy": Rclpy, "bare": Bare}
+SIDES: dict[str, Any] = {"rclpy_embedded": Rclpy, "genuine": Rclpy, "cyclonedds": Bare}
 
 
 def measure(name: str, quick: bool) -> dict[str, float]:
@@ -209,7 +206,7 @@ def measure(name: str, quick: bool) -> dict[str, float]:
                 figures[f"jitter_{hz}hz_p50_ms"] = statistics.median(late)
                 figures[f"jitter_{hz}hz_p99_ms"] = percentile(late, 0.99)
     figures["memory_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    if name == "rclpy":
+    if name != "cyclonedds":
         figures["memory_per_node_kb"] = memory_per_node(20)
     return figures
 
@@ -230,17 +227,13 @@ def memory_per_node(count: int) -> float:
     return grown / count
 
 
-def run(name: str, quick: bool) -> dict[str, float]:
+def run(name: str, side: Side, quick: bool) -> dict[str, float]:
     """Measure one side in a process of its own, and its start-up in others."""
-    starts = [_output([sys.executable, "-c", START[name]]) for _ in range(3 if quick else 10)]
+    starts = [output(side, "-c", START.get(name, START["rclpy"])) for _ in range(3 if quick else 10)]
     flags = ["--quick"] if quick else []
-    figures: dict[str, float] = json.loads(_output([sys.executable, __file__, "--side", name, *flags]))
+    figures: dict[str, float] = json.loads(output(side, __file__, "--side", name, *flags))
     figures["start_up_s"] = min(float(text) for text in starts)
     return figures
-
-
-def _output(command: list[str]) -> str:
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=600).stdout.splitlines()[-1]
 
 
 def main() -> None:
@@ -250,31 +243,20 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
     parser.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    if "ROS_DISTRO" not in os.environ:
-        sys.path.insert(0, str(SOURCE))
-        os.environ["PYTHONPATH"] = f"{SOURCE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
-    os.environ.setdefault("ROS_DOMAIN_ID", str(101 + os.getpid() % 60))
     if arguments.side:
         print(json.dumps(measure(arguments.side, arguments.quick)))
         return
-    genuine = os.environ.get("ROS_DISTRO")
-    label = f"rclpy ({genuine})" if genuine else "rclpy_embedded"
-    rclpy = run("rclpy", arguments.quick)
-    bare = run("bare", arguments.quick) if importlib.util.find_spec("cyclonedds") else {}
-    print(f"{'':<26}{label:>16}{'cyclonedds':>14}{'ratio':>8}")
-    figures: dict[str, float] = {}
-    for key, value in rclpy.items():
-        figures[f"rclpy_{key}"] = value
-        line = f"{key:<26}{value:>16.3f}"
-        if key in bare:
-            figures[f"cyclonedds_{key}"] = bare[key]
-            line += f"{bare[key]:>14.3f}"
-            if bare[key] > 0 and not key.startswith("reached"):
-                figures[f"ratio_{key}"] = value / bare[key]
-                line += f"{value / bare[key]:>8.2f}"
-        print(line)
+    measured = {name: run(name, side, arguments.quick) for name, side in sides().items()}
+    compared = ratios(measured)
+    names = list(measured)
+    print(f"{'':<26}" + "".join(f"{name:>16}" for name in names) + "".join(f"{f'/ {name}':>14}" for name in names[1:]))
+    for key in measured["rclpy_embedded"]:
+        values = "".join(f"{measured[name][key]:>16.3f}" if key in measured[name] else f"{'':>16}" for name in names)
+        against = (compared.get(f"ratio_{name}_{key}") for name in names[1:])
+        print(f"{key:<26}{values}" + "".join(f"{'':>14}" if ratio is None else f"{ratio:>14.2f}" for ratio in against))
     if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+        figures = {f"{name}_{key}": value for name in names for key, value in measured[name].items()}
+        arguments.json.write_text(json.dumps(figures | compared, indent=2) + "\n")
 
 
 if __name__ == "__main__":
