@@ -138,8 +138,10 @@ class Executor:
         return True
 
     def __del__(self) -> None:
-        if hasattr(self, "_conditions"):
+        try:
             self._conditions.close()
+        except (AttributeError, TypeError):  # never made, or the interpreter is ending and half of it is gone
+            pass
 
     def add_node(self, node: Node) -> bool:
         """Run the callbacks of a node from now on; return whether it is new to this executor."""
