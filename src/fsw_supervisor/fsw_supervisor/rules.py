@@ -102,11 +102,14 @@ class Rules:
 
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all is here that the decision shall not depend on the timing of."""
-        if not tick.evaluated and self._now_s < tick.started_s + self._grace_s:
-            missing = [name for name in SENSORS if name not in tick.samples]
+        missing = () if tick.evaluated else tuple(name for name in SENSORS if name not in tick.samples)
+        if missing:
+            proposed = self.machine.active in tick.verdicts
+            in_grace = self._now_s < tick.started_s + self._grace_s
             lost = all(self.guard.reasons[name] == "missing" for name in missing)
-            # What is known to be lost is not waited for once the proposal is there; it may still come back.
-            if missing and not (lost and self.machine.active in tick.verdicts):
+            # What is known to be lost is not waited for once the proposal is there; it may still come back. Before
+            # that nothing can be decided, and a sample that is only late on a busy machine is not missing.
+            if (in_grace and not (lost and proposed)) or (self.machine.mode is Mode.AUTO and not proposed):
                 return False
         if self.lockstep and self._now_s < tick.started_s + self.settings.lockstep_shadow_wait_s:
             for record in self.proposals.roster:
