@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, cast
 
@@ -72,7 +73,23 @@ class InterfaceFinder:
             module.__dict__["__getattr__"], module.__dict__["__dir__"] = lazy_interfaces(module.__name__)
 
 
+class FolderFinder(InterfaceFinder):
+    """Finds ``pkg.msg`` where it is a folder of definitions; asked first, for Python would take it for a package."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find ``pkg.msg`` or ``pkg.srv`` of a package that is a folder on ``sys.path``."""
+        kind = fullname.partition(".")[2]
+        if kind not in _KINDS or any(Path(folder, kind, "__init__.py").exists() for folder in path or ()):
+            return None
+        if not any(next(Path(folder, kind).glob(f"*.{kind}"), None) for folder in path or ()):
+            return None
+        return ModuleSpec(fullname, cast("Loader", self))
+
+
 def install() -> None:
-    """Append the finder to ``sys.meta_path``, once."""
+    """Put the finders into ``sys.meta_path``, once."""
     if not any(isinstance(finder, InterfaceFinder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, cast("MetaPathFinder", FolderFinder()))
         sys.meta_path.append(cast("MetaPathFinder", InterfaceFinder()))

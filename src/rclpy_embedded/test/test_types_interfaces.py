@@ -298,6 +298,24 @@ def test_own_interfaces_come_from_their_files() -> None:
     assert support.dds_name == "fsw_msgs::msg::dds_::SupervisorState_"
 
 
+@pytest.mark.parametrize("is_package", [False, True])
+def test_package_folder_on_the_path(tmp_path: Path, is_package: bool) -> None:
+    for kind, text in (("msg", "float64 depth"), ("srv", "---\nbool done")):
+        (tmp_path / "plain_msgs" / kind).mkdir(parents=True)
+        (tmp_path / "plain_msgs" / kind / f"Plain.{kind}").write_text(text)
+    if is_package:
+        (tmp_path / "plain_msgs" / "__init__.py").write_text("")
+    code = f"""
+import sys
+sys.path[:0] = [{str(EMBEDDED)!r}, {str(tmp_path)!r}]
+import rclpy
+from plain_msgs.msg import Plain
+from plain_msgs.srv import Plain as Service
+print(Plain(depth=0.5).depth, Service.Response().done)
+"""
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "0.5 False\n"
+
+
 def test_own_interfaces_ask_to_be_built_where_rclpy_is_genuine(tmp_path: Path) -> None:
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("")
