@@ -43,6 +43,9 @@ def start(run_program: Callable[..., Any], capfd: pytest.CaptureFixture[str]) ->
             program = run_program(source, *args)
         else:
             environ = {key: value for key, value in os.environ.items() if not key.startswith(_ROS)}
+            # The definitions of packages that rclpy_embedded does not bring along.
+            shares = [f"{prefix}/share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)]
+            environ["RCLPY_EMBEDDED_INTERFACE_PATH"] = os.pathsep.join(shares)
             program = run_program(source, *args, python=_python(), environ=environ)
         programs.append(program)
         assert program.line() == "ready", program.process.communicate(timeout=10)
