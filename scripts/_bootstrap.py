@@ -14,8 +14,8 @@ from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 OLDEST = (3, 11)
-# with genuine ROS 2 these come from it: its message packages are compiled against its numpy
-FROM_ROS = ("numpy", "cyclonedds")
+# with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
+FROM_ROS = ("numpy",)
 
 
 def with_genuine_ros():
@@ -55,8 +55,8 @@ def _python(home):
 
 def _stamp(lock):
     """What must be equal for an installed lock to be still right."""
-    text = f"{sys.version_info[:2]} {WORKSPACE}\n".encode() + lock.read_bytes() + _search_path().encode()
-    return hashlib.sha256(text).hexdigest()
+    text = f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _search_path():
