@@ -122,9 +122,11 @@ class Graph:
         for reader, endpoints in ((self._writer_reader, self._writers), (self._reader_reader, self._readers)):
             for sample in self._drain(reader):
                 guid = sample.key.bytes
-                if sample.sample_info.instance_state == InstanceState.Alive and sample.topic_name:
+                name = sample.topic_name
+                # DCPS...: Cyclone's own, read by this participant.
+                if sample.sample_info.instance_state == InstanceState.Alive and name and not name.startswith("DCPS"):
                     endpoints[guid] = Endpoint(
-                        guid, sample.participant_key.bytes, sample.topic_name, sample.type_name or "", sample.qos
+                        guid, sample.participant_key.bytes, name, sample.type_name or "", sample.qos
                     )
                 else:
                     endpoints.pop(guid, None)

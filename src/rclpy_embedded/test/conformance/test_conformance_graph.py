@@ -39,7 +39,9 @@ def test_topics_services_and_nodes_of_another_process(node: Any, run_program: An
     assert ("other", "/far") in node.get_node_names_and_namespaces()
     assert ("other", "/far", "/") in node.get_node_names_and_namespaces_with_enclaves()
     assert ("/far/other/status", ["std_msgs/msg/String"]) in node.get_topic_names_and_types()
-    assert ("rt/orders", ["std_msgs::msg::dds_::String_"]) in node.get_topic_names_and_types(no_demangle=True)
+    dds_topics = dict(node.get_topic_names_and_types(no_demangle=True))
+    assert dds_topics["rt/orders"] == ["std_msgs::msg::dds_::String_"]
+    assert {name.split("/")[0] for name in dds_topics} == {"rt", "rq", "rr", "ros_discovery_info"}
     assert ("/far/go", ["std_srvs/srv/Trigger"]) in node.get_service_names_and_types()
     assert node.count_publishers("/far/other/status") == node.count_subscribers("/orders") == 1
     assert node.count_services("/far/go") == 1
