@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy import parameter_yaml
-from rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.parameter import Parameter
 

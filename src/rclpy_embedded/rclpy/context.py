@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakMethod, WeakSet
 
 from rclpy import logging
-from rclpy.exceptions import RCLError
+from rclpy._rclpy_pybind11 import RCLError
 
 if TYPE_CHECKING:
     from rclpy.arguments import Arguments

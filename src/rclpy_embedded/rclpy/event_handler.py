@@ -9,8 +9,8 @@ from enum import IntEnum
 from typing import Any, ClassVar, Self
 
 from cyclonedds.core import DDSException, DDSStatus, Entity
+from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
 from rclpy.logging import get_logger
 from rclpy.qos import QoSPolicyKind, qos_policy_name_from_kind
 from rclpy.waitable import Waitable

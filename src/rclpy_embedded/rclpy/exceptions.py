@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import InvalidHandle as InvalidHandle
+
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
 
@@ -28,38 +30,6 @@ class NoTypeSupportImportedException(Exception):
 
     def __init__(self) -> None:
         super().__init__("no type_support imported")
-
-
-class RCUtilsError(RuntimeError):
-    """Raised by the utilities below the client library."""
-
-
-class RMWError(RuntimeError):
-    """Raised by the middleware layer."""
-
-
-class RCLError(RuntimeError):
-    """Raised by the client library's core."""
-
-
-class RCLInvalidROSArgsError(RCLError):
-    """Raised when a command line has malformed ROS arguments."""
-
-
-class UnknownROSArgsError(RuntimeError):
-    """Raised when a command line has ROS arguments that nobody knows."""
-
-
-class NodeNameNonExistentError(RCLError):
-    """Raised when a node is asked for that is not in the graph."""
-
-
-class UnsupportedEventTypeError(RCLError):
-    """Raised when the middleware does not offer an event."""
-
-
-class InvalidHandle(RuntimeError):
-    """Raised when an entity is used after it was destroyed."""
 
 
 class NameValidationException(Exception):

@@ -6,8 +6,8 @@ from typing import Any
 
 from cyclonedds.core import DDSException
 from cyclonedds.internal import DDS
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
-from rclpy.exceptions import RCLError
 from rclpy.impl.dds import INFINITE_NS, matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.qos import QoSReliabilityPolicy

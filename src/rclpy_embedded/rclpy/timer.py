@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidHandle, RCLError, ROSInterruptException
+from rclpy.exceptions import ROSInterruptException
 from rclpy.impl.handle import Destroyable
 from rclpy.time import Time
 from rclpy.utilities import get_default_context

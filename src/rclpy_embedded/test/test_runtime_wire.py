@@ -20,8 +20,8 @@ from cyclonedds.core import Policy
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError
 from rclpy.context import Context
-from rclpy.exceptions import NodeNameNonExistentError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.dds import qos_to_dds, raw_type
 from rclpy.parameter import Parameter

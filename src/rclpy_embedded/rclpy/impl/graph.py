@@ -14,7 +14,7 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsSubscription,
 )
 from cyclonedds.core import InstanceState, Policy, Qos
-from rclpy.exceptions import NodeNameNonExistentError
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError
 from rclpy.impl import faults
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from cyclonedds.core import DDSException
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import RCLError
 from rclpy.impl import faults
 from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import Endpoint
