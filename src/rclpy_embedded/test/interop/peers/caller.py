@@ -20,17 +20,16 @@ futures = [client.call_async(SetBool.Request(data=bool(number % 3))) for number 
 print([wait(future).success for future in futures], flush=True)
 parameters = AsyncParameterClient(node, "/far/sample")
 assert parameters.wait_for_services(20)
-for future in (
-    parameters.list_parameters([], 0),
-    parameters.get_parameters(["gain", "flags", "texts", "raw", "nothing"]),
-    parameters.describe_parameters(["gain", "count", "name"]),
-    parameters.get_parameter_types(["gain", "ints", "nothing"]),
-    parameters.set_parameters(
-        [Parameter("gain", value=2.5), Parameter("gain", value=2.6), Parameter("name", value="x")]
-    ),
-    parameters.set_parameters_atomically([Parameter("count", value=4), Parameter("ints", value=[7])]),
-    parameters.get_parameters(["gain", "count", "ints"]),
+changes = [Parameter("gain", value=2.5), Parameter("gain", value=2.6), Parameter("name", value="x")]
+for ask in (
+    lambda: parameters.list_parameters([], 0),
+    lambda: parameters.get_parameters(["gain", "flags", "texts", "raw", "nothing"]),
+    lambda: parameters.describe_parameters(["gain", "count", "name"]),
+    lambda: parameters.get_parameter_types(["gain", "ints", "nothing"]),
+    lambda: parameters.set_parameters(changes),
+    lambda: parameters.set_parameters_atomically([Parameter("count", value=4), Parameter("ints", value=[7])]),
+    lambda: parameters.get_parameters(["gain", "count", "ints"]),
 ):
-    print(wait(future), flush=True)
+    print(wait(ask()), flush=True)
 node.destroy_node()
 rclpy.shutdown()
