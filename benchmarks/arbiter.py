@@ -129,7 +129,8 @@ class Meter:
 
 def measure(rate_hz, ticks, real):
     """Latencies [ms] at one rate as a flat dict; ``real``: with this project's controllers."""
-    from fsw_experiment.launcher import Launcher, free_domain
+    from fsw_control.free_domain import free_domain
+    from fsw_experiment.launcher import Launcher
 
     period_s = 1.0 / rate_hz
     supervisor = [f"tick_period_s:={period_s}", f"deadline_s:={0.8 * period_s}"]

@@ -36,8 +36,9 @@ def offline_steps_per_s(name, repetitions):
 
 def graph_steps_per_s(name, controllers, repetitions):
     """Ticks per second and seconds from start to first tick; medians of several runs of the whole graph."""
+    from fsw_control.free_domain import free_domain
     from fsw_experiment.graph import WeldGraph
-    from fsw_experiment.launcher import Launcher, free_domain
+    from fsw_experiment.launcher import Launcher
     from fsw_experiment.scenario_file import load
 
     rates, starts = [], []

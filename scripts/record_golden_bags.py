@@ -35,9 +35,10 @@ LARGEST_BYTES = 1_000_000
 
 def record(name: str, target: Path) -> None:
     """Run the scenario of a bag in lockstep over DDS and keep what a replay and the figures of merit need."""
+    from fsw_control.free_domain import free_domain
     from fsw_experiment import kpi
     from fsw_experiment.graph import WeldGraph
-    from fsw_experiment.launcher import Launcher, free_domain
+    from fsw_experiment.launcher import Launcher
     from fsw_experiment.scenario_file import load, parse
     from fsw_experiment.weld_events import cut_to_scenario
     from fsw_recorder.bag_writer import WriterOptions

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from fsw_control.free_domain import free_domain
 from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_experiment.scenario_file import load
 from fsw_recorder.signals import load_weld
 

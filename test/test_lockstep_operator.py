@@ -2,9 +2,10 @@
 
 import pytest
 
+from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.main import main
 from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher, free_domain
+from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import load
 
 

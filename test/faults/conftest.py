@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from fault_table import Table
 from faulty_weld import Weld
 
-from fsw_experiment.launcher import Launcher, free_domain
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher
 
 TABLE_FILE = os.environ.get("FSW_FAULT_TABLE", "")
 

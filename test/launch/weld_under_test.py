@@ -25,8 +25,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from fsw_control.free_domain import free_domain
 from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher, free_domain
+from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import parse
 
 try:

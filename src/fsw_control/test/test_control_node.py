@@ -14,10 +14,10 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
+from fsw_control.free_domain import free_domain
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
 STEP_NS = 100_000_000
-DOMAIN = 61
 
 PARAMETERS = """
 gain:
@@ -63,7 +63,7 @@ class Peer:
     """The node under test, and everything around it."""
 
     def __init__(self, path, args):
-        rclpy.init(args=["test", *args], domain_id=DOMAIN)
+        rclpy.init(args=["test", *args])
         self.controllers = []
         self.node = ControllerNode("echo", self._make, path)
         self.peer = rclpy.create_node("peer")
@@ -125,6 +125,14 @@ class Peer:
         self.node.destroy_node()
         self.peer.destroy_node()
         rclpy.try_shutdown()
+
+
+@pytest.fixture(autouse=True)
+def domain_id(monkeypatch):
+    """A ROS domain that no other test on this machine uses now."""
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
 
 
 @pytest.fixture
@@ -320,7 +328,7 @@ def test_lockstep_waits_for_the_command_without_a_clock(start):
 def test_bad_parameter_at_start_is_refused(tmp_path):
     path = tmp_path / "echo.yaml"
     path.write_text(PARAMETERS)
-    rclpy.init(args=["test", "--ros-args", "-p", "gain:=99.0"], domain_id=DOMAIN)
+    rclpy.init(args=["test", "--ros-args", "-p", "gain:=99.0"])
     try:
         with pytest.raises(Exception, match="gain"):
             ControllerNode("echo", Echo, path)

@@ -1,11 +1,9 @@
 """Nodes as processes: how they end, and how they refuse to start."""
 
 import contextlib
-import fcntl
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
@@ -17,6 +15,7 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import LATCHED, STREAM
+from fsw_control.free_domain import free_domain
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
@@ -24,16 +23,10 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
 
 @pytest.fixture(autouse=True)
 def domain_id(monkeypatch):
-    """A ROS domain that no other test on this machine uses now (the lock files are those of the launcher)."""
-    for domain in range(20, 101):
-        with (Path(tempfile.gettempdir()) / f"fsw_domain_{domain}.lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            yield domain
-            return
+    """A ROS domain that no other test on this machine uses now."""
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
 
 
 def launch(*arguments):

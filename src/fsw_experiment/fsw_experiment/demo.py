@@ -11,12 +11,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fsw_control.free_domain import NoFreeDomainError, free_domain
 from fsw_experiment import kpi_table
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder
 from fsw_experiment.graph import WeldGraph, installed_controllers
-from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.scenario_file import load, shipped
 from fsw_recorder.errors import BagError
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _terminate)
     try:
         return _demonstrate(parsed)
-    except (CommandError, LaunchError, ScenarioError, BagError) as error:
+    except (CommandError, LaunchError, NoFreeDomainError, ScenarioError, BagError) as error:
         print(f"\nerror: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -3,51 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-#: Domains that the ports of Linux allow, without the low ones that people use by hand.
-_DOMAINS = range(20, 101)
 _POLL_S = 0.02
 
 
 class LaunchError(RuntimeError):
     """A process could not be started, ended too early, or did not do in time what was waited for."""
-
-
-@contextlib.contextmanager
-def free_domain() -> Iterator[int]:
-    """A ROS domain of its own on this machine, for as long as the context lasts.
-
-    Raises
-    ------
-    LaunchError
-        When all are taken.
-    """
-    for domain in _DOMAINS:
-        path = Path(tempfile.gettempdir()) / f"fsw_domain_{domain}.lock"
-        try:
-            file = path.open("w")
-        except OSError:  # another user's
-            continue
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield domain
-            return
-    raise LaunchError(f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}: end other runs first")
 
 
 @dataclass(slots=True)

@@ -15,16 +15,24 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Command, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
+from fsw_control.free_domain import free_domain
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_nmpc.configured import ConfiguredNmpc
 
-DOMAIN = 68
 STEP_NS = 100_000_000
 
 
+@pytest.fixture(autouse=True)
+def domain_id(monkeypatch):
+    """A ROS domain that no other test on this machine uses now."""
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
+
+
 @pytest.fixture
-def peer():
-    rclpy.init(args=["test"], domain_id=DOMAIN)
+def peer(domain_id):
+    rclpy.init(args=["test"])
     made = Peer()
     yield made
     made.end()
@@ -115,7 +123,7 @@ def test_parameters_at_runtime(peer):
 
 
 def test_process_starts_says_its_solver_and_ends_cleanly():
-    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "PYTHONUNBUFFERED": "1"}
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "solver:=casadi"]
     with subprocess.Popen(
         command, env=environment, stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
@@ -129,8 +137,7 @@ def test_process_starts_says_its_solver_and_ends_cleanly():
 
 def test_wrong_parameter_is_one_line_and_exit_code():
     command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "blocks:=33"]
-    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert run.returncode == 2
     assert "blocks" in run.stderr
     assert "Traceback" not in run.stderr

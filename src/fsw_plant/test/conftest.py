@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import tempfile
 import time
-from pathlib import Path
 
 import pytest
 
@@ -119,23 +115,13 @@ class Peer:
 @pytest.fixture
 def graph(monkeypatch):
     """A graph in a domain that no other test on this machine uses now."""
-    locks = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
-    locks.mkdir(exist_ok=True)
-    for offset in range(100):
-        domain = 1 + (os.getpid() + offset) % 100
-        lock = os.open(locks / str(domain), os.O_CREAT | os.O_RDWR)
+    from fsw_control.free_domain import free_domain
+
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        graph = Graph(domain)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except OSError:
-            os.close(lock)
-    else:
-        pytest.fail("all test domains are in use")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    graph = Graph(domain)
-    try:
-        yield graph
-    finally:
-        graph.stop()
-        os.close(lock)
+            yield graph
+        finally:
+            graph.stop()

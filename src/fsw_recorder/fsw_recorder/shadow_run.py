@@ -81,7 +81,8 @@ class ShadowRun:
         BagError
             The bag lacks what a controller needs, the folder exists, or a process fails.
         """
-        from fsw_experiment.launcher import Launcher, LaunchError, free_domain
+        from fsw_control.free_domain import NoFreeDomainError, free_domain
+        from fsw_experiment.launcher import Launcher, LaunchError
 
         missing = [name for name in (*_SENSORS, _reference_of(weld)) if not weld.counts.get(name)]
         if missing:
@@ -116,7 +117,7 @@ class ShadowRun:
                     raise BagError(f"{self.bag}: replay failed: {replay.last_words()}")
                 over = time.monotonic() + _LAST_WORDS_S
                 launcher.wait_until(lambda: time.monotonic() > over, 60.0, "the last proposal", others)
-        except LaunchError as error:
+        except (LaunchError, NoFreeDomainError) as error:
             raise BagError(f"{self.bag}: shadow replay failed: {error}") from None
         if progress is not None:
             progress(1.0)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +14,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
+from fsw_control.free_domain import free_domain
 from fsw_recorder.sample_weld import write_sample_weld
 
 DATA = Path(__file__).parent / "data"
@@ -45,27 +44,15 @@ def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
     """A ROS graph of its own: a DDS domain that no other test uses, with one node of the test in it."""
-    locks = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
-    locks.mkdir(exist_ok=True)
-    for offset in range(100):
-        domain = 1 + (os.getpid() + offset) % 100
-        lock = os.open(locks / str(domain), os.O_CREAT | os.O_RDWR)
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        graph = Graph(domain)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except OSError:
-            os.close(lock)
-    else:
-        pytest.fail("all test domains are in use")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    graph = Graph(domain)
-    try:
-        yield graph
-    finally:
-        graph.close()
-        os.close(lock)
+            yield graph
+        finally:
+            graph.close()
 
 
 class Graph:

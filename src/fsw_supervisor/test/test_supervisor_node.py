@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
-import tempfile
 import time
-from pathlib import Path
 
 import pytest
 
@@ -22,6 +18,7 @@ from std_msgs.msg import String  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
+from fsw_control.free_domain import free_domain  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
     ControllerStatus,
     PlantState,
@@ -155,33 +152,21 @@ class Bench:
 
 @pytest.fixture
 def make_bench(monkeypatch):
-    """Makes the bench; a lock file keeps the domain for this test alone."""
-    locks = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
-    locks.mkdir(exist_ok=True)
-    for offset in range(100):
-        domain = 1 + (os.getpid() + offset) % 100
-        lock = os.open(locks / str(domain), os.O_CREAT | os.O_RDWR)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
-        except OSError:
-            os.close(lock)
-    else:
-        pytest.fail("all test domains are in use")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    """Makes the bench, in a domain that is this test's alone."""
     benches = []
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
-    def make(*arguments, remap=None):
-        benches.append(Bench(domain, arguments, remap))
-        return benches[-1]
+        def make(*arguments, remap=None):
+            benches.append(Bench(domain, arguments, remap))
+            return benches[-1]
 
-    try:
-        yield make
-    finally:
-        for bench in benches:
-            bench.close()
-        os.close(lock)
+        try:
+            yield make
+        finally:
+            for bench in benches:
+                bench.close()
 
 
 @pytest.fixture

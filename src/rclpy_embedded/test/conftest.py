@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import subprocess
 import sys
@@ -24,7 +25,9 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 
 _GENUINE = _SOURCE not in Path(rclpy.__file__).resolve().parents and "ROS_DISTRO" in os.environ
-_LOCKS = Path(tempfile.gettempdir()) / "rclpy_embedded_test_domains"
+# Every test has another domain: participants that were killed linger in theirs until their lease ends.
+_DOMAINS = range(20, 101)
+_turns = itertools.count(os.getpid())
 
 # The other tests look inside rclpy_embedded.
 collect_ignore_glob = ["test_*.py"] if _GENUINE else []
@@ -47,20 +50,16 @@ def default_context() -> Iterator[None]:
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain that no other test on this machine uses now; ROS_DOMAIN_ID is set to it."""
-    _LOCKS.mkdir(exist_ok=True)
-    start = os.getpid() % 100
-    for offset in range(100):
-        domain = 1 + (start + offset) % 100
-        lock = os.open(_LOCKS / str(domain), os.O_CREAT | os.O_RDWR)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(lock)
-            continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        yield domain
-        os.close(lock)
-        return
+    for turn in itertools.islice(_turns, len(_DOMAINS)):
+        domain = _DOMAINS[turn % len(_DOMAINS)]
+        with (Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            yield domain
+            return
     pytest.fail("all test domains are in use")
 
 

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
 from fsw_experiment.cli import bags, operate, simulate
 from fsw_experiment.cli.errors import CommandError
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = int(parsed.run(parsed))
         sys.stdout.flush()
         return code
-    except (CommandError, ScenarioError, ParameterError, BagError, KpiError, LaunchError) as error:
+    except (CommandError, ScenarioError, ParameterError, BagError, KpiError, LaunchError, NoFreeDomainError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
