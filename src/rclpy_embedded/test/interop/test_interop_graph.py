@@ -74,5 +74,7 @@ def test_command_line_tools_see_the_same(start: Any, tmp_path: Path) -> None:
         peer.process.terminate()
         _, _, errors = peer.finish()
         assert "heard x" in errors and len(errors.splitlines()) == 1
+        # Some of the tools start it.
+        subprocess.run(["ros2", "daemon", "stop"], capture_output=True, check=True, timeout=60)
     assert seen[0] == seen[1]
     assert "/far/status: std_msgs/msg/String" in seen[0]["node info /far/sample"]
