@@ -14,7 +14,15 @@ for number, name in enumerate(sys.argv[2:]):
     cls = getattr(importlib.import_module(f"{package}.msg"), message)
     publisher = node.create_publisher(cls, f"back_{number}", QoSProfile(depth=10))
     node.create_subscription(cls, f"there_{number}", publisher.publish, 10, raw=sys.argv[1] == "raw")
-print("ready", flush=True)
+
+
+def ready():
+    first.cancel()
+    print("ready", flush=True)
+
+
+# Said while spinning: genuine rclpy does not take a signal before that well.
+first = node.create_timer(0.0, ready)
 try:
     rclpy.spin(node)
 except (KeyboardInterrupt, ExternalShutdownException):

@@ -21,7 +21,15 @@ for offered in range(4):
         node.create_subscription(
             String, f"to_peer_{pair}", lambda message, pair=pair: print(pair, message.data, flush=True), wanted
         )
-print("ready", flush=True)
+
+
+def ready():
+    first.cancel()
+    print("ready", flush=True)
+
+
+# Said while spinning: genuine rclpy does not take a signal before that well.
+first = node.create_timer(0.0, ready)
 try:
     rclpy.spin(node)
 except (KeyboardInterrupt, ExternalShutdownException):

@@ -65,7 +65,15 @@ node.create_service(SetBool, "set", answer)
 node.create_service(Empty, "_hidden_service", lambda _, response: response)
 node.create_client(Trigger, "/home")
 node.create_timer(0.05, lambda: status.publish(String(data="all is well")))
-print("ready", flush=True)
+
+
+def ready():
+    first.cancel()
+    print("ready", flush=True)
+
+
+# Said while spinning: genuine rclpy does not take a signal before that well.
+first = node.create_timer(0.0, ready)
 try:
     rclpy.spin(node)
 except (KeyboardInterrupt, ExternalShutdownException):
