@@ -155,21 +155,21 @@ def test_all_qos_pairs(node: Any, spinner: Any, start: Any) -> None:
             wanted,
             event_callbacks=callbacks(SubscriptionEventCallbacks, f"from {pair}"),
         )
-    assert spinner.until(lambda: len(matched) + len(refused) == 32)
+    assert spinner.until(lambda: len(matched) + len(refused) == 32, 30), (matched, refused)
     assert refused == {f"{way} {pair}": kind for pair, kind in misfits.items() for way in ("to", "from")}
     # What the peer sent before anyone listened arrives where both are transient local (of reliable ones).
     assert spinner.until(lambda: "0_0" in heard)
     assert heard <= {"0_0", "0_2", "2_2"}
-    for publisher in publishers:
-        publisher.publish(String(data="now"))
-    expected = {f"{o}_{r}" for o, r in pairs} - misfits.keys()
-    received = {program.line().split()[0] for _ in expected}
-    assert received == expected
     # The peer logs its side of every misfit, on /rosout too.
     warnings: list[str] = []
     latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_subscription(Log, "/rosout", lambda log: warnings.append(log.msg), latched)
     assert spinner.until(lambda: sum("incompatible QoS" in text for text in warnings) == 2 * len(misfits))
+    for publisher in publishers:
+        publisher.publish(String(data="now"))
+    expected = {f"{o}_{r}" for o, r in pairs} - misfits.keys()
+    received = {program.line().split()[0] for _ in expected}
+    assert received == expected
 
 
 def test_late_subscription_gets_what_was_latched(node: Any, spinner: Any, start: Any) -> None:
