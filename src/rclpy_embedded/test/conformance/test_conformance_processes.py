@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -107,6 +108,16 @@ rclpy.spin(node)
 """
 
 
+def wait_asleep(program: Any) -> None:
+    """Wait until the program's main thread waits, so that a signal does not meet it in the middle of something."""
+    stat = Path(f"/proc/{program.process.pid}/stat")
+    seen = 0
+    while seen < 5:
+        asleep = stat.read_text().rpartition(")")[2].split()[0] == "S"
+        seen = seen + 1 if asleep else 0
+        time.sleep(0.01)
+
+
 @pytest.mark.parametrize(
     ("number", "outcome"),
     [(signal.SIGINT, "KeyboardInterrupt"), (signal.SIGTERM, "ExternalShutdownException")],
@@ -114,6 +125,7 @@ rclpy.spin(node)
 def test_signals_end_spin(run_program: Any, number: signal.Signals, outcome: str) -> None:
     program = run_program(SPIN)
     assert program.line() == "ready"
+    wait_asleep(program)
     start = time.monotonic()
     program.process.send_signal(number)
     code, out, err = program.finish()
@@ -127,6 +139,7 @@ def test_signals_end_spin(run_program: Any, number: signal.Signals, outcome: str
 def test_signals_end_a_spin_in_a_thread(run_program: Any, number: signal.Signals) -> None:
     program = run_program(THREAD)
     assert program.line() == "ready"
+    wait_asleep(program)
     program.process.send_signal(number)
     assert program.line() == "ended"
     assert program.finish()[0] == 0
