@@ -109,12 +109,12 @@ rclpy.spin(node)
 
 
 def wait_asleep(program: Any) -> None:
-    """Wait until the program's main thread waits, so that a signal does not meet it in the middle of something."""
-    stat = Path(f"/proc/{program.process.pid}/stat")
+    """Wait until all threads of the program wait: genuine rclpy may fail when a signal comes in between."""
+    tasks = Path(f"/proc/{program.process.pid}/task")
     seen = 0
-    while seen < 5:
-        asleep = stat.read_text().rpartition(")")[2].split()[0] == "S"
-        seen = seen + 1 if asleep else 0
+    while seen < 10:
+        states = [(task / "stat").read_text().rpartition(")")[2].split()[0] for task in tasks.iterdir()]
+        seen = seen + 1 if set(states) == {"S"} else 0
         time.sleep(0.01)
 
 
@@ -136,7 +136,9 @@ def test_signals_end_spin(run_program: Any, number: signal.Signals, outcome: str
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_spin_in_a_thread(run_program: Any, number: signal.Signals) -> None:
+def test_signals_end_a_spin_in_a_thread(run_program: Any, number: signal.Signals, genuine: bool) -> None:
+    if genuine:
+        pytest.skip("rclpy 7.1 may wake such a spin before the context is shut down, and it then waits for ever")
     program = run_program(THREAD)
     assert program.line() == "ready"
     wait_asleep(program)
