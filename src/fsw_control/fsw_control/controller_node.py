@@ -13,16 +13,16 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.contract import SENSORS, Command, Controller, Proposal, Reference
+from fsw_control.contract import SENSORS, Command, Controller, Proposal
 from fsw_control.host import answer
 from fsw_control.join import Tick, TickJoin
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import LATCHED, STREAM, subscribe_sensors
+from fsw_control.topics_ros import STREAM, subscribe_references, subscribe_sensors
 from fsw_control.validity import SensorGuard, SensorLimits
-from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReference
+from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
@@ -91,8 +91,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._deadline.cancel()
         self._armed_s: float | None = None
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
-        self.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
-        self.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept_reference, LATCHED)
+        subscribe_references(self, self._references, self._on_bad_reference)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         subscribe_sensors(self, self._on_sample)
 
@@ -110,19 +109,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
 
-    def _on_reference(self, message: WeldReference) -> None:
-        self._take_reference(message, self._references.add)
-
-    def _on_kept_reference(self, message: WeldReference) -> None:
-        self._take_reference(message, self._references.hand_on)
-
-    def _take_reference(self, message: WeldReference, take: Callable[[int, Reference], None]) -> None:
-        try:
-            reference = convert.reference(message)
-        except ValueError as error:
-            self.get_logger().error(f"{error}; the last one stays")
-            return
-        take(convert.stamp_ns(message.header.stamp), reference)
+    def _on_bad_reference(self, what: str) -> None:
+        self.get_logger().error(f"{what}; the last one stays")
 
     def _on_deadline(self) -> None:
         self._armed_s = None

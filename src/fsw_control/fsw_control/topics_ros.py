@@ -1,4 +1,4 @@
-"""The topics of the weld as all nodes use them: quality of service, and the sensors."""
+"""The topics of the weld as all nodes use them: quality of service, sensors and set-points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque
+from fsw_control.contract import Reference
+from fsw_control.references import ReferenceQueue
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for who comes later
@@ -44,3 +46,30 @@ def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> No
 
     for sensor, (topic, kind, value) in _SENSOR_TOPICS.items():
         subscribe(sensor, topic, kind, value)
+
+
+def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], None]) -> None:
+    """Subscribe to the set-points that are sent, and to those that a supervisor hands on.
+
+    Parameters
+    ----------
+    node : Node
+    queue : ReferenceQueue
+        Takes them.
+    refuse : callable
+        Gets what is wrong with a message that is not taken.
+    """
+
+    def subscribe(topic: str, take: Callable[[int, Reference], None], quality: QoSProfile) -> None:
+        def on_reference(message: WeldReference) -> None:
+            try:
+                reference = convert.reference(message)
+            except ValueError as error:
+                refuse(str(error))
+                return
+            take(convert.stamp_ns(message.header.stamp), reference)
+
+        node.create_subscription(WeldReference, topic, on_reference, quality)
+
+    subscribe("fsw/reference", queue.add, LATCHED)
+    subscribe("fsw/supervisor/reference", queue.hand_on, LATEST)

@@ -13,10 +13,11 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
-from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
-from fsw_control.free_domain import free_domain
+from fsw_control.controller_node import ControllerNode
+from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
+pytestmark = pytest.mark.usefixtures("domain_id")
 STEP_NS = 100_000_000
 
 PARAMETERS = """
@@ -125,14 +126,6 @@ class Peer:
         self.node.destroy_node()
         self.peer.destroy_node()
         rclpy.try_shutdown()
-
-
-@pytest.fixture(autouse=True)
-def domain_id(monkeypatch):
-    """A ROS domain that no other test on this machine uses now."""
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        yield domain
 
 
 @pytest.fixture

@@ -14,19 +14,11 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Reference
 from fsw_control import messages_ros as convert
-from fsw_control.controller_node import LATCHED, STREAM
-from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
+pytestmark = pytest.mark.usefixtures("domain_id")
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
-
-
-@pytest.fixture(autouse=True)
-def domain_id(monkeypatch):
-    """A ROS domain that no other test on this machine uses now."""
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        yield domain
 
 
 def launch(*arguments):

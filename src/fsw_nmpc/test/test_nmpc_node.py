@@ -14,8 +14,9 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Reference
 from fsw_control import messages_ros as convert
-from fsw_control.controller_node import LATCHED, STREAM, ControllerNode
+from fsw_control.controller_node import ControllerNode
 from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_nmpc.configured import ConfiguredNmpc
 

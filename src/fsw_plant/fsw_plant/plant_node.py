@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Temperature
 
@@ -20,6 +20,7 @@ from fsw_control import units
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import declare
+from fsw_control.topics_ros import LATEST, STREAM
 from fsw_model import OperatingPointError, delay_steps
 from fsw_model import ParameterError as ModelParameterError
 from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
@@ -33,8 +34,6 @@ from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import FROM_WIRE, TruthMessage, reading_messages
 
-STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: sources of commands that are no controllers
 BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
@@ -95,7 +94,7 @@ class PlantNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATCHED)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
     def _open_services(self) -> None:
         self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)

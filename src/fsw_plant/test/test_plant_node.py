@@ -11,12 +11,12 @@ from itertools import pairwise
 import pytest
 
 from fsw_control import Command
+from fsw_control.topics_ros import LATEST
 from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.claim_ros import AnotherPlantError
-from fsw_plant.plant_node import LATCHED
 
 TICK_NS = 100_000_000
 SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
@@ -202,7 +202,7 @@ def test_first_tick_waits_for_subscribers(graph):
 
 def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     peer = graph.start(speed=50.0, noise="false")
-    states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATCHED)
+    states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
     graph.wait(lambda: states.get_subscription_count() == 1)
     states.publish(SupervisorState(controllers=[ControllerHealth(name="decentral")]))
     graph.wait(lambda: peer.got["depth"])

@@ -13,11 +13,9 @@ import yaml
 
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
-from fsw_recorder.weld_signals import WeldSignals
+from fsw_recorder.weld_signals import REFERENCE_TOPICS, WeldSignals
 
 _SENSORS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
-#: set-points; the latter where recording began after their sender had left
-_REFERENCES = ("/fsw/reference", "/fsw/supervisor/reference")
 #: only kept with the proposals, so that the bag of the shadow can be drawn like any other
 _KEPT = ("/fsw/plant/truth", "/fsw/supervisor/state", "/clock")
 #: parameters of a node that are not the controller's business
@@ -28,7 +26,7 @@ _TICK_S = 0.1
 
 
 def _reference_of(weld: WeldSignals) -> str:
-    return next((name for name in _REFERENCES if weld.counts.get(name)), _REFERENCES[0])
+    return next((name for name in REFERENCE_TOPICS if weld.counts.get(name)), REFERENCE_TOPICS[0])
 
 
 @dataclass(frozen=True, slots=True)

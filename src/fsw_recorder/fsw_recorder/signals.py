@@ -16,6 +16,7 @@ from fsw_recorder.cdr_columns import CdrColumns, Column, Kind
 from fsw_recorder.errors import BagError
 from fsw_recorder.weld_events import diagnostic_events, held_events, text_events, truth_events
 from fsw_recorder.weld_signals import (
+    REFERENCE_TOPICS,
     FloatArray,
     IntArray,
     ProposalSignals,
@@ -310,9 +311,7 @@ class _Loader:
         return signals
 
     def _references(self, ticks: _Ticks, signals: WeldSignals, events: list[WeldEvent]) -> None:
-        # Where recording began after their sender had left, the supervisor has handed them on.
-        names = ("/fsw/reference", "/fsw/supervisor/reference")
-        found = (self.topic(name, {"depth": "number", "temperature": "number"}) for name in names)
+        found = (self.topic(name, {"depth": "number", "temperature": "number"}) for name in REFERENCE_TOPICS)
         topic = next((one for one in found if one is not None), None)
         if topic is None:
             return

@@ -12,6 +12,9 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 TextArray = npt.NDArray[np.object_]
 
+#: set-points; the latter where recording began after their sender had left
+REFERENCE_TOPICS = ("/fsw/reference", "/fsw/supervisor/reference")
+
 
 @dataclass(slots=True)
 class ProposalSignals:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_control.topics_ros import LATEST, subscribe_references
 from fsw_msgs.msg import WeldReference
 
 
@@ -33,8 +31,7 @@ class KeptReference:
         self._publisher: Publisher | None = None
         self._told: Reference | None = None
         self._tick_ns = -1
-        node.create_subscription(WeldReference, "fsw/reference", self._on_reference, LATCHED)
-        node.create_subscription(WeldReference, "fsw/supervisor/reference", self._on_kept, LATEST)
+        subscribe_references(node, self._queue, lambda _: None)  # every controller says what is wrong
 
     def open(self) -> None:
         """Go on duty: tell from the next tick on."""
@@ -57,17 +54,3 @@ class KeptReference:
         if self._publisher is not None and present is not None and present != self._told:
             self._told = present
             self._publisher.publish(convert.reference_message(present, tick_ns))
-
-    def _on_reference(self, message: WeldReference) -> None:
-        self._take(message, self._queue.add)
-
-    def _on_kept(self, message: WeldReference) -> None:
-        self._take(message, self._queue.hand_on)
-
-    @staticmethod
-    def _take(message: WeldReference, take: Callable[[int, Reference], None]) -> None:
-        try:
-            reference = convert.reference(message)
-        except ValueError:
-            return  # every controller says so
-        take(convert.stamp_ns(message.header.stamp), reference)
