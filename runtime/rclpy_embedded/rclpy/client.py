@@ -1,0 +1,117 @@
+"""Service clients."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cyclonedds.core import DDSStatus, WaitSet
+from rclpy.context import Context
+from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, matched_ids
+from rclpy.task import Future
+
+# A wait for a service looks at least this often whether the context is still up.
+_LONGEST_WAIT_S = 0.25
+
+
+class Client(ServiceEndpoint):
+    """Sends requests; made by ``Node.create_client``."""
+
+    _is_server = False
+
+    def __init__(self, *args: Any, context: Context) -> None:
+        super().__init__(*args)
+        self.context = context
+        self._pending_requests: dict[int, Future] = {}
+        self._sequence_number = 0
+        self._lock = threading.Lock()
+        self._guid = self._writer.get_instance_handle() & 0xFFFFFFFFFFFFFFFF
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """Send a request and wait for the response, None if it does not come in time.
+
+        Not for callbacks: one that waits keeps the executor from receiving the response.
+        """
+        future = self.call_async(request)
+        event = threading.Event()
+        future.add_done_callback(lambda _: event.set())
+        if not future.done() and not event.wait(timeout_sec):
+            self.remove_pending_request(future)
+        return future.result()
+
+    def call_async(self, request: Any) -> Future:
+        """Send a request; the returned future ends with the response."""
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
+        self._check()
+        future = Future()
+        with self._lock:
+            self._sequence_number += 1
+            number = self._sequence_number
+            # Known before it is sent: the response may come before write returns.
+            self._pending_requests[number] = future
+            try:
+                self._send(RequestId(self._guid, number), request)
+            except Exception:
+                del self._pending_requests[number]
+                raise
+        future.add_done_callback(self.remove_pending_request)
+        return future
+
+    def get_pending_request(self, sequence_number: int) -> Future:
+        """Return the future of a request; KeyError if it is not pending."""
+        with self._lock:
+            return self._pending_requests[sequence_number]
+
+    def remove_pending_request(self, future: Future) -> None:
+        """Remove a request; its future will never be done."""
+        with self._lock:
+            pending = self._pending_requests.items()
+            self._pending_requests = {number: other for number, other in pending if other is not future}
+
+    def take_response(self) -> tuple[int, Any] | None:
+        """Take the next response to this client and the number of its request, None if there is none."""
+        # Replies to all clients of the service come by; only our own are worth decoding.
+        taken = self._receive(self._guid.to_bytes(8, "little"))
+        return None if taken is None else (taken[0].sequence_number, taken[1])
+
+    def _take(self) -> Callable[[], Any] | None:
+        taken = self.take_response()
+        if taken is None:
+            return None
+        number, response = taken
+
+        def complete() -> None:
+            try:
+                future = self.get_pending_request(number)
+            except KeyError:  # removed
+                return
+            future.set_result(response)
+
+        return complete
+
+    def service_is_ready(self) -> bool:
+        """Return whether a server is there: a request reader and a reply writer with the same service id."""
+        self._check()
+        self._local_node.session.check("failed to check service availability")
+        reader = self._reader
+        replies = matched_ids(reader.get_matched_publications, reader.get_matched_publication_data, "service")
+        return bool(self._reader_ids("service") & replies)
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""
+        self._writer.set_status_mask(DDSStatus.PublicationMatched)
+        self._reader.set_status_mask(DDSStatus.SubscriptionMatched)
+        waitset = WaitSet(self._local_node.session.participant)
+        waitset.attach(self._writer)
+        waitset.attach(self._reader)
+        deadline = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        while True:
+            self._writer.get_publication_matched_status()
+            self._reader.get_subscription_matched_status()
+            if self.service_is_ready():
+                return True
+            remaining = _LONGEST_WAIT_S if deadline is None else min(_LONGEST_WAIT_S, deadline - time.monotonic())
+            if remaining <= 0:
+                return False
+            waitset.wait(int(remaining * 1e9))

@@ -1,0 +1,150 @@
+"""A context: what happens between init and shutdown."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+from inspect import ismethod
+from types import MethodType
+from typing import Any
+from weakref import WeakMethod, WeakSet
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.arguments import Arguments, parse
+from rclpy.impl import discovery
+from rclpy.impl.logging_output import system
+from rclpy.impl.session import Session
+
+_initialized: WeakSet[Context] = WeakSet()
+
+
+class Context:
+    """The lifecycle of init and shutdown; each context is a participant of its own in the graph."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._callbacks: list[WeakMethod[MethodType] | Callable[[], None]] = []
+        self._session: Session | None = None
+        self.arguments = Arguments()
+        # A signal came, and its shutdown is under way in another thread.
+        self._interrupted = False
+        # After a signal, executors have to report the shutdown as external.
+        self._signaled = False
+        self._nodes: WeakSet[Any] = WeakSet()
+        self._wakers: WeakSet[Any] = WeakSet()
+
+    def init(
+        self, args: list[str] | None = None, *, initialize_logging: bool = True, domain_id: int | None = None
+    ) -> None:
+        """Initialize communication.
+
+        What follows ``--ros-args`` in `args` (``sys.argv`` by default) applies to all nodes of this context. The DDS
+        domain is `domain_id` or ROS_DOMAIN_ID.
+        """
+        with self._lock:
+            if domain_id is not None and domain_id < 0:
+                raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
+            if self._session is not None:
+                raise RuntimeError("Context.init() must only be called once")
+            self.arguments = parse(list(sys.argv) if args is None else list(args))
+            if initialize_logging and not _initialized:
+                system.configure(self.arguments)
+            domain_id = discovery.domain_id() if domain_id is None else domain_id
+            self._session = Session(domain_id, self.arguments.enclave or "/")
+            _initialized.add(self)
+
+    @property
+    def session(self) -> Session:
+        """The DDS side of this context."""
+        if self._session is None:
+            raise RuntimeError("Context must be initialized before it can be used")
+        return self._session
+
+    @property
+    def handle(self) -> Session | None:
+        """The DDS side of this context; None before init."""
+        return self._session
+
+    def ok(self) -> bool:
+        """Return whether it is initialized and not shut down."""
+        return self._session is not None and not self._session.is_shut_down and not self._interrupted
+
+    def get_domain_id(self) -> int:
+        """Return the DDS domain."""
+        if self._session is None:
+            raise RuntimeError("Context must be initialized before it can have a domain id")
+        return self._session.domain_id
+
+    def shutdown(self) -> None:
+        """Shut it down; RCLError if that was done before."""
+        if self._session is None:
+            raise RuntimeError("Context must be initialized before it can be shutdown")
+        if not self._shutdown():
+            raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
+
+    def try_shutdown(self) -> None:
+        """Shut it down unless that was done already."""
+        self._shutdown()
+
+    def destroy(self) -> None:
+        """Shut it down and leave the graph, with whatever nodes are left."""
+        self._shutdown()
+        if self._session is not None:
+            self._session.close()
+
+    def _shutdown(self, *, by_signal: bool = False) -> bool:
+        with self._lock:
+            if self._session is None or self._session.is_shut_down:
+                return False
+            self._session.is_shut_down = True
+            self._signaled = by_signal
+            _initialized.discard(self)
+            if not _initialized:
+                system.finish()
+            callbacks, self._callbacks = self._callbacks, []
+        for entry in callbacks:
+            callback = entry() if isinstance(entry, WeakMethod) else entry
+            if callback is not None:
+                callback()
+        self._wake_all()
+        self._close_when_unused()
+        return True
+
+    def _close_when_unused(self) -> None:
+        """Leave the graph once it is shut down and its last node is destroyed."""
+        if self._session is not None and self._session.is_shut_down and not self._nodes:
+            self._session.close()
+
+    def _wake_all(self) -> None:
+        for waker in list(self._wakers):
+            waker.wake()
+
+    def on_shutdown(self, callback: Callable[[], None]) -> None:
+        """Call `callback` at shutdown; at once if that has happened. Methods are held weakly."""
+        if not callable(callback):
+            raise TypeError(f"callback should be a callable, got {type(callback)}")
+        with self._lock:
+            if self._session is None or not self._session.is_shut_down:
+                self._callbacks.append(WeakMethod(callback) if ismethod(callback) else callback)
+                return
+        callback()
+
+    def __enter__(self) -> Context:
+        self.init()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.try_shutdown()
+
+
+def interrupt_all() -> None:
+    """Mark every context as interrupted. It takes no lock, so a signal handler may call it."""
+    for context in list(_initialized):
+        context._interrupted = True
+
+
+def shutdown_all() -> None:
+    """Shut down every context because of a signal."""
+    for context in list(_initialized):
+        context._shutdown(by_signal=True)

@@ -1,0 +1,243 @@
+"""Events of the middleware: matches, incompatible QoS, missed deadlines, liveliness, lost messages."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Any, ClassVar, Self
+
+from cyclonedds.core import DDSException, DDSStatus, Entity
+from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
+from rclpy.callback_groups import CallbackGroup
+from rclpy.logging import get_logger
+from rclpy.qos import QoSPolicyKind, qos_policy_name_from_kind
+from rclpy.waitable import Waitable
+
+# Policy ids of the DDS specification.
+_POLICIES = {
+    2: QoSPolicyKind.DURABILITY,
+    4: QoSPolicyKind.DEADLINE,
+    8: QoSPolicyKind.LIVELINESS,
+    11: QoSPolicyKind.RELIABILITY,
+    13: QoSPolicyKind.HISTORY,
+    21: QoSPolicyKind.LIFESPAN,
+}
+
+
+class _Info:
+    """What a callback gets: fields of the DDS status, under the same names."""
+
+    @classmethod
+    def of(cls, status: Any) -> Self:
+        return cls(*(getattr(status, field.name) for field in fields(cls)))  # type: ignore[arg-type]
+
+    def has_changed(self) -> bool:
+        return any(value for name, value in vars(self).items() if name.endswith("_change"))
+
+
+@dataclass(frozen=True)
+class CountInfo(_Info):
+    """How often something happened: missed deadlines, lost liveliness, lost messages."""
+
+    total_count: int
+    total_count_change: int
+
+
+@dataclass(frozen=True)
+class IncompatibleQoSInfo(CountInfo):
+    """How many peers do not match, and the last policy that was why."""
+
+    last_policy_id: int
+
+    @property
+    def last_policy_kind(self) -> QoSPolicyKind:
+        """The policy in the notation of ROS."""
+        return _POLICIES.get(self.last_policy_id, QoSPolicyKind.INVALID)
+
+
+@dataclass(frozen=True)
+class MatchedInfo(CountInfo):
+    """How many peers match."""
+
+    current_count: int
+    current_count_change: int
+
+
+@dataclass(frozen=True)
+class LivelinessChangedInfo(_Info):
+    """How many publishers are alive and how many are not."""
+
+    alive_count: int
+    not_alive_count: int
+    alive_count_change: int
+    not_alive_count_change: int
+
+
+QoSRequestedDeadlineMissedInfo = QoSOfferedDeadlineMissedInfo = CountInfo
+QoSLivelinessLostInfo = QoSMessageLostInfo = IncompatibleTypeInfo = CountInfo
+QoSLivelinessChangedInfo = LivelinessChangedInfo
+QoSRequestedIncompatibleQoSInfo = QoSOfferedIncompatibleQoSInfo = IncompatibleQoSInfo
+QoSSubscriptionMatchedInfo = QoSPublisherMatchedInfo = MatchedInfo
+
+
+class _EventType(IntEnum):
+    """Number in rcl, name of the DDS status, and what the callback gets.
+
+    Incompatible types have no status: as with rmw_cyclonedds_cpp, handlers for them are accepted and never called,
+    since Cyclone DDS does not raise INCONSISTENT_TOPIC.
+    """
+
+    status: str
+    info: type[_Info]
+
+    def __new__(cls, value: int, status: str, info: type[_Info]) -> Self:
+        member = int.__new__(cls, value)
+        member._value_, member.status, member.info = value, status, info
+        return member
+
+
+class QoSPublisherEventType(_EventType):
+    """Events of a publisher."""
+
+    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0, "offered_deadline_missed", CountInfo
+    RCL_PUBLISHER_LIVELINESS_LOST = 1, "liveliness_lost", CountInfo
+    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2, "offered_incompatible_qos", IncompatibleQoSInfo
+    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3, "", CountInfo
+    RCL_PUBLISHER_MATCHED = 4, "publication_matched", MatchedInfo
+
+
+class QoSSubscriptionEventType(_EventType):
+    """Events of a subscription."""
+
+    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0, "requested_deadline_missed", CountInfo
+    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1, "liveliness_changed", LivelinessChangedInfo
+    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2, "requested_incompatible_qos", IncompatibleQoSInfo
+    RCL_SUBSCRIPTION_MESSAGE_LOST = 3, "sample_lost", CountInfo
+    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4, "", CountInfo
+    RCL_SUBSCRIPTION_MATCHED = 5, "subscription_matched", MatchedInfo
+
+
+class EventHandler(Waitable):
+    """Calls back when an event of a publisher's writer or a subscription's reader happens."""
+
+    def __init__(
+        self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: IntEnum, parent_impl: Entity
+    ) -> None:
+        if not isinstance(event_type, _EventType):
+            raise UnsupportedEventTypeError(f"{event_type!r} is not supported by the middleware")
+        super().__init__(callback_group)
+        self.event_type = event_type
+        self.callback = callback
+        self.condition = parent_impl
+        self._status, self._take_status = 0, None
+        if event_type.status:
+            self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
+            self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
+        parent_impl.set_status_mask(parent_impl.get_status_mask() | self._status)
+        # What happened before the mask was set raised no status, but was counted.
+        self._pending = self._read()
+
+    def is_ready(self) -> bool:
+        """Return whether the event happened since the last take."""
+        return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
+
+    def _read(self) -> _Info | None:
+        if self._take_status is None:
+            return None
+        try:
+            info = self.event_type.info.of(self._take_status())
+        except DDSException:  # deleted in the meantime
+            return None
+        return info if info.has_changed() else None
+
+    def take_data(self) -> Any:
+        """Take the event's info; None if nothing changed."""
+        pending, self._pending = self._pending, None
+        return pending if pending is not None else self._read()
+
+    async def execute(self, taken_data: Any) -> None:
+        """Call back."""
+        if taken_data is not None:
+            result = self.callback(taken_data)
+            if inspect.isawaitable(result):
+                await result
+
+    def destroy(self) -> None:
+        """Stop looking; the DDS entity belongs to the publisher or subscription."""
+        self._pending = None
+
+
+#: Former name.
+QoSEventHandler = EventHandler
+
+
+@dataclass(kw_only=True, eq=False)
+class _EventCallbacks:
+    """Callbacks for events of a publisher or subscription; each takes the event's info.
+
+    Without `incompatible_qos` a warning is logged, unless `use_default_callbacks` is False. `incompatible_type` is
+    accepted and never called, as with rmw_cyclonedds_cpp: Cyclone DDS does not report it.
+    """
+
+    deadline: Callable[[CountInfo], Any] | None = None
+    incompatible_qos: Callable[[IncompatibleQoSInfo], Any] | None = None
+    liveliness: Callable[[Any], Any] | None = None
+    incompatible_type: Callable[[CountInfo], Any] | None = None
+    matched: Callable[[MatchedInfo], Any] | None = None
+    use_default_callbacks: bool = True
+
+    _EVENTS: ClassVar[dict[str, _EventType]]
+    _WARNING: ClassVar[str]
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, entity: Entity, topic_name: str, logger_name: str = "rclpy"
+    ) -> list[EventHandler]:
+        """Make the handlers of a publisher's writer or a subscription's reader."""
+
+        def warn(event: IncompatibleQoSInfo) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            get_logger(logger_name).warn(f"{self._WARNING.format(topic_name)} Last incompatible policy: {policy}")
+
+        defaults: dict[str, Any] = {}
+        if self.use_default_callbacks:
+            defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
+        # A new entity has every status in its mask; one that nobody takes would end every wait at once.
+        entity.set_status_mask(0)
+        return [
+            EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
+            for name, event_type in self._EVENTS.items()
+            if (callback := getattr(self, name) or defaults.get(name)) is not None
+        ]
+
+
+@dataclass(kw_only=True, eq=False)
+class SubscriptionEventCallbacks(_EventCallbacks):
+    __doc__ = _EventCallbacks.__doc__
+
+    message_lost: Callable[[CountInfo], Any] | None = None
+
+    _EVENTS = {
+        "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
+        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
+        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+        "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    }
+    _WARNING = (
+        "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
+    )
+
+
+@dataclass(kw_only=True, eq=False)
+class PublisherEventCallbacks(_EventCallbacks):
+    __doc__ = _EventCallbacks.__doc__
+
+    _EVENTS = {
+        "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
+        "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
+        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
+    }
+    _WARNING = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."

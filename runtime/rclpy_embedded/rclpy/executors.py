@@ -1,0 +1,337 @@
+"""Executors: wait for work and run callbacks."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine, Iterable
+from typing import Any
+
+from cyclonedds.core import DDSException
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle, NotInitializedException
+from rclpy.impl.default_context import context_or_default
+from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.task import Future, Task
+from rclpy.utilities import timeout_sec_to_nsec
+
+# Events are looked at when nothing else explains a wake-up, and at least this often under constant traffic.
+_EVENT_PERIOD_NS = 20_000_000
+# How often a coroutine is resumed that waits for something other than a Future.
+_POLL_NS = 1_000_000
+
+
+async def await_or_execute(callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any) -> Any:
+    """Call a function, or await a coroutine function."""
+    if inspect.iscoroutinefunction(callback):
+        return await callback(*args)
+    return callback(*args)  # type: ignore[operator]
+
+
+class TimeoutException(Exception):  # noqa: N818
+    """Nothing was ready in time."""
+
+
+class ShutdownException(Exception):  # noqa: N818
+    """The executor was shut down."""
+
+
+class ExternalShutdownException(Exception):  # noqa: N818
+    """The context was shut down."""
+
+
+class ConditionReachedException(Exception):  # noqa: N818
+    """The future is done."""
+
+
+async def _run(entity: Any, executor: Executor) -> None:
+    """Take from an entity and run its callback, with the permission of its group."""
+    group = entity.callback_group
+    if not group.beginning_execution(entity):
+        return
+    try:
+        try:
+            callback = entity._take()
+        except (InvalidHandle, DDSException):  # destroyed in the meantime
+            return
+        for future in getattr(entity, "_futures", ()):
+            future._set_executor(executor)
+        if callback is not None:
+            result = callback()
+            if inspect.iscoroutine(result):
+                await result
+    finally:
+        group.ending_execution(entity)
+        if executor._blocked:
+            executor._entities_changed = True
+
+
+class Executor:
+    """Base of the executors."""
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        self.context = context_or_default(context)
+        if self.context.handle is None:
+            raise NotInitializedException("cannot create executor")
+        self._nodes: dict[Any, None] = {}
+        self._lock = threading.RLock()
+        self._tasks: list[Task] = []
+        # Those of them that run before the next wait, the newest at the end.
+        self._due: list[Task] = []
+        self._ready: deque[tuple[Any, Any]] = deque()
+        self._conditions = ConditionSet(self.context.session)
+        self._is_shutdown = False
+        self._working = threading.RLock()
+        self._entities_changed = True
+        self._blocked = False
+        self._timers: list[tuple[Any, Any]] = []
+        self._guards: list[tuple[Any, Any]] = []
+        self._readers: list[tuple[Any, Any]] = []
+        self._events: list[tuple[Any, Any]] = []
+        self._events_seen_ns = 0
+        self.context._wakers.add(self)
+
+    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
+        """Run a function or coroutine while spinning; the returned task is a future of its result.
+
+        Every task runs once between two waits, the newest first.
+        """
+        task = Task(callback, args, kwargs, executor=self)
+        self._add_task(task)
+        self.wake()
+        return task
+
+    def _add_task(self, task: Task) -> None:
+        with self._lock:
+            self._tasks.append(task)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop; return whether a callback under way ended in time."""
+        self._is_shutdown = True
+        self.wake()
+        timeout = -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        if not self._working.acquire(timeout=timeout):
+            return False
+        try:
+            with self._lock:
+                for node in list(self._nodes):
+                    self.remove_node(node)
+                self.context._wakers.discard(self)
+                self._conditions.close()
+        finally:
+            self._working.release()
+        return True
+
+    def __del__(self) -> None:
+        try:
+            self._conditions.close()
+        except (AttributeError, TypeError):  # never made, or the interpreter is ending and half of it is gone
+            pass
+
+    def add_node(self, node: Any) -> bool:
+        """Add a node; return whether it is new to this executor."""
+        with self._lock:
+            if node in self._nodes:
+                return False
+            self._nodes[node] = None
+            node.executor = self
+        self._notice()
+        return True
+
+    def remove_node(self, node: Any) -> None:
+        """Remove a node."""
+        with self._lock:
+            if node not in self._nodes:
+                return
+            del self._nodes[node]
+        self._notice()
+
+    def get_nodes(self) -> list[Any]:
+        """Return the nodes that were added."""
+        with self._lock:
+            return list(self._nodes)
+
+    def wake(self) -> None:
+        """End the present wait, to look for changes."""
+        self._conditions.wake()
+
+    def _notice(self) -> None:
+        """Note that nodes or entities were added or removed."""
+        self._entities_changed = True
+        self.wake()
+
+    # Spinning
+
+    def spin(self) -> None:
+        """Run callbacks until shutdown."""
+        while self.context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done or the time is over."""
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        while self.context.ok() and not future.done() and not self._is_shutdown:
+            self.spin_once_until_future_complete(future, timeout_sec)
+            if end is not None:
+                timeout_sec = end - time.monotonic()
+                if timeout_sec <= 0:
+                    return
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and run it, without a limit by default; with 0, only if one is ready.
+
+        An exception that the callback raises comes out here.
+        """
+        self._spin_once(timeout_sec, lambda: False)
+
+    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and run it, unless the future is done first."""
+        future._add_waker(self.wake)
+        self._spin_once(timeout_sec, future.done)
+
+    def _spin_once(self, timeout_sec: float | None, condition: Callable[[], bool]) -> None:
+        with self._working:
+            try:
+                task, entity, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+            except (ShutdownException, TimeoutException, ConditionReachedException):
+                return
+            task()
+            if entity is not None and not task.done():
+                self._add_task(task)
+                # The group may be closed to its other entities now: do not wait for those.
+                self._entities_changed = True
+            if task.exception() is not None:
+                raise task.exception()  # type: ignore[misc]
+
+    # Waiting
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether the callback group of an entity allows it to start."""
+        return bool(entity.callback_group.can_execute(entity))
+
+    def wait_for_ready_callbacks(
+        self,
+        timeout_sec: float | None = None,
+        nodes: list[Any] | None = None,
+        condition: Callable[[], bool] = lambda: False,
+    ) -> tuple[Task, Any, Any]:
+        """Wait for a callback; return the task that runs it, its entity and its node."""
+        timeout_ns = timeout_sec_to_nsec(timeout_sec)
+        deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
+        remaining = LONGEST_WAIT_NS
+        looked = False
+        while True:
+            if self._is_shutdown:
+                raise ShutdownException()
+            if condition():
+                raise ConditionReachedException()
+            work = self._next(nodes)
+            if work is not None:
+                return work
+            if deadline is not None:
+                remaining = max(0, deadline - time.monotonic_ns())
+                if looked and remaining == 0:
+                    raise TimeoutException()
+            looked = True
+            try:
+                self._collect(remaining)
+            except DDSException:
+                # An entity was destroyed by another thread between two calls, or the participant is gone.
+                self._entities_changed = True
+                if self.context.session._closed:
+                    raise ExternalShutdownException() from None
+            if not self.context.ok() and not self._is_shutdown:
+                raise ExternalShutdownException()
+
+    def _next(self, nodes: list[Any] | None) -> tuple[Task, Any, Any] | None:
+        while self._due:
+            task = self._due.pop()
+            if task._resumable and not task.done() and not task.executing():
+                return task, None, None
+        while self._ready:
+            entity, node = self._ready.popleft()
+            if node in self._nodes and (nodes is None or node in nodes) and self.can_execute(entity):
+                return Task(_run(entity, self), executor=self), entity, node
+        return None
+
+    def _rebuild(self) -> None:
+        """Look again which entities there are and which of them may start."""
+        self._entities_changed = False
+        self._blocked = False
+        self._timers, self._guards, self._readers, self._events = [], [], [], []
+        for node in self.get_nodes():
+            kinds: tuple[tuple[list[Any], Iterable[Any]], ...] = (
+                (self._timers, node.timers),
+                (self._guards, node.guards),
+                (self._readers, [*node.subscriptions, *node.clients, *node.services]),
+                (self._events, node.waitables),
+            )
+            for target, entities in kinds:
+                for entity in list(entities):
+                    if self.can_execute(entity):
+                        target.append((entity, node))
+                    else:
+                        self._blocked = True
+        conditions = [entity.condition for entity, _ in self._readers]
+        conditions += [entity.condition for entity, _ in self._events if entity.condition is not None]
+        self._conditions.update(conditions, lambda entity: entity._ref not in entity._entities)
+
+    def _collect(self, timeout_ns: int) -> None:
+        """Sleep until something is ready and note what."""
+        if self._entities_changed:
+            self._rebuild()
+        for timer, _ in self._timers:
+            wait_ns = timer._wait_ns()
+            if wait_ns is not None and wait_ns < timeout_ns:
+                timeout_ns = wait_ns
+        if self._tasks and timeout_ns > _POLL_NS and any(task._resumable for task in self._tasks):
+            timeout_ns = _POLL_NS
+        if any(guard._triggered for guard, _ in self._guards):
+            timeout_ns = 0
+        triggered = self._conditions.wait(timeout_ns)
+        if self._tasks:
+            with self._lock:
+                self._tasks = [task for task in self._tasks if not task.done()]
+                self._due = [task for task in self._tasks if task._resumable]
+        ready = self._ready
+        for entry in self._timers:
+            if entry[0]._wait_ns() == 0:
+                ready.append(entry)
+        found = 0
+        if triggered:
+            for reader in self._readers:
+                if reader[0].condition.is_triggered():
+                    ready.append(reader)
+                    found += 1
+                    if found == triggered:
+                        break
+        for entry in self._guards:
+            if entry[0]._triggered:
+                ready.append(entry)
+        now = time.monotonic_ns()
+        if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
+            self._events_seen_ns = now
+            for event in self._events:
+                if event[0].is_ready():
+                    ready.appendleft(event)
+
+    def __enter__(self) -> Executor:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.shutdown()
+
+
+class SingleThreadedExecutor(Executor):
+    """Runs callbacks in the thread that spins."""
+
+
+def __getattr__(name: str) -> Any:
+    if name == "MultiThreadedExecutor":
+        raise ImportError(
+            "rclpy_embedded has no MultiThreadedExecutor: callbacks run in the thread that spins. Use "
+            "SingleThreadedExecutor, or genuine ROS 2 (https://docs.ros.org/en/jazzy) for callbacks in parallel."
+        )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,3 @@
+"""Expansion of topic names."""
+
+from rclpy.names import expand_topic_name as expand_topic_name

@@ -1,0 +1,33 @@
+"""Guard conditions: wake an executor from anywhere."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.context import Context
+from rclpy.impl.default_context import context_or_default
+from rclpy.impl.handle import Destroyable
+
+
+class GuardCondition(Destroyable):
+    """Its callback is called after ``trigger``; made by ``Node.create_guard_condition``."""
+
+    def __init__(
+        self, callback: Callable[[], Any] | None, callback_group: CallbackGroup | None, context: Context | None = None
+    ) -> None:
+        super().__init__()
+        self._context = context_or_default(context)
+        self._context.session.check("failed to create guard condition")
+        self.callback = callback
+        self.callback_group = callback_group
+        self._triggered = False
+
+    def trigger(self) -> None:
+        """Let the executor call the callback, once for any number of triggers before it."""
+        self._check()
+        self._triggered = True
+        self._context._wake_all()
+
+    def _take(self) -> Callable[[], Any] | None:
+        self._triggered = False
+        return self.callback

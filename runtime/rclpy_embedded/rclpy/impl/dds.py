@@ -1,0 +1,128 @@
+"""Cyclone DDS entities that carry ready-made CDR, with the QoS and USER_DATA of rmw_cyclonedds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from cyclonedds.core import Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import uint8
+from cyclonedds.sub import DataReader
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+
+INFINITE_NS = 0x7FFFFFFFFFFFFFFF
+
+
+class RawSample(IdlStruct):
+    """A sample whose serialized form is given; the middleware looks at its first byte only."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+
+    def serialize(self, buffer: Any = None, endianness: Any = None, use_version_2: bool | None = None) -> bytes:
+        """Return the given CDR."""
+        return self.data
+
+    @classmethod
+    def deserialize(cls, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> RawSample:
+        """Keep the received CDR; the type support decodes it."""
+        return cls(data)
+
+    deserialize_key = deserialize
+
+
+@cache
+def raw_type(dds_name: str) -> Any:
+    """Return the DDS type of the given name that carries CDR."""
+    # The one member (every ROS message has at least a byte) is named after the type: else DDS would take all these
+    # types for the same and match them within a process.
+    member = dds_name.replace("::", "__")
+    return make_idl_struct("RawType", dds_name, {member: uint8}, dataclassify=False, bases=(RawSample,))
+
+
+def any_sample(reader: DataReader[Any]) -> ReadCondition:
+    """Return a condition that triggers while the reader holds any sample."""
+    return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
+
+
+def matched(handles: Callable[[], list[int]]) -> list[int]:
+    """Return the handles of what matches an endpoint, from cyclonedds' own method for it.
+
+    That method counts first and reads then; a match that comes in between makes it fail, and asking again helps.
+    """
+    while True:
+        try:
+            return handles()
+        except IndexError:
+            continue
+
+
+def delete(entity: Entity | None) -> None:
+    """Delete the DDS entity now, even if the Python object is still referenced."""
+    if entity is not None:
+        entity.__del__()
+
+
+def _duration_ns(duration: Duration) -> int:
+    return min(int(duration.nanoseconds), INFINITE_NS)
+
+
+def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:
+    """Translate a profile as rmw_cyclonedds does."""
+    if profile.history == HistoryPolicy.KEEP_ALL:
+        history: Any = Policy.History.KeepAll
+    else:
+        history = Policy.History.KeepLast(max(1, profile.depth))
+    best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    policies: list[Any] = [
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        history,
+        Policy.Reliability.BestEffort if best_effort else Policy.Reliability.Reliable(INFINITE_NS),
+        Policy.Userdata(user_data.encode()),
+    ]
+    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        policies.append(Policy.Durability.TransientLocal)
+        if writer:
+            policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
+    else:
+        policies.append(Policy.Durability.Volatile)
+    if writer:
+        policies.append(Policy.WriterDataLifecycle(autodispose=False))
+        if lifespan := _duration_ns(profile.lifespan):
+            policies.append(Policy.Lifespan(lifespan))
+    if deadline := _duration_ns(profile.deadline):
+        policies.append(Policy.Deadline(deadline))
+    lease = _duration_ns(profile.liveliness_lease_duration) or INFINITE_NS
+    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    policies.append(Policy.Liveliness.ManualByTopic(lease) if manual else Policy.Liveliness.Automatic(lease))
+    return Qos(*policies)
+
+
+def profile_from_dds(qos: Qos) -> QoSProfile:
+    """Translate discovered QoS back into a profile; policies that are absent become unknown."""
+
+    def duration(policy: Any, field: str) -> Duration:
+        return Duration(nanoseconds=min(int(getattr(policy, field, INFINITE_NS)), INFINITE_NS))
+
+    history, depth = HistoryPolicy.UNKNOWN, 0
+    if qos[Policy.History] == Policy.History.KeepAll:
+        history = HistoryPolicy.KEEP_ALL
+    elif qos[Policy.History] is not None:
+        history, depth = HistoryPolicy.KEEP_LAST, qos[Policy.History].depth
+    reliable = isinstance(qos[Policy.Reliability], Policy.Reliability.Reliable)
+    transient_local = qos[Policy.Durability] == Policy.Durability.TransientLocal
+    liveliness = qos[Policy.Liveliness]
+    manual = isinstance(liveliness, Policy.Liveliness.ManualByTopic)
+    return QoSProfile(
+        history=history,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
+        lifespan=duration(qos[Policy.Lifespan], "lifespan"),
+        deadline=duration(qos[Policy.Deadline], "deadline"),
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC if manual else LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=duration(liveliness, "lease_duration"),
+    )

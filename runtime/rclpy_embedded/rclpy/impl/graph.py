@@ -1,0 +1,193 @@
+"""What is known of a domain: participants, nodes and endpoints, brought up to date at every query."""
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsParticipant,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import InstanceState, Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError
+from rclpy.impl import faults
+
+_BATCH = 128
+NamesAndTypes = list[tuple[str, list[str]]]
+
+
+def user_data_field(qos: Qos, key: str) -> str | None:
+    """Return a field of the USER_DATA (``key=value;...``), None if it is absent or not text."""
+    policy = qos[Policy.Userdata]
+    for entry in (policy.data if policy is not None else b"").split(b";"):
+        name, separator, value = entry.partition(b"=")
+        if separator and name == key.encode():
+            return str(value.decode(errors="replace"))
+    return None
+
+
+def ros_type(dds_type: str) -> str:
+    """Return the ROS name of a DDS type, e.g. std_msgs/msg/String; a type that is not of ROS keeps its name."""
+    package, separator, name = dds_type.rpartition("::dds_::")
+    if not separator or not name.endswith("_"):
+        return dds_type
+    name = name[:-1]
+    if package.endswith("::srv"):
+        name = name.removesuffix("_Request").removesuffix("_Response")
+    return f"{package.replace('::', '/')}/{name}"
+
+
+def ros_topic(dds_topic: str) -> str | None:
+    """Return the ROS topic of a DDS topic, None if it is not one."""
+    return dds_topic[2:] if dds_topic.startswith("rt/") else None
+
+
+def ros_service(dds_topic: str) -> str | None:
+    """Return the ROS service a DDS topic belongs to, None if it belongs to none."""
+    for prefix, suffix in (("rq/", "Request"), ("rr/", "Reply")):
+        if dds_topic.startswith(prefix) and dds_topic.endswith(suffix):
+            return dds_topic[2 : -len(suffix)]
+    return None
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A writer or reader somewhere in the domain."""
+
+    guid: bytes
+    participant: bytes
+    dds_topic: str
+    dds_type: str
+    qos: Qos
+
+
+@dataclass(frozen=True)
+class RemoteNode:
+    """A node as its participant announces it, with the GUIDs of its endpoints."""
+
+    participant: bytes
+    namespace: str
+    name: str
+    readers: frozenset[bytes]
+    writers: frozenset[bytes]
+
+    @property
+    def full_name(self) -> str:
+        """Namespace and name."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+
+def _drain(reader: Any) -> Iterator[Any]:
+    while True:
+        try:
+            samples = reader.take(N=_BATCH)
+        except (ValueError, TypeError, UnicodeError, KeyError) as error:
+            faults.count("discovery", f"discovery data that cannot be read: {error}")
+            return
+        yield from samples
+        if len(samples) < _BATCH:
+            return
+
+
+def _guids(gids: Iterable[Any]) -> frozenset[bytes]:
+    return frozenset(bytes(gid.data) for gid in gids)
+
+
+class Graph:
+    """Participants, nodes and endpoints of a domain; `info_reader` receives ros_discovery_info."""
+
+    def __init__(self, participant: DomainParticipant, info_reader: Any, deserialize: Callable[[bytes], Any]) -> None:
+        self._lock = threading.Lock()
+        self._info_reader = info_reader
+        self._deserialize = deserialize
+        self._participant_reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
+        self._writer_reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._reader_reader = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
+        self._enclaves: dict[bytes, str] = {}
+        self._writers: dict[bytes, Endpoint] = {}
+        self._readers: dict[bytes, Endpoint] = {}
+        self._announced: dict[bytes, list[RemoteNode]] = {}
+
+    def _update(self) -> None:
+        for sample in _drain(self._participant_reader):
+            guid = sample.key.bytes
+            if sample.sample_info.instance_state == InstanceState.Alive:
+                self._enclaves[guid] = user_data_field(sample.qos, "enclave") or "/"
+            else:
+                self._enclaves.pop(guid, None)
+                self._announced.pop(guid, None)
+        for reader, endpoints in ((self._writer_reader, self._writers), (self._reader_reader, self._readers)):
+            for sample in _drain(reader):
+                guid, name, type_name = sample.key.bytes, sample.topic_name, sample.type_name or ""
+                # DCPS...: Cyclone's own, read by this participant.
+                if sample.sample_info.instance_state == InstanceState.Alive and name and not name.startswith("DCPS"):
+                    endpoints[guid] = Endpoint(guid, sample.participant_key.bytes, name, type_name, sample.qos)
+                else:
+                    endpoints.pop(guid, None)
+        for sample in _drain(self._info_reader):
+            if sample.sample_info.valid_data:
+                try:
+                    self._take_info(self._deserialize(sample.data))
+                except ValueError as error:
+                    faults.count("ros_discovery_info", f"malformed ros_discovery_info: {error}")
+
+    def _take_info(self, info: Any) -> None:
+        guid = bytes(info.gid.data)
+        self._announced[guid] = [
+            RemoteNode(
+                guid, node.node_namespace, node.node_name, _guids(node.reader_gid_seq), _guids(node.writer_gid_seq)
+            )
+            for node in info.node_entities_info_seq
+        ]
+
+    def nodes(self) -> list[RemoteNode]:
+        """Return all nodes of the participants that are alive."""
+        with self._lock:
+            self._update()
+            return [node for guid in self._enclaves for node in self._announced.get(guid, ())]
+
+    def enclave(self, participant: bytes) -> str:
+        """Return the enclave a participant announced."""
+        return self._enclaves.get(participant, "/")
+
+    def endpoints(self, *, writers: bool) -> list[Endpoint]:
+        """Return all writers or all readers."""
+        with self._lock:
+            self._update()
+            return list((self._writers if writers else self._readers).values())
+
+    def endpoints_of(self, dds_topic: str, *, writers: bool) -> list[Endpoint]:
+        """Return the writers or the readers of a DDS topic."""
+        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.dds_topic == dds_topic]
+
+    def node_of(self, endpoint: Endpoint) -> RemoteNode | None:
+        """Return the node that announced an endpoint."""
+        nodes = self._announced.get(endpoint.participant, ())
+        return next((node for node in nodes if endpoint.guid in node.writers | node.readers), None)
+
+    def endpoints_by_node(self, name: str, namespace: str, *, writers: bool) -> list[Endpoint]:
+        """Return the writers or the readers of a node; NodeNameNonExistentError if no such node is known."""
+        found = [node for node in self.nodes() if node.name == name and node.namespace == namespace]
+        if not found:
+            raise NodeNameNonExistentError(
+                f"Cannot get endpoints of node: node '{name}' in namespace '{namespace}' does not exist"
+            )
+        guids = frozenset[bytes]().union(*(node.writers if writers else node.readers for node in found))
+        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.guid in guids]
+
+
+def names_and_types(endpoints: Iterable[Endpoint], demangle: Callable[[str], str | None] | None) -> NamesAndTypes:
+    """Collect the names that `demangle` gives for the DDS topics, sorted, each with its sorted types.
+
+    Without `demangle`, names and types are those of DDS.
+    """
+    found: dict[str, set[str]] = {}
+    for endpoint in endpoints:
+        name = demangle(endpoint.dds_topic) if demangle else endpoint.dds_topic
+        if name is not None:
+            found.setdefault(name, set()).add(ros_type(endpoint.dds_type) if demangle else endpoint.dds_type)
+    return [(name, sorted(types)) for name, types in sorted(found.items())]

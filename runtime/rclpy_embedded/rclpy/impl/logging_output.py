@@ -1,0 +1,154 @@
+"""Levels of the loggers, and where messages go: the console and /rosout. Follows rcutils."""
+
+import os
+import re
+import sys
+import time
+from typing import Any, NamedTuple, Protocol
+
+from rclpy.impl.logging_severity import LoggingSeverity
+
+DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
+
+
+class LogRecord(NamedTuple):
+    """One message, with its place in the code and system time."""
+
+    severity: LoggingSeverity
+    name: str
+    message: str
+    function_name: str
+    file_name: str
+    line_number: int
+    stamp_ns: int
+
+
+def _values(record: LogRecord) -> dict[str, str]:
+    """Return the tokens of the console's layout."""
+    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+    date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+    return {key: str(value) for key, value in record._asdict().items()} | {
+        "severity": record.severity.name,
+        "time": f"{seconds:010d}.{nanoseconds:09d}",
+        "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
+        "time_as_nanoseconds": f"{record.stamp_ns:019d}",
+    }
+
+
+_TOKEN = re.compile(
+    "{(severity|name|message|function_name|file_name|line_number|time|date_time_with_ms|time_as_nanoseconds)}"
+)
+_ESCAPES = {r"\a": "\a", r"\b": "\b", r"\n": "\n", r"\r": "\r", r"\t": "\t", r"\x1b": "\x1b"}
+_NORMAL = "\033[0m"
+_COLORS = {"DEBUG": "\033[32m", "INFO": _NORMAL, "WARN": "\033[33m", "ERROR": "\033[31m", "FATAL": "\033[31m"}
+
+
+def _switch(name: str) -> bool | None:
+    """Return an environment variable that is 0 or 1; None if it is not set or has another value."""
+    value = os.environ.get(name, "")
+    if value not in ("", "0", "1"):
+        sys.stderr.write(f"Warning: unexpected value [{value}] specified for {name}. Valid values are 0 or 1.\n")
+    return {"0": False, "1": True}.get(value)
+
+
+class Console:
+    """Writes messages to stderr, or as the RCUTILS_* variables of the environment say."""
+
+    def __init__(self) -> None:
+        self._use_stdout = _switch("RCUTILS_LOGGING_USE_STDOUT") is True
+        # Python buffers like C: stderr by line, stdout by line on a terminal only. Either value means a flush here.
+        self._flush = _switch("RCUTILS_LOGGING_BUFFERED_STREAM") is not None
+        self._colorized = _switch("RCUTILS_COLORIZED_OUTPUT")
+        layout = os.environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT
+        self._layout = re.sub(r"\\(?:[abnrt]|x1b)", lambda escape: _ESCAPES[escape[0]], layout)
+
+    def format(self, record: LogRecord) -> str:
+        """Return the message in the layout of the console, without colour."""
+        values = _values(record)
+        return _TOKEN.sub(lambda token: values[token[1]], self._layout)
+
+    def __call__(self, record: LogRecord) -> None:
+        """Write the message; a console that was closed is ignored."""
+        stream = sys.stdout if self._use_stdout else sys.stderr
+        if stream is None:
+            return
+        try:
+            line = self.format(record)
+            if stream.isatty() if self._colorized is None else self._colorized:
+                line = f"{_COLORS[record.severity.name]}{line}{_NORMAL}"
+            stream.write(line + "\n")
+            if self._flush:
+                stream.flush()
+        except (OSError, ValueError):
+            return
+
+
+class Sink(Protocol):
+    """Publishes messages on /rosout for the loggers of nodes and for their children."""
+
+    def publish(self, record: LogRecord) -> None: ...
+    def add_child(self, logger_name: str, child_name: str) -> bool: ...
+    def remove_child(self, child_name: str) -> None: ...
+
+
+class LoggingSystem:
+    """Levels by logger name and the outputs in use; there is one per process."""
+
+    def __init__(self) -> None:
+        self.rosout: Sink | None = None
+        self.rosout_enabled = False
+        self.initialize()
+
+    def initialize(self) -> None:
+        """Forget all levels and read the environment again."""
+        # That of the root, whose name is empty, is the default of all.
+        self._levels = {"": LoggingSeverity.INFO}
+        self._effective: dict[str, LoggingSeverity] = {}
+        self._console = Console()
+        self.stdout_enabled = True
+
+    def configure(self, arguments: Any) -> None:
+        """Apply a command line (`rclpy.arguments.Arguments`): levels and outputs; done by the first context."""
+        if arguments.default_log_level is not LoggingSeverity.UNSET:
+            self._levels[""] = arguments.default_log_level
+        self._levels.update(arguments.log_levels)
+        self._effective = {}
+        self.stdout_enabled = arguments.stdout_logs
+        self.rosout_enabled = arguments.rosout_logs
+
+    def finish(self) -> None:
+        """Go back to console output only; done after the last context."""
+        self.stdout_enabled = True
+        self.rosout_enabled = False
+
+    def level(self, name: str) -> LoggingSeverity:
+        """Return the level set for exactly this logger; UNSET if none is."""
+        return self._levels.get(name, LoggingSeverity.UNSET)
+
+    def set_level(self, name: str, level: LoggingSeverity) -> None:
+        """Set the level of a logger."""
+        self._levels[name] = level
+        self._effective = {}
+
+    def effective_level(self, name: str) -> LoggingSeverity:
+        """Return the level of a logger or of its nearest ancestor that has one."""
+        found = self._effective.get(name)
+        if found is None:
+            found = self.level(name)
+            if found is LoggingSeverity.UNSET and name:
+                found = self.effective_level(name.rpartition(".")[0])
+            self._effective[name] = found
+        return found
+
+    def log(self, record: LogRecord) -> None:
+        """Send a message to the outputs if the logger is enabled for it."""
+        if record.severity < self.effective_level(record.name) or record.severity is LoggingSeverity.UNSET:
+            return
+        if self.stdout_enabled:
+            self._console(record)
+        if self.rosout_enabled and self.rosout is not None:
+            self.rosout.publish(record)
+
+
+#: The logging system of this process.
+system = LoggingSystem()

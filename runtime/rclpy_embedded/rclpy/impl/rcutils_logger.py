@@ -1,0 +1,166 @@
+"""Loggers, with filters by place in the code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any, NamedTuple
+
+from rclpy.impl.logging_output import LogRecord, system
+from rclpy.impl.logging_severity import LoggingSeverity
+
+#: Files whose frames are not the caller of a logging method; wrappers around a logger may add theirs.
+_internal_callers: list[str] = [__file__]
+
+
+class CallerId(NamedTuple):
+    """Place in the code from which a message is logged."""
+
+    function_name: str
+    file_path: str
+    line_number: int
+    #: Index of the instruction: two calls on one line differ.
+    last_index: int
+
+    @classmethod
+    def current(cls) -> CallerId:
+        """Return the first caller outside of the logging modules."""
+        frame: FrameType = sys._getframe(1)
+        while frame.f_back is not None and any(path in frame.f_code.co_filename for path in _internal_callers):
+            frame = frame.f_back
+        code = frame.f_code
+        return cls(code.co_name, os.path.abspath(code.co_filename), frame.f_lineno, frame.f_lasti)
+
+
+_OPTIONS = ["throttle_duration_sec", "throttle_time_source_type", "skip_first", "once"]
+
+
+def _check_options(options: dict[str, Any]) -> None:
+    for name in options:
+        if name not in _OPTIONS:
+            raise TypeError(f'parameter "{name}" is not one of the recognized logging options "{_OPTIONS}"')
+    if clock := options.get("throttle_time_source_type"):
+        if not callable(getattr(clock, "now", None)):
+            raise ValueError(f'Received throttle_time_source_type of "{clock}" is not a clock instance')
+        if options.get("throttle_duration_sec") is None:
+            raise TypeError(
+                'required parameter "throttle_duration_sec" not specified '
+                'but is required for the the logging filter "throttle"'
+            )
+
+
+@dataclass
+class _CallSite:
+    """What the first call at a place in the code asked for, and what the filters remember of the calls there."""
+
+    severity: LoggingSeverity
+    name: str
+    options: dict[str, Any]
+    last_ns: int = 0
+    has_skipped: bool = False
+    has_passed: bool = False
+
+    def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
+        """Raise ValueError if a later call at the place asks for something else."""
+        if severity != self.severity:
+            raise ValueError("Logger severity cannot be changed between calls.")
+        if name != self.name:
+            raise ValueError("Logger name cannot be changed between calls.")
+        if options.keys() != self.options.keys():
+            raise ValueError("Requested logging filters cannot be changed between calls.")
+        if options != self.options:
+            raise ValueError("Logging filter parameters cannot be changed between calls.")
+
+    def lets_pass(self) -> bool:
+        """Return whether the filters pass this message: throttle, then skip first, then once."""
+        if duration_sec := self.options.get("throttle_duration_sec"):
+            clock = self.options.get("throttle_time_source_type")
+            now_ns = clock.now().nanoseconds if clock else time.time_ns()
+            if now_ns < self.last_ns + duration_sec * 1e9:
+                return False
+            self.last_ns = now_ns
+        if "skip_first" in self.options and not self.has_skipped:
+            self.has_skipped = True
+            return False
+        if "once" in self.options and self.has_passed:
+            return False
+        self.has_passed = True
+        return True
+
+
+class RcutilsLogger:
+    """A named logger. Loggers form a hierarchy by the dots in their names and inherit levels along it."""
+
+    def __init__(self, name: str = "") -> None:
+        self.name = name
+        self._is_rosout_child = False
+        self._call_sites: dict[CallerId, _CallSite] = {}
+
+    def __del__(self) -> None:
+        if self._is_rosout_child and system.rosout is not None:
+            system.rosout.remove_child(self.name)
+
+    def get_child(self, name: str) -> RcutilsLogger:
+        """Return a logger below this one. If this logger publishes to /rosout, so does the child."""
+        if not name:
+            raise ValueError("Child logger name must not be empty.")
+        child = RcutilsLogger(f"{self.name}.{name}" if self.name else name)
+        if self.name and system.rosout is not None:
+            child._is_rosout_child = system.rosout.add_child(self.name, child.name)
+        return child
+
+    def set_level(self, level: LoggingSeverity | int) -> None:
+        """Set the level; UNSET means that of the parent."""
+        system.set_level(self.name, LoggingSeverity(level))
+
+    def get_effective_level(self) -> LoggingSeverity:
+        """Return the level, or that of the nearest ancestor that has one."""
+        return system.effective_level(self.name)
+
+    def is_enabled_for(self, severity: LoggingSeverity | int) -> bool:
+        """Return whether messages of a severity are logged."""
+        return LoggingSeverity(severity) >= system.effective_level(self.name)
+
+    def log(self, message: str, severity: LoggingSeverity | int, **kwargs: Any) -> bool:
+        """Log a message, unless the level or a filter drops it; return whether it was logged.
+
+        `throttle_duration_sec` (by the clock `throttle_time_source_type`), `skip_first` and `once` filter the messages
+        of one place in the code, where they and the severity must always be the same. `name` stands for another logger.
+        """
+        severity = LoggingSeverity(severity)
+        if severity < system.effective_level(self.name):
+            return False
+        name = kwargs.pop("name", self.name)
+        _check_options(kwargs)
+        # An option that is False or 0 is none.
+        options = {key: value for key, value in kwargs.items() if value}
+        if not isinstance(message, str):
+            raise TypeError(f"a log message must be a str, got {type(message).__name__}: use str(...)")
+        caller = CallerId.current()
+        site = self._call_sites.setdefault(caller, _CallSite(severity, name, options))
+        site.check_unchanged(severity, name, options)
+        if not site.lets_pass():
+            return False
+        system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
+        return True
+
+    def debug(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
+
+    def info(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.INFO, **kwargs)
+
+    def warning(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    def warn(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    def error(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.ERROR, **kwargs)
+
+    def fatal(self, message: str, **kwargs: Any) -> bool:
+        return self.log(message, LoggingSeverity.FATAL, **kwargs)

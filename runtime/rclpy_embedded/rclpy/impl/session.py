@@ -1,0 +1,218 @@
+"""A participant in a DDS domain, and the nodes it announces on ros_discovery_info."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from dataclasses import dataclass, field
+from typing import Any, TypeVar, cast
+from weakref import WeakSet
+
+from cyclonedds.core import Entity, Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.pub import DataWriter, Publisher
+from cyclonedds.sub import DataReader, Subscriber
+from cyclonedds.topic import Topic
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.impl.dds import RawSample, delete, qos_to_dds, raw_type
+from rclpy.impl.discovery import configuration, discovery_range, static_peers
+from rclpy.impl.graph import Graph
+from rclpy.impl.handle import Handle
+from rclpy.impl.type_information import hidden
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+
+from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
+
+_DiscoveryOptions = tuple[str, list[str]]
+# Domain, its discovery options, and the number of sessions in it.
+_domains: dict[int, tuple[Domain, _DiscoveryOptions, int]] = {}
+_domains_lock = threading.Lock()
+# While a topic's type information is hidden, the same topic cannot be made again.
+_topics_lock = threading.Lock()
+_sessions: WeakSet[Session] = WeakSet()
+
+_INFO_WRITER = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_INFO_READER = QoSProfile(history=HistoryPolicy.KEEP_ALL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _gid(entity: Entity) -> Any:
+    return get_message("rmw_dds_common/msg/Gid")(data=list(entity.guid.bytes))
+
+
+class _Announced(Handle):
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.gid = _gid(cast(Entity, self))
+
+
+class Writer(_Announced, DataWriter[RawSample]):
+    """A writer of CDR."""
+
+
+class Reader(_Announced, DataReader[RawSample]):
+    """A reader of CDR."""
+
+
+_Kind = TypeVar("_Kind", Reader, Writer)
+
+
+@dataclass(eq=False)
+class LocalNode(Handle):
+    """What a node of this participant announces."""
+
+    session: Session
+    namespace: str
+    name: str
+    endpoints: list[Reader | Writer] = field(default_factory=list)
+
+    @property
+    def full_name(self) -> str:
+        """Namespace and name."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+    @property
+    def logger_name(self) -> str:
+        """Name of the node's logger."""
+        return self.full_name[1:].replace("/", ".")
+
+
+class Session(Handle):
+    """The DDS side of a context: domain, participant, announced nodes. The `enclave` is announced only."""
+
+    def __init__(self, domain_id: int, enclave: str = "/") -> None:
+        self.domain_id = domain_id
+        self._lock = threading.RLock()
+        self._nodes: list[LocalNode] = []
+        self._ids = 0
+        self._closed = False
+        self.is_shut_down = False
+        _acquire_domain(domain_id)
+        self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
+        self.publisher = Publisher(self.participant)
+        self.subscriber = Subscriber(self.participant)
+        self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
+        self._info_writer = self.writer("ros_discovery_info", self.info_support, _INFO_WRITER)
+        self.info_reader = self.reader("ros_discovery_info", self.info_support, _INFO_READER)
+        self._graph: Graph | None = None
+        _sessions.add(self)
+
+    @property
+    def graph(self) -> Graph:
+        """What is known of all participants of the domain."""
+        with self._lock:
+            if self._graph is None:
+                self._graph = Graph(self.participant, self.info_reader, self.info_support.deserialize)
+            return self._graph
+
+    def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Writer:
+        """Create a writer; `prefix` precedes the type hash in its USER_DATA."""
+        return self._create(Writer, self.publisher, dds_topic, support, profile, prefix)
+
+    def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Reader:
+        """Create a reader; `prefix` precedes the type hash in its USER_DATA."""
+        return self._create(Reader, self.subscriber, dds_topic, support, profile, prefix)
+
+    def _create(
+        self, kind: type[_Kind], parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
+    ) -> _Kind:
+        self.check(f"failed to create an endpoint of '{dds_topic}'")
+        qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
+        with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
+            return kind(parent, topic, qos)
+
+    def check(self, complaint: str) -> None:
+        """Raise an RCLError with `complaint` if the context was shut down."""
+        if self.is_shut_down:
+            raise RCLError(f"{complaint}: the context is invalid")
+
+    def next_id(self) -> str:
+        """Return a new client or service id in the notation of rmw: bytes in hex, the first padded with a blank."""
+        with self._lock:
+            self._ids += 1
+            raw = self.participant.guid.bytes[:12] + self._ids.to_bytes(4, "big")
+        return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
+
+    def add_node(self, node: LocalNode) -> None:
+        """Announce a node."""
+        with self._lock:
+            self._nodes.append(node)
+            self._announce()
+
+    def remove_node(self, node: LocalNode) -> None:
+        """Stop announcing a node."""
+        with self._lock:
+            if not self._closed:
+                self._nodes.remove(node)
+                self._announce()
+
+    def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
+        """Announce endpoints of a node, in one message."""
+        with self._lock:
+            node.endpoints.extend(endpoints)
+            self._announce()
+
+    def remove_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
+        """Stop announcing endpoints of a node, then delete them."""
+        with self._lock:
+            if self._closed:
+                return
+            node.endpoints = [endpoint for endpoint in node.endpoints if endpoint not in endpoints]
+            if node in self._nodes:
+                self._announce()
+            for endpoint in endpoints:
+                delete(endpoint)
+
+    def _announce(self) -> None:
+        entities = get_message("rmw_dds_common/msg/NodeEntitiesInfo")
+        message = self.info_support.cls(
+            gid=_gid(self.participant),
+            node_entities_info_seq=[
+                entities(
+                    node_namespace=node.namespace,
+                    node_name=node.name,
+                    reader_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Reader)],
+                    writer_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Writer)],
+                )
+                for node in self._nodes
+            ],
+        )
+        self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(message)))
+
+    def close(self) -> None:
+        """Leave the domain."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                _sessions.discard(self)
+                delete(self.participant)
+                _release_domain(self.domain_id)
+
+
+def _acquire_domain(domain_id: int) -> None:
+    options = discovery_range(), static_peers()
+    with _domains_lock:
+        if domain_id not in _domains:
+            _domains[domain_id] = Domain(domain_id, configuration(domain_id)), options, 0
+        domain, present, users = _domains[domain_id]
+        if options != present:
+            raise RCLError(
+                f"a context of this process is in domain {domain_id} with the discovery range {present[0]} and the "
+                f"static peers {present[1]}; it cannot be joined with {options[0]} and {options[1]}"
+            )
+        _domains[domain_id] = domain, present, users + 1
+
+
+def _release_domain(domain_id: int) -> None:
+    with _domains_lock:
+        domain, options, users = _domains.pop(domain_id)
+        if users > 1:
+            _domains[domain_id] = domain, options, users - 1
+        else:
+            delete(domain)
+
+
+@atexit.register
+def _close_all() -> None:
+    """Leave the domain also when the program forgot to; else the peers would wait until the lease ends."""
+    for session in list(_sessions):
+        session.close()

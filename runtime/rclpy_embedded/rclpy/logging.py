@@ -1,0 +1,61 @@
+"""Logging: loggers by name and their levels."""
+
+import os
+from pathlib import Path
+
+from rclpy.impl import rcutils_logger
+from rclpy.impl.logging_output import system
+from rclpy.impl.logging_severity import LoggingSeverity as LoggingSeverity
+from rclpy.impl.rcutils_logger import RcutilsLogger as RcutilsLogger
+
+rcutils_logger._internal_callers.append(__file__)
+_root_logger = RcutilsLogger()
+
+
+def get_logger(name: str) -> RcutilsLogger:
+    """Return a logger."""
+    if not name:
+        raise ValueError("Logger name must not be empty.")
+    return _root_logger.get_child(name)
+
+
+def initialize() -> None:
+    """Set the logging system up; importing this module does so."""
+
+
+def shutdown() -> None:
+    """Forget all levels, and read the environment again."""
+    system.initialize()
+
+
+clear_config = shutdown
+
+
+def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
+    """Set the level of a logger ('' is the root)."""
+    system.set_level(name, LoggingSeverity(level))
+
+
+def get_logger_effective_level(name: str) -> LoggingSeverity:
+    """Return the level of a logger, or of its nearest ancestor that has one."""
+    return system.effective_level(name)
+
+
+def get_logger_level(name: str) -> LoggingSeverity:
+    """Return the level of exactly this logger; UNSET if it has none."""
+    return system.level(name)
+
+
+def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
+    """Return the severity of a name in any case."""
+    try:
+        return LoggingSeverity[log_severity.upper()]
+    except KeyError:
+        raise RuntimeError("Failed to get severity name") from None
+
+
+def get_logging_directory() -> Path:
+    """Return the directory for log files: ROS_LOG_DIR, else ROS_HOME/log, else ~/.ros/log."""
+    if directory := os.environ.get("ROS_LOG_DIR"):
+        return Path(directory).expanduser()
+    return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "log"

@@ -1,0 +1,225 @@
+"""What a node creates and destroys: publishers, subscriptions, clients, services, timers, guard conditions."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.constants import S_TO_NS
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.session import LocalNode
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.qos_overriding_options import QoSOverridingOptions, declare_qos_parameters
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Rate, Timer
+from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
+from rclpy.waitable import Waitable
+
+
+def _profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+    if isinstance(qos_or_depth, QoSProfile):
+        return qos_or_depth
+    if not isinstance(qos_or_depth, int):
+        raise TypeError(f"Expected QoSProfile or int, but received {type(qos_or_depth)!r}")
+    if qos_or_depth < 0:
+        raise ValueError("history depth must be greater than or equal to zero")
+    return QoSProfile(depth=qos_or_depth)
+
+
+class NodeEntities:
+    """The entities of a Node, and the methods that make and destroy them."""
+
+    _context: Context
+    _clock: Clock
+    handle: LocalNode
+    resolve_topic_name: Callable[..., str]
+    resolve_service_name: Callable[..., str]
+    _wake_executor: Callable[[], None]
+
+    def __init__(self) -> None:
+        self.publishers: list[Publisher] = []
+        self.subscriptions: list[Subscription] = []
+        self.clients: list[Client] = []
+        self.services: list[Service] = []
+        self.timers: list[Timer] = []
+        self.guards: list[GuardCondition] = []
+        self.__waitables: list[Waitable] = []
+        self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rate_group = ReentrantCallbackGroup()
+
+    @property
+    def waitables(self) -> Iterator[Waitable]:
+        """Event handlers, and what was added."""
+        yield from self.__waitables
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """The group of everything that is created without one."""
+        return self._default_callback_group
+
+    def __add(self, entity: Any, entities: list[Any]) -> Any:
+        if not isinstance(entity, Publisher):
+            entity.callback_group.add_entity(entity)
+        entities.append(entity)
+        self.__waitables.extend(getattr(entity, "event_handlers", ()))
+        self._wake_executor()
+        return entity
+
+    def __topic(
+        self, kind: str, msg_type: Any, topic: str, qos: QoSProfile | int, options: QoSOverridingOptions | None
+    ) -> tuple[LocalNode, Any, str, str, QoSProfile]:
+        """Return the arguments of a publisher or subscription to be made."""
+        profile = _profile(qos)
+        check_is_valid_msg_type(msg_type)
+        name = self.resolve_topic_name(topic)
+        if options is not None:
+            profile = declare_qos_parameters(kind, self, name, profile, options)
+        return self.handle, msg_type, topic, name, profile
+
+    def create_publisher(
+        self,
+        msg_type: Any,
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        publisher_class: type[Publisher] = Publisher,
+    ) -> Publisher:
+        """Create a publisher; an int as QoS is the depth of the default profile."""
+        group, callbacks = callback_group or self._default_callback_group, event_callbacks or PublisherEventCallbacks()
+        arguments = self.__topic("publisher", msg_type, topic, qos_profile, qos_overriding_options)
+        publisher: Publisher = self.__add(publisher_class(*arguments, callbacks, group), self.publishers)
+        return publisher
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+    ) -> Subscription:
+        """Create a subscription; its callback takes the message, or the message and its MessageInfo.
+
+        With `raw` the callback gets the bytes of the serialized message.
+        """
+        group = callback_group or self._default_callback_group
+        callbacks = event_callbacks or SubscriptionEventCallbacks()
+        arguments = self.__topic("subscription", msg_type, topic, qos_profile, qos_overriding_options)
+        made = Subscription(*arguments, callbacks, group, callback=callback, raw=raw)
+        subscription: Subscription = self.__add(made, self.subscriptions)
+        return subscription
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Create a service client."""
+        group = callback_group or self._default_callback_group
+        check_is_valid_srv_type(srv_type)
+        name = self.resolve_service_name(srv_name)
+        made = Client(self.handle, srv_type, srv_name, name, qos_profile, group, context=self._context)
+        client: Client = self.__add(made, self.clients)
+        return client
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[[Any, Any], Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Create a service server; its callback takes request and response, and returns the response."""
+        group = callback_group or self._default_callback_group
+        check_is_valid_srv_type(srv_type)
+        name = self.resolve_service_name(srv_name)
+        made = Service(self.handle, srv_type, srv_name, name, qos_profile, group, callback=callback)
+        service: Service = self.__add(made, self.services)
+        return service
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[..., Any] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Create a timer that counts in the node's clock (or another one)."""
+        group, period_ns = callback_group or self._default_callback_group, int(float(timer_period_sec) * S_TO_NS)
+        made = Timer(callback, group, period_ns, clock or self._clock, context=self._context, autostart=autostart)
+        timer: Timer = self.__add(made, self.timers)
+        return timer
+
+    def create_guard_condition(
+        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
+    ) -> GuardCondition:
+        """Create a guard condition, whose callback is called after its ``trigger``."""
+        group = callback_group or self._default_callback_group
+        guard: GuardCondition = self.__add(GuardCondition(callback, group, context=self._context), self.guards)
+        return guard
+
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """Create a rate of `frequency` Hz."""
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        timer = self.create_timer(1.0 / frequency, None, self._rate_group, clock)
+        return Rate(timer, context=self._context)
+
+    def add_waitable(self, waitable: Waitable) -> None:
+        """Add something else for an executor to wait for."""
+        self.__waitables.append(waitable)
+        self._wake_executor()
+
+    def remove_waitable(self, waitable: Waitable) -> None:
+        """Undo `add_waitable`."""
+        self.__waitables.remove(waitable)
+        self._wake_executor()
+
+    @property
+    def __lists(self) -> tuple[list[Any], ...]:
+        return self.publishers, self.subscriptions, self.clients, self.services, self.timers, self.guards
+
+    def __destroy(self, entity: Any) -> bool:
+        """Destroy an entity of this node; return whether it was one."""
+        entities = next((found for found in self.__lists if entity in found), None)
+        if entities is None:
+            return False
+        entities.remove(entity)
+        for handler in getattr(entity, "event_handlers", ()):
+            self.__waitables.remove(handler)
+        entity.destroy()
+        self._wake_executor()
+        return True
+
+    destroy_publisher = destroy_subscription = destroy_client = __destroy
+    destroy_service = destroy_timer = destroy_guard_condition = __destroy
+
+    def destroy_rate(self, rate: Rate) -> bool:
+        """Destroy a rate of this node; return whether it was one."""
+        done = self.__destroy(rate._timer)
+        rate.destroy()
+        return done
+
+    def destroy_node(self) -> None:
+        """Destroy everything that is left."""
+        for entities in self.__lists:
+            while entities:
+                self.__destroy(entities[0])

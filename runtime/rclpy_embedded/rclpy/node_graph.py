@@ -1,0 +1,147 @@
+"""What a node can tell about the graph."""
+
+import time
+from collections.abc import Callable
+
+from rclpy.context import Context
+from rclpy.impl.dds import profile_from_dds
+from rclpy.impl.graph import (
+    Endpoint,
+    Graph,
+    NamesAndTypes,
+    names_and_types,
+    ros_service,
+    ros_topic,
+    ros_type,
+    user_data_field,
+)
+from rclpy.names import expand_topic_name, validate_full_topic_name
+from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
+from rclpy.type_hash import TypeHash
+
+
+def _info(graph: Graph, endpoint: Endpoint, is_writer: bool, no_mangle: bool) -> TopicEndpointInfo:
+    node = graph.node_of(endpoint)
+    return TopicEndpointInfo(
+        node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
+        node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
+        topic_type=endpoint.dds_type if no_mangle else ros_type(endpoint.dds_type),
+        topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
+        endpoint_type=TopicEndpointTypeEnum.PUBLISHER if is_writer else TopicEndpointTypeEnum.SUBSCRIPTION,
+        endpoint_gid=list(endpoint.guid),
+        qos_profile=profile_from_dds(endpoint.qos),
+    )
+
+
+class NodeGraph:
+    """The graph queries of a Node. Names may be relative or private; they are not remapped."""
+
+    _context: Context
+    get_name: Callable[[], str]
+    get_namespace: Callable[[], str]
+    resolve_topic_name: Callable[[str], str]
+
+    @property
+    def __graph(self) -> Graph:
+        self._context.session.check("failed to look at the graph")
+        return self._context.session.graph
+
+    def __full_name(self, name: str, *, is_service: bool = False) -> str:
+        full = expand_topic_name(name, self.get_name(), self.get_namespace())
+        validate_full_topic_name(full, is_service=is_service)
+        return full
+
+    def get_publisher_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """Return topics and types of a node's publishers; NodeNameNonExistentError if there is no such node."""
+        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=True)
+        return names_and_types(endpoints, None if no_demangle else ros_topic)
+
+    def get_subscriber_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """Return topics and types of a node's subscriptions; NodeNameNonExistentError if there is no such node."""
+        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=False)
+        return names_and_types(endpoints, None if no_demangle else ros_topic)
+
+    def __services_of(self, name: str, namespace: str, received: str) -> NamesAndTypes:
+        endpoints = self.__graph.endpoints_by_node(name, namespace, writers=False)
+        return names_and_types([e for e in endpoints if e.dds_topic.startswith(received)], ros_service)
+
+    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """Return services and types of a node's servers; NodeNameNonExistentError if there is no such node."""
+        return self.__services_of(node_name, node_namespace, "rq/")
+
+    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """Return services and types of a node's clients; NodeNameNonExistentError if there is no such node."""
+        return self.__services_of(node_name, node_namespace, "rr/")
+
+    def __all_endpoints(self) -> list[Endpoint]:
+        return self.__graph.endpoints(writers=True) + self.__graph.endpoints(writers=False)
+
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
+        """Return all topics and their types."""
+        return names_and_types(self.__all_endpoints(), None if no_demangle else ros_topic)
+
+    def get_service_names_and_types(self) -> NamesAndTypes:
+        """Return all services and their types."""
+        return names_and_types(self.__all_endpoints(), ros_service)
+
+    def get_node_names(self) -> list[str]:
+        """Return the names of all nodes."""
+        return [node.name for node in self.__graph.nodes()]
+
+    def get_fully_qualified_node_names(self) -> list[str]:
+        """Return the full names of all nodes."""
+        return [node.full_name for node in self.__graph.nodes()]
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """Return name and namespace of all nodes."""
+        return [(node.name, node.namespace) for node in self.__graph.nodes()]
+
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        """Return name, namespace and enclave of all nodes."""
+        graph = self.__graph
+        return [(node.name, node.namespace, graph.enclave(node.participant)) for node in graph.nodes()]
+
+    def count_publishers(self, topic_name: str) -> int:
+        """Return the number of publishers of a topic."""
+        return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=True))
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """Return the number of subscriptions of a topic."""
+        return len(self.__graph.endpoints_of("rt" + self.__full_name(topic_name), writers=False))
+
+    def count_clients(self, service_name: str) -> int:
+        """Return the number of clients of a service."""
+        name = self.__full_name(service_name, is_service=True)
+        return len(self.__graph.endpoints_of(f"rr{name}Reply", writers=False))
+
+    def count_services(self, service_name: str) -> int:
+        """Return the number of servers of a service."""
+        name = self.__full_name(service_name, is_service=True)
+        return len(self.__graph.endpoints_of(f"rq{name}Request", writers=False))
+
+    def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
+        """Return node, type, GID and QoS of each publisher of a topic; with `no_mangle`, of a DDS topic."""
+        return self.__infos(topic_name, no_mangle, writers=True)
+
+    def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
+        """Return node, type, GID and QoS of each subscription of a topic; with `no_mangle`, of a DDS topic."""
+        return self.__infos(topic_name, no_mangle, writers=False)
+
+    def __infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
+        dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
+        endpoints = self.__graph.endpoints_of(dds_topic, writers=writers)
+        return [_info(self.__graph, endpoint, writers, no_mangle) for endpoint in endpoints]
+
+    def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
+        """Wait up to `timeout` seconds until a node is there; return whether it is."""
+        name = "/" + fully_qualified_node_name.lstrip("/")
+        end = time.monotonic() + timeout
+        while name not in self.get_fully_qualified_node_names():
+            if time.monotonic() >= end:
+                return False
+            time.sleep(min(0.05, timeout))
+        return True

@@ -1,0 +1,112 @@
+"""Callbacks for changes of parameters, of this node or of others."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterEvent
+from rclpy.impl.protocols import NodeLike
+from rclpy.qos import QoSProfile, qos_profile_parameter_events
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterCallbackHandle:
+    """One callback for one parameter; needed to remove it."""
+
+    parameter_name: str
+    node_name: str
+    callback: Callable[[Any], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterEventCallbackHandle:
+    """One callback for every event; needed to remove it."""
+
+    callback: Callable[[Any], None]
+
+
+class Callbacks:
+    """What is called with the events that come, the latest first."""
+
+    def __init__(self) -> None:
+        self.parameter_callbacks: list[ParameterCallbackHandle] = []
+        self.event_callbacks: list[ParameterEventCallbackHandle] = []
+
+    def event_callback(self, event: ParameterEvent) -> None:
+        """Call what was added for the parameters of an event, and for any event."""
+        # Copies: a callback or another thread may add and remove some meanwhile.
+        for handle in list(self.parameter_callbacks):
+            parameter = ParameterEventHandler.get_parameter_from_event(event, handle.parameter_name, handle.node_name)
+            if parameter is not None:
+                handle.callback(parameter)
+        for entry in list(self.event_callbacks):
+            entry.callback(event)
+
+
+def _remove(handles: list[Any], handle: Any) -> None:
+    if handle not in handles:
+        raise RuntimeError("Callback doesn't exist")
+    handles.remove(handle)
+
+
+class ParameterEventHandler:
+    """Listens to ``/parameter_events`` and calls what was added for a parameter or for any event, the latest first.
+
+    The node has to be spun; the options are those of the subscription.
+    """
+
+    def __init__(self, node: NodeLike, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
+        self.node = node
+        self.qos_profile = qos_profile
+        self._callbacks = Callbacks()
+        callback = self._callbacks.event_callback
+        subscription = node.create_subscription(ParameterEvent, "/parameter_events", callback, qos_profile, **options)
+        self.parameter_event_subscription = subscription
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        self.node.destroy_subscription(self.parameter_event_subscription)
+
+    @staticmethod
+    def get_parameter_from_event(event: ParameterEvent, parameter_name: str, node_name: str) -> Parameter | None:
+        """Return the new or changed parameter of a node (full name) from an event, None if it is not in there."""
+        if event.node != node_name:
+            return None
+        parameters = ParameterEventHandler.get_parameters_from_event(event)
+        return next((parameter for parameter in parameters if parameter.name == parameter_name), None)
+
+    @staticmethod
+    def get_parameters_from_event(event: ParameterEvent) -> Iterable[Parameter]:
+        """Return all new and changed parameters of an event."""
+        return chain(event.new_parameters, event.changed_parameters)
+
+    def add_parameter_callback(
+        self, parameter_name: str, node_name: str, callback: Callable[[Any], None]
+    ) -> ParameterCallbackHandle:
+        """Call `callback` with the parameter message when that parameter of that node is set.
+
+        A relative `node_name` is in the namespace of the handler's node, an empty one is that node.
+        """
+        handle = ParameterCallbackHandle(parameter_name, self._resolve_path(node_name), callback)
+        self._callbacks.parameter_callbacks.insert(0, handle)
+        return handle
+
+    def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
+        """Undo `add_parameter_callback`; RuntimeError if that was done before."""
+        _remove(self._callbacks.parameter_callbacks, handle)
+
+    def add_parameter_event_callback(self, callback: Callable[[Any], None]) -> ParameterEventCallbackHandle:
+        """Call `callback` with every parameter event."""
+        handle = ParameterEventCallbackHandle(callback)
+        self._callbacks.event_callbacks.insert(0, handle)
+        return handle
+
+    def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
+        """Undo `add_parameter_event_callback`; RuntimeError if that was done before."""
+        _remove(self._callbacks.event_callbacks, handle)
+
+    def _resolve_path(self, node_path: str | None = None) -> str:
+        if not node_path:
+            return self.node.get_fully_qualified_name()
+        return node_path if node_path.startswith("/") else f"{self.node.get_namespace().rstrip('/')}/{node_path}"

@@ -1,0 +1,80 @@
+"""Publishers."""
+
+from typing import Any
+
+from cyclonedds.core import DDSException
+from cyclonedds.internal import DDS
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rclpy.impl.dds import INFINITE_NS, matched
+from rclpy.impl.endpoint import TopicEndpoint
+from rclpy.impl.memory import LARGE, keep_freed_memory
+from rclpy.qos import ReliabilityPolicy
+
+# In between, Python gets the chance to handle a signal.
+_LONGEST_WAIT_NS = 500_000_000
+
+
+def _acked(writer: Any, timeout_ns: int) -> bool:
+    try:
+        return bool(writer.wait_for_acks(timeout_ns))
+    except AttributeError:  # how cyclonedds 11.0.1 reports its timeout
+        return False
+
+
+class Publisher(TopicEndpoint):
+    """Sends messages on a topic; made by ``Node.create_publisher``."""
+
+    _is_writer = True
+
+    @property
+    def logger_name(self) -> str:
+        """Name of the node's logger."""
+        return self._local_node.logger_name
+
+    def publish(self, msg: Any) -> None:
+        """Send a message, or the bytes of a serialized one."""
+        writer = self._handle or self.handle
+        self._local_node.session.check("Failed to publish")
+        if isinstance(msg, self.msg_type):
+            data = self._support.serialize(msg)
+        elif isinstance(msg, bytes):
+            if len(msg) < 4:
+                raise RCLError(f"Failed to publish: {len(msg)} bytes are not a serialized message")
+            data = msg
+        else:
+            raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+        if len(data) > LARGE:
+            keep_freed_memory()
+        try:
+            writer.write(writer.data_type(data))
+        except DDSException as error:
+            raise RCLError(f"Failed to publish: {error}") from error
+
+    def get_subscription_count(self) -> int:
+        """Return how many subscriptions match."""
+        self._local_node.session.check("failed to get subscription count")
+        return len(matched(self.handle.get_matched_subscriptions))
+
+    def assert_liveliness(self) -> None:
+        """Assert that this publisher is alive, for liveliness MANUAL_BY_TOPIC."""
+        self._local_node.session.check("Failed to assert liveliness on the Publisher")
+        # The Python API of Cyclone DDS lacks this one call.
+        code = DDS._dll_handle.dds_assert_liveliness(self.handle._ref)
+        if code < 0:
+            raise DDSException(code, "while asserting liveliness")
+
+    def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008
+        """Wait until every matching reliable subscription has acknowledged everything; return whether all have.
+
+        A negative timeout means no limit; with zero it does not wait. Best effort publishers need not wait.
+        """
+        self._local_node.session.check("Failed to wait for all acknowledgements")
+        if self.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+            return True
+        remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INFINITE_NS
+        while not _acked(self.handle, min(remaining, _LONGEST_WAIT_NS)):
+            remaining -= _LONGEST_WAIT_NS
+            if remaining <= 0:
+                return False
+        return True

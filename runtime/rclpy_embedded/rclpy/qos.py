@@ -1,0 +1,306 @@
+"""Quality of service: policies, profiles and their compatibility."""
+
+from __future__ import annotations
+
+import warnings
+from enum import Enum, IntEnum
+from typing import Any
+
+from rclpy.constants import INT64_MAX
+from rclpy.duration import Duration
+
+
+class QoSPolicyKind(IntEnum):
+    """Kinds of policies; the values are those of rmw's incompatible-QoS events."""
+
+    INVALID = 1 << 0
+    DURABILITY = 1 << 1
+    DEADLINE = 1 << 2
+    LIVELINESS = 1 << 3
+    RELIABILITY = 1 << 4
+    HISTORY = 1 << 5
+    LIFESPAN = 1 << 6
+    DEPTH = 1 << 7
+    LIVELINESS_LEASE_DURATION = 1 << 8
+    AVOID_ROS_NAMESPACE_CONVENTIONS = 1 << 9
+
+
+def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
+    """Return the name of a kind of policy."""
+    return QoSPolicyKind(policy_kind).name
+
+
+class InvalidQoSProfileException(Exception):  # noqa: N818 - the genuine name
+    """Raised when a profile lacks what it needs."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__("Invalid QoSProfile", *args)
+
+
+class _ShortKeys(Enum):
+    """Members by their names in lower case, for command lines."""
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """Return the names in lower case."""
+        return [key.lower() for key in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> Any:
+        """Return the value for a name in any case."""
+        return cls[name.upper()].value
+
+
+class QoSPolicyEnum(IntEnum, _ShortKeys):
+    """Base of the policies; the values are those of ``rmw/types.h``."""
+
+    @property
+    def short_key(self) -> str:
+        """Name of the policy in lower case."""
+        return self.name.lower()
+
+
+class HistoryPolicy(QoSPolicyEnum):
+    """How many samples are kept."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+    UNKNOWN = 3
+
+
+class ReliabilityPolicy(QoSPolicyEnum):
+    """Whether samples are delivered for certain."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class DurabilityPolicy(QoSPolicyEnum):
+    """Whether late joiners get earlier samples."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class LivelinessPolicy(QoSPolicyEnum):
+    """Who asserts that a publisher is alive."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
+
+
+QoSHistoryPolicy = HistoryPolicy
+QoSReliabilityPolicy = ReliabilityPolicy
+QoSDurabilityPolicy = DurabilityPolicy
+QoSLivelinessPolicy = LivelinessPolicy
+
+#: The strictest deadline and lease that match the endpoints known when an entity is created.
+DeadlineBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
+LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
+
+
+#: Type and default of each policy, in the order of ``str``.
+_POLICIES: dict[str, tuple[type[Any], Any]] = {
+    "history": (HistoryPolicy, HistoryPolicy.KEEP_LAST),
+    "depth": (int, 10),
+    "reliability": (ReliabilityPolicy, ReliabilityPolicy.RELIABLE),
+    "durability": (DurabilityPolicy, DurabilityPolicy.VOLATILE),
+    "lifespan": (Duration, Duration()),
+    "deadline": (Duration, Duration()),
+    "liveliness": (LivelinessPolicy, LivelinessPolicy.SYSTEM_DEFAULT),
+    "liveliness_lease_duration": (Duration, Duration()),
+    "avoid_ros_namespace_conventions": (bool, False),
+}
+
+
+class _Policy:
+    """A checked attribute; the policies of an enum can be given as numbers."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+        self._kind = _POLICIES[name][0]
+
+    def __get__(self, profile: QoSProfile, owner: type) -> Any:
+        return getattr(profile, "_" + self._name)
+
+    def __set__(self, profile: QoSProfile, value: Any) -> None:
+        is_enum = issubclass(self._kind, QoSPolicyEnum)
+        if not isinstance(value, (self._kind, int) if is_enum else self._kind):
+            raise AssertionError(f"QoS policy '{self._name}' must be of type {self._kind.__name__}, got {value!r}")
+        if self._name == "depth" and value == 0 and profile.history == HistoryPolicy.KEEP_LAST:
+            warnings.warn(
+                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                "This will be interpreted as SYSTEM_DEFAULT",
+                stacklevel=2,
+            )
+        setattr(profile, "_" + self._name, self._kind(value) if is_enum else value)
+
+
+class QoSProfile:
+    """Quality of service of a publisher, subscription, client or service.
+
+    History or depth is required, and KEEP_LAST needs a depth. The other policies are as in the default profile if they
+    are not given. A zero duration means unspecified.
+    """
+
+    __slots__ = [f"_{name}" for name in _POLICIES]
+
+    history = _Policy()
+    depth = _Policy()
+    reliability = _Policy()
+    durability = _Policy()
+    lifespan = _Policy()
+    deadline = _Policy()
+    liveliness = _Policy()
+    liveliness_lease_duration = _Policy()
+    avoid_ros_namespace_conventions = _Policy()
+
+    def __init__(self, **kwargs: Any) -> None:
+        if not kwargs.keys() <= _POLICIES.keys():
+            raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
+        if not kwargs.keys() & {"history", "depth"}:
+            raise InvalidQoSProfileException("History and/or depth settings are required.")
+        if kwargs.get("history") == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
+            raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
+        # History first: the check of the depth looks at it.
+        for name, (_, default) in _POLICIES.items():
+            setattr(self, name, kwargs.get(name, default))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the policies by name."""
+        return {name: getattr(self, name) for name in _POLICIES}
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, QoSProfile) and self.to_dict() == other.to_dict()
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{key}={value}' for key, value in self.to_dict().items())})"
+
+
+_MIDDLEWARE = ("history", "reliability", "durability")
+_UNKNOWN_POLICIES = {name: _POLICIES[name][0].UNKNOWN for name in (*_MIDDLEWARE, "liveliness")}
+qos_profile_unknown = QoSProfile(depth=0, **_UNKNOWN_POLICIES)
+qos_profile_default = QoSProfile(depth=10)
+#: The middleware's own defaults.
+qos_profile_system_default = QoSProfile(depth=0, **{name: _POLICIES[name][0].SYSTEM_DEFAULT for name in _MIDDLEWARE})
+qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+qos_profile_services_default = QoSProfile(depth=10)
+qos_profile_parameters = QoSProfile(depth=1000)
+qos_profile_parameter_events = QoSProfile(depth=1000)
+#: Matches most of the endpoints present when the entity is created; not revised later.
+qos_profile_best_available = QoSProfile(
+    depth=10,
+    reliability=ReliabilityPolicy.BEST_AVAILABLE,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+    deadline=DeadlineBestAvailable,
+    liveliness=LivelinessPolicy.BEST_AVAILABLE,
+    liveliness_lease_duration=LivelinessLeaseDurationeBestAvailable,
+)
+qos_profile_action_status_default = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+qos_profile_rosout_default = QoSProfile(
+    depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10)
+)
+
+
+class QoSPresetProfiles(_ShortKeys):
+    """The predefined profiles."""
+
+    UNKNOWN = qos_profile_unknown
+    DEFAULT = qos_profile_default
+    SYSTEM_DEFAULT = qos_profile_system_default
+    SENSOR_DATA = qos_profile_sensor_data
+    SERVICES_DEFAULT = qos_profile_services_default
+    PARAMETERS = qos_profile_parameters
+    PARAMETER_EVENTS = qos_profile_parameter_events
+    ACTION_STATUS_DEFAULT = qos_profile_action_status_default
+    BEST_AVAILABLE = qos_profile_best_available
+
+
+class QoSCompatibility(IntEnum):
+    """Verdict on a pair of profiles."""
+
+    OK = 0
+    WARNING = 1
+    ERROR = 2
+
+
+#: Policy; what cannot serve what, and the error; the doubts if only the offer or only the request is known.
+_ENUM_RULES = (
+    (
+        "reliability",
+        ReliabilityPolicy.BEST_EFFORT,
+        ReliabilityPolicy.RELIABLE,
+        "Best effort publisher and reliable subscription",
+        "Best effort publisher, but subscription is",
+        "Reliable subscription, but publisher is",
+    ),
+    (
+        "durability",
+        DurabilityPolicy.VOLATILE,
+        DurabilityPolicy.TRANSIENT_LOCAL,
+        "Volatile publisher and transient local subscription",
+        "Volatile publisher, but subscription is",
+        "Transient local subscription, but publisher is",
+    ),
+    (
+        "liveliness",
+        LivelinessPolicy.AUTOMATIC,
+        LivelinessPolicy.MANUAL_BY_TOPIC,
+        "Publisher's liveliness is automatic and subscription's is manual by topic",
+        "Publisher's liveliness is automatic, but subscription's is",
+        "Subscription's liveliness is manual by topic, but publisher's is",
+    ),
+)
+#: Duration; the errors if only the request has one, and if the request is shorter than the offer.
+_DURATION_RULES = (
+    (
+        "deadline",
+        "Subscription has a deadline, but publisher does not",
+        "Subscription deadline is less than publisher deadline",
+    ),
+    (
+        "liveliness_lease_duration",
+        "Subscription has a liveliness lease duration, but publisher does not",
+        "Subscription liveliness lease duration is less than publisher",
+    ),
+)
+_UNKNOWN = ("system_default", "unknown")
+
+
+def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
+    """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
+    errors, doubts = [], []
+    for label, weak, strict, error, offer_known, request_known in _ENUM_RULES:
+        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
+        if offered == weak and requested == strict:
+            errors.append(error)
+        elif offered.short_key in _UNKNOWN and requested.short_key in _UNKNOWN:
+            doubts.append(f"Publisher {label} is {offered.short_key} and subscription {label} is {requested.short_key}")
+        elif offered.short_key in _UNKNOWN and requested == strict:
+            doubts.append(f"{request_known} {offered.short_key}")
+        elif requested.short_key in _UNKNOWN and offered == weak:
+            doubts.append(f"{offer_known} {requested.short_key}")
+    for label, missing, too_short in _DURATION_RULES:
+        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
+        # Zero means unspecified.
+        if requested.nanoseconds and requested < offered:
+            errors.append(too_short)
+        elif requested.nanoseconds and not offered.nanoseconds:
+            errors.append(missing)
+    if errors:
+        return QoSCompatibility.ERROR, "".join(f"ERROR: {text};" for text in errors)
+    if doubts:
+        return QoSCompatibility.WARNING, "".join(f"WARNING: {text};" for text in doubts)
+    return QoSCompatibility.OK, ""

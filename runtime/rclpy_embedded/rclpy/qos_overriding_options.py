@@ -1,0 +1,89 @@
+"""QoS that can be overridden by parameters."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult as QosCallbackResult
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterAlreadyDeclaredException
+from rclpy.qos import QoSPolicyEnum, QoSPolicyKind, QoSProfile
+
+QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
+
+
+class InvalidQosOverridesError(Exception):
+    """The callback refuses the profile that results from the overrides."""
+
+
+@dataclass
+class QoSOverridingOptions:
+    """Which policies of an entity can be overridden by read-only parameters.
+
+    The callback checks the resulting profile; `entity_id` tells entities on the same topic apart.
+    """
+
+    policy_kinds: Iterable[QoSPolicyKind]
+    callback: QosCallbackType | None = None
+    entity_id: str | None = None
+
+    @classmethod
+    def with_default_policies(
+        cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
+    ) -> QoSOverridingOptions:
+        """Return options for history, depth and reliability."""
+        kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
+        return cls(kinds, callback=callback, entity_id=entity_id)
+
+
+def declare_qos_parameters(
+    entity: str, node: Any, topic_name: str, profile: QoSProfile, options: QoSOverridingOptions
+) -> QoSProfile:
+    """Declare ``qos_overrides.<topic>.<entity>.<policy>`` and return the profile that the parameters give.
+
+    `entity` is 'publisher' or 'subscription'.
+    """
+    profile = copy.copy(profile)
+    suffix = "" if options.entity_id is None else f"_{options.entity_id}"
+    about = f"for {entity} `{topic_name}` with id `{options.entity_id}`"
+    for kind in options.policy_kinds:
+        if entity == "subscription" and kind is QoSPolicyKind.LIFESPAN:
+            continue
+        policy = kind.name.lower()
+        name = f"qos_overrides.{topic_name}.{entity}{suffix}.{policy}"
+        descriptor = ParameterDescriptor(description=f"{policy} {about}", read_only=True)
+        try:
+            parameter = node.declare_parameter(name, _to_parameter(getattr(profile, policy)), descriptor)
+        except ParameterAlreadyDeclaredException:
+            parameter = node.get_parameter(name)
+        _set_policy(profile, policy, parameter.value)
+    if options.callback is not None and not (result := options.callback(profile)).successful:
+        raise InvalidQosOverridesError(f"Provided QoS overrides {about}, are not valid: {result.reason}")
+    return profile
+
+
+def _to_parameter(value: str | int | bool | Duration) -> str | int | bool:
+    """Return a policy as a parameter's value: enums by name, durations in nanoseconds."""
+    if isinstance(value, Duration):
+        return value.nanoseconds
+    if not isinstance(value, QoSPolicyEnum):
+        return value
+    if value.short_key == "unknown":
+        raise ValueError("User provided QoS profile is invalid")
+    return value.short_key
+
+
+def _set_policy(profile: QoSProfile, policy: str, value: Any) -> None:
+    current = getattr(profile, policy)
+    if isinstance(current, Duration):
+        value = Duration(nanoseconds=value)
+    elif isinstance(current, QoSPolicyEnum):
+        try:
+            value = type(current)[value.upper()]
+        except KeyError:
+            raise RuntimeError(f"Unexpected QoS override for policy `{policy}`: `{value}`") from None
+    setattr(profile, policy, value)

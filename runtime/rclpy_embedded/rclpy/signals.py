@@ -1,0 +1,79 @@
+"""SIGINT and SIGTERM: shut down all contexts and wake everyone who waits."""
+
+import os
+import signal
+import threading
+from enum import Enum
+from typing import Any
+
+from rclpy.context import interrupt_all, shutdown_all
+
+
+class SignalHandlerOptions(Enum):
+    """Which handlers to install."""
+
+    NO = 0
+    SIGINT = 1
+    SIGTERM = 2
+    ALL = 3
+
+
+_SIGNALS = {signal.SIGINT: SignalHandlerOptions.SIGINT, signal.SIGTERM: SignalHandlerOptions.SIGTERM}
+_previous: dict[int, Any] = {}
+_wakeup: tuple[int, int] | None = None
+_previous_wakeup_fd = -1
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def _on_signal(number: int, frame: Any) -> None:
+    # The shutdown itself is left to the thread below: here, the locks it takes may be held already.
+    interrupt_all()
+    previous = _previous.get(number)
+    if callable(previous):
+        previous(number, frame)
+
+
+def _watch(fd: int) -> None:
+    """Shut down all contexts; this also wakes a main thread that waits in the middleware, which no signal does."""
+    while received := os.read(fd, 1):
+        if received[0] in _previous:
+            shutdown_all()
+    os.close(fd)
+
+
+def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
+    """Install handlers, which call the former ones too. Only the main thread can do this."""
+    global _wakeup, _previous_wakeup_fd
+    if not _in_main_thread():
+        return
+    for number, option in _SIGNALS.items():
+        if options in (option, SignalHandlerOptions.ALL) and number not in _previous:
+            _previous[number] = signal.signal(number, _on_signal)
+    if _previous and _wakeup is None:
+        _wakeup = os.pipe()
+        os.set_blocking(_wakeup[1], False)
+        _previous_wakeup_fd = signal.set_wakeup_fd(_wakeup[1], warn_on_full_buffer=False)
+        threading.Thread(target=_watch, args=(_wakeup[0],), name="rclpy_signals", daemon=True).start()
+
+
+def get_current_signal_handlers_options() -> SignalHandlerOptions:
+    """Return which handlers are installed."""
+    return SignalHandlerOptions(sum(option.value for number, option in _SIGNALS.items() if number in _previous))
+
+
+def uninstall_signal_handlers() -> None:
+    """Put the former handlers back."""
+    global _wakeup
+    if not _in_main_thread():
+        return
+    for number, previous in list(_previous.items()):
+        if signal.getsignal(number) is _on_signal:
+            signal.signal(number, previous)
+        del _previous[number]
+    if _wakeup is not None:
+        signal.set_wakeup_fd(_previous_wakeup_fd)
+        os.close(_wakeup[1])
+        _wakeup = None

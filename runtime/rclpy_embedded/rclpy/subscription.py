@@ -1,0 +1,107 @@
+"""Subscriptions."""
+
+import inspect
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, TypedDict
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.impl import faults
+from rclpy.impl.dds import matched
+from rclpy.impl.endpoint import TopicEndpoint
+from rclpy.impl.memory import LARGE, keep_freed_memory
+from rclpy.impl.session import LocalNode
+from rclpy.qos import QoSProfile
+
+
+class MessageInfo(TypedDict):
+    """What is known about a received message; times are nanoseconds since 1970."""
+
+    source_timestamp: int
+    received_timestamp: int
+    publication_sequence_number: int | None
+    reception_sequence_number: int | None
+
+
+class Subscription(TopicEndpoint):
+    """Receives messages of a topic; made by ``Node.create_subscription``."""
+
+    class CallbackType(Enum):
+        """What the callback takes."""
+
+        MessageOnly = 0
+        WithMessageInfo = 1
+
+    _is_writer = False
+
+    def __init__(
+        self,
+        local_node: LocalNode,
+        msg_type: Any,
+        topic: str,
+        name: str,
+        qos_profile: QoSProfile,
+        event_callbacks: SubscriptionEventCallbacks,
+        callback_group: CallbackGroup,
+        *,
+        callback: Callable[..., Any],
+        raw: bool,
+    ) -> None:
+        self.callback = callback
+        self.callback_group = callback_group
+        self.raw = raw
+        super().__init__(local_node, msg_type, topic, name, qos_profile, event_callbacks, callback_group)
+
+    @property
+    def callback(self) -> Callable[..., Any]:
+        """What is called with each message (and its MessageInfo, if it takes two arguments)."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, value: Callable[..., Any]) -> None:
+        for arguments, callback_type in enumerate(Subscription.CallbackType, 1):
+            try:
+                inspect.signature(value).bind(*range(arguments))
+            except TypeError:
+                continue
+            self._callback, self._callback_type = value, callback_type
+            return
+        raise RuntimeError(
+            "Subscription.__init__(): callback should be either be callable with one argument"
+            "(to get only the message) or two (to get message and message info)"
+        )
+
+    def get_publisher_count(self) -> int:
+        """Return how many publishers match."""
+        return len(matched(self.handle.get_matched_publications))
+
+    def take(self) -> tuple[Any, MessageInfo] | None:
+        """Take the next message and what is known about it, None if there is none (or only a malformed one)."""
+        for sample in self.handle.take(1):
+            info = sample.sample_info
+            if not info.valid_data:
+                continue
+            if len(sample.data) > LARGE:
+                keep_freed_memory()
+            try:
+                message = sample.data if self.raw else self._support.deserialize(sample.data)
+            except ValueError as error:
+                faults.count(self._name, f"malformed message on '{self._name}': {error}")
+                continue
+            return message, MessageInfo(
+                source_timestamp=info.source_timestamp,
+                received_timestamp=time.time_ns(),
+                publication_sequence_number=None,
+                reception_sequence_number=None,
+            )
+        return None
+
+    def _take(self) -> Callable[[], Any] | None:
+        taken = self.take()
+        if taken is None:
+            return None
+        if self._callback_type is Subscription.CallbackType.MessageOnly:
+            return lambda: self._callback(taken[0])
+        return lambda: self._callback(*taken)

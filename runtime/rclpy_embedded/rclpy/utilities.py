@@ -1,0 +1,49 @@
+"""Helpers around the default context and the command line."""
+
+from collections.abc import Sequence
+
+from rclpy.arguments import parse
+from rclpy.constants import S_TO_NS
+from rclpy.context import Context
+from rclpy.impl.default_context import context_or_default, lock
+from rclpy.impl.default_context import get_default_context as get_default_context
+
+
+def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
+    """Return the arguments (``sys.argv`` by default) that are not for ROS."""
+    return parse(args).remaining
+
+
+def ok(*, context: Context | None = None) -> bool:
+    """Return whether a context (default: the global one) is initialized and not shut down."""
+    return context_or_default(context).ok()
+
+
+def shutdown(*, context: Context | None = None) -> None:
+    """Shut down a context (default: the global one)."""
+    (get_default_context(shutting_down=True) if context is None else context).shutdown()
+
+
+def try_shutdown(*, context: Context | None = None) -> None:
+    """Shut down a context (default: the global one) unless that was done already."""
+    if context is not None:
+        context.try_shutdown()
+        return
+    with lock:
+        get_default_context().try_shutdown()
+        get_default_context(shutting_down=True)
+
+
+def get_rmw_implementation_identifier() -> str:
+    """Return the middleware this runtime is compatible with."""
+    return "rmw_cyclonedds_cpp"
+
+
+def get_available_rmw_implementations() -> set[str]:
+    """Return the one middleware there is."""
+    return {get_rmw_implementation_identifier()}
+
+
+def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
+    """Convert seconds to nanoseconds; None and negative values mean no limit, which is -1."""
+    return -1 if timeout_sec is None or timeout_sec < 0 else int(float(timeout_sec) * S_TO_NS)

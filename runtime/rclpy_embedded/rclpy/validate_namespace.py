@@ -1,0 +1,3 @@
+"""Check of namespaces."""
+
+from rclpy.names import validate_namespace as validate_namespace

@@ -1,0 +1,3 @@
+"""Check of node names."""
+
+from rclpy.names import validate_node_name as validate_node_name

@@ -1,0 +1,37 @@
+"""Wait for one message."""
+
+import time
+from typing import Any
+
+from rclpy.impl.protocols import NodeLike
+from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.qos import QoSProfile
+from rclpy.utilities import timeout_sec_to_nsec
+
+
+def wait_for_message(
+    msg_type: Any, node: NodeLike, topic: str, *, qos_profile: QoSProfile | int = 1, time_to_wait: float = -1
+) -> tuple[bool, Any]:
+    """Wait for the next message on a topic; the node need not spin.
+
+    Returns (True, message), or (False, None) when the time (in seconds; negative: no limit) is over or the context is
+    shut down.
+    """
+    timeout_ns = timeout_sec_to_nsec(time_to_wait)
+    deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
+    subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
+    conditions = ConditionSet(node.context.session)
+    node.context._wakers.add(conditions)
+    try:
+        conditions.update([subscription.condition], lambda _: False)
+        while node.context.ok():
+            if (taken := subscription.take()) is not None:
+                return True, taken[0]
+            remaining = LONGEST_WAIT_NS if deadline is None else deadline - time.monotonic_ns()
+            if remaining <= 0:
+                break
+            conditions.wait(remaining)
+    finally:
+        conditions.close()
+        node.destroy_subscription(subscription)
+    return False, None

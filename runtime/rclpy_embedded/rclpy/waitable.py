@@ -1,0 +1,41 @@
+"""What an executor can wait for besides the usual entities."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.task import Future
+
+
+class Waitable:
+    """Something with a DDS condition: when `is_ready`, `take_data` is called, then `execute` with what it returned."""
+
+    #: The DDS entity that wakes the executor; None for something that another entity wakes.
+    condition: Any = None
+
+    def __init__(self, callback_group: CallbackGroup) -> None:
+        self.callback_group = callback_group
+        self.callback_group.add_entity(self)
+        self._futures: list[Future] = []
+
+    def add_future(self, future: Future) -> None:
+        """Let the executor run the done callbacks of `future`."""
+        self._futures.append(future)
+
+    def remove_future(self, future: Future) -> None:
+        """Forget a future that was added."""
+        self._futures.remove(future)
+
+    def is_ready(self) -> bool:
+        """Return whether there is something to take."""
+        return False
+
+    def take_data(self) -> Any:
+        """Take what is there, so that it does not wake the executor again."""
+
+    def _take(self) -> Callable[[], Any]:
+        data = self.take_data()
+        return lambda: self.execute(data)
+
+    async def execute(self, taken_data: Any) -> None:
+        """Work on what was taken."""

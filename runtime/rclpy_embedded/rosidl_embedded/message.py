@@ -1,0 +1,218 @@
+"""Makes message and service classes that behave as those of rosidl's Python generator.
+
+The source of a class is generated and compiled when the class is first asked for.
+
+Fields are checked when they are assigned, with the assertions of rosidl. ``ROS_PYTHON_CHECK_FIELDS=0``, ``python -O``
+or ``check_fields=False`` at construction turn this off.
+"""
+
+from __future__ import annotations
+
+import copy
+from array import array
+from collections.abc import Callable
+from operator import attrgetter
+from threading import RLock
+from typing import Any, NoReturn, cast
+
+from . import catalogue
+from . import definition as d
+from .checks import CHECK_FIELDS, NAMESPACE, check_source, packed_array, packed_sequence, python_type
+
+_lock = RLock()
+_classes: dict[str, type] = {}
+_pending: list[str] = []
+_DEFAULTS = {"bool": "False", "bytes": repr(bytes(1)), "float": "0.0", "int": "0", "str": "''"}
+
+
+def get_message(type_name: str) -> Any:
+    """Class of ``std_msgs/msg/String``, ``std_msgs/String`` or ``std_srvs/srv/Trigger_Request``."""
+    return _get_class(type_name, False, _make_message)
+
+
+def get_service(type_name: str) -> Any:
+    """Class of a service, e.g. ``std_srvs/srv/Trigger``, with Request, Response, Event; raises like `get_message`."""
+    return _get_class(type_name, True, _make_service)
+
+
+def _get_class(type_name: str, is_service: bool, make: Callable[[d.Structure], type]) -> type:
+    full_name = "/".join(catalogue.split_name(type_name))
+    if catalogue.is_service(full_name) is not is_service:
+        raise d.UnknownInterfaceError(f"{type_name!r} is not a {'service' if is_service else 'message'}")
+    with _lock:
+        if full_name not in _classes:
+            if full_name in _pending:
+                raise d.InvalidInterfaceError(f"{full_name} contains itself: {' > '.join([*_pending, full_name])}")
+            _pending.append(full_name)
+            try:
+                _classes[full_name] = make(catalogue.structure(full_name))
+            finally:
+                _pending.pop()
+        return _classes[full_name]
+
+
+def field_type_text(type_: d.AbstractType) -> str:
+    """Type as ``get_fields_and_field_types()`` shows it: ``double[3]``, ``sequence<std_msgs/Header>``."""
+    match type_:
+        case d.BasicType(typename):
+            return typename
+        case d.NamespacedType():
+            return f"{type_.namespaces[0]}/{type_.name}"
+        case d.Array(element, size):
+            return f"{field_type_text(element)}[{size}]"
+        case d.BoundedSequence(element, bound):
+            return f"sequence<{field_type_text(element)}, {bound}>"
+        case d.AbstractSequence(value_type=element):
+            return f"sequence<{field_type_text(element)}>"
+    text = "wstring" if isinstance(type_, d.AbstractWString) else "string"
+    return f"{text}<{type_.maximum_size}>" if isinstance(type_, d.BoundedString | d.BoundedWString) else text
+
+
+def _make_service(definition: d.Structure) -> type:
+    package, _, name = definition.type_name.split("/")
+
+    def refuse(self: object) -> NoReturn:
+        raise NotImplementedError("Service classes can not be instantiated")
+
+    # The event, which only service introspection uses, is made when it is asked for.
+    event = property(lambda cls: get_message(f"{definition.type_name}_Event"))
+    module = {"__module__": f"{package}.srv"}
+    metaclass = type(f"Metaclass_{name}", (type,), {"_TYPE_NAME": definition.type_name, "Event": event, **module})
+    members = {part: get_message(f"{definition.type_name}_{part}") for part in ("Request", "Response")}
+    return cast(type, metaclass(name, (), {"__init__": refuse, **members, **module}))
+
+
+def _make_message(definition: d.Structure) -> type:
+    package, kind, name = definition.type_name.split("/")
+    module = {"__module__": f"{package}.{kind}"}
+    fields = definition.fields
+    values = definition.values()
+    functions = _functions(definition)
+    members = {
+        "__doc__": f"Message class '{name}'.",
+        "__slots__": [*(f"_{field.name}" for field in fields), "_check_fields"],
+        "_fields_and_field_types": {field.name: field_type_text(field.type) for field in fields},
+        "SLOT_TYPES": tuple(field.type for field in fields),
+        "__init__": functions["__init__"],
+        "__eq__": _equal,
+        "__repr__": _repr,
+        "get_fields_and_field_types": classmethod(_get_fields_and_field_types),
+    }
+    for field in fields:
+        setter, text = functions[f"set_{field.name}"], f"Message field '{field.name}'."
+        members[field.name] = property(attrgetter(f"_{field.name}"), setter, doc=text)
+    # Read-only on the class by a property of its metaclass; a plain attribute for its instances.
+    properties = {key: _read_only(value) for key, value in values.items()}
+    metaclass = type(f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, **module})
+    return cast(type, metaclass(name, (), {**values, **members, **module}))
+
+
+def _read_only(value: Any) -> property:
+    return property(lambda cls: copy.copy(value))
+
+
+def _reject(unknown: dict[str, Any]) -> NoReturn:
+    raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(unknown))}")
+
+
+def _get_fields_and_field_types(cls: Any) -> dict[str, str]:
+    return dict(cls._fields_and_field_types)
+
+
+def _equal(self: Any, other: object) -> bool:
+    if not isinstance(other, type(self)):
+        return False
+    same = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
+    # Arrays of numpy are compared element by element.
+    return all(one if isinstance(one, bool) else one.all() for one in same)
+
+
+def _repr(self: Any) -> str:
+    cls = type(self)
+    texts = []
+    for name in cls._fields_and_field_types:
+        value = getattr(self, name)
+        texts.append(f"{name}={value.tolist() if isinstance(value, array) else value!r}")
+    return f"{cls.__module__}.{cls.__name__}({', '.join(texts)})"
+
+
+def _functions(definition: d.Structure) -> dict[str, Any]:
+    """Compile the constructor ``__init__`` and a function ``set_<name>`` for every field."""
+    # In capitals, because arguments of the constructor have the names of fields.
+    namespace: dict[str, Any] = {
+        **NAMESPACE,
+        "UNSET": object(),
+        "CHECK": CHECK_FIELDS,
+        "HASATTR": hasattr,
+        "RANGE": range,
+        "ARRAY": array,
+        "PACKED_SEQUENCE": packed_sequence,
+        "PACKED_ARRAY": packed_array,
+        "REJECT": _reject,
+        "TYPES": {field.name: field.type for field in definition.fields},
+    }
+    arguments = "".join(f"{field.name}=UNSET, " for field in definition.fields)
+    constructor = [
+        f"def __init__(_self, *, {arguments}check_fields=CHECK, **_unknown):",
+        "    _self._check_fields = check_fields",
+        "    if _unknown: REJECT(_unknown)",
+    ]
+    setters = []
+    for field in definition.fields:
+        class_name = _class_name(field.type, namespace)
+        default, given = _construction(field, class_name, namespace)
+        constructor += [
+            f"    if {field.name} is UNSET: _self._{field.name} = {default}",
+            f"    else: _self.{field.name} = {given}",
+        ]
+        setters += [f"def set_{field.name}(self, value):", *_assignment(field, class_name)]
+    exec(compile("\n".join(constructor + setters), f"<{definition.type_name}>", "exec"), namespace)
+    return namespace
+
+
+def _class_name(type_: d.AbstractType, namespace: dict[str, Any]) -> str:
+    """What the generated source calls the class of single values; that of a nested message gets into the namespace."""
+    element = d.element_type(type_)
+    if not isinstance(element, d.NamespacedType):
+        return python_type(element)
+    name = element.type_name.replace("/", "__")
+    namespace[name] = get_message(element.type_name)
+    return name
+
+
+def _construction(field: d.Field, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
+    """Source of the default value, and of the value to assign when one was given to the constructor."""
+    name, type_, default = field.name, field.type, field.default
+    match type_:
+        case d.Array(d.BasicType(is_number=True) as element, size):
+            import numpy as np
+
+            namespace.update(NUMPY_ARRAY=np.array, ZEROS=np.zeros)
+            code = element.traits.code
+            values = f"ZEROS({size}, '{code}')" if default is None else f"NUMPY_ARRAY({default}, '{code}')"
+            return values, f"NUMPY_ARRAY({name}, '{code}')"
+        case d.AbstractSequence(value_type=d.BasicType(is_number=True) as element):
+            code = element.traits.code
+            # Converted before the check, so that integers do for floats: as in rosidl only when constructing.
+            values = f"ARRAY('{code}', {default})" if default else f"ARRAY('{code}')"
+            return values, f"{name} if HASATTR({name}, 'dtype') else ARRAY('{code}', {name})"
+    single = _DEFAULTS.get(class_name) or f"{class_name}()"
+    if default is not None:
+        return repr(default), name
+    if isinstance(type_, d.Array):
+        return f"[{single} for _ in RANGE({type_.size})]", name
+    return "[]" if isinstance(type_, d.AbstractSequence) else single, name
+
+
+def _assignment(field: d.Field, class_name: str) -> list[str]:
+    """Source of the body of a setter."""
+    name, type_ = field.name, field.type
+    element = d.element_type(type_)
+    if isinstance(type_, d.AbstractNestedType) and isinstance(element, d.BasicType) and element.is_number:
+        pack = "PACKED_ARRAY" if isinstance(type_, d.Array) else "PACKED_SEQUENCE"
+        arguments = f"value, '{name}', TYPES['{name}'], '{element.traits.code}', self._check_fields"
+        return [f"    self._{name} = {pack}({arguments})"]
+    lines = ["    if self._check_fields:"]
+    for condition, text in check_source(name, type_, class_name):
+        lines.append(f"        assert {condition}, {text!r}")
+    return [*lines, f"    self._{name} = value"]

@@ -1,0 +1,168 @@
+"""Reads ``.msg`` and ``.srv`` texts."""
+
+import ast
+import keyword
+import re
+from typing import Any
+
+from . import definition as d
+
+# Names in .msg files -> IDL. A .msg char has been an uint8 since ROS 2 began.
+BASIC_TYPES = {
+    **{name: name for name in d.INTEGER_RANGES},
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+}
+_TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(<=(?P<string>\d+))?(\[(?P<bounded><=)?(?P<size>\d*)\])?")
+_STRING_ITEM = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|[^,]+?)\s*(?:,|$)""")
+_FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
+_CONSTANT_NAME = re.compile(r"[A-Z](_?[A-Z0-9])*")
+_STRUCTURE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+
+
+def parse_type(text: str, package: str) -> d.AbstractType:
+    """Read a type such as ``float64[3]``, ``string<=10[]`` or ``geometry_msgs/Pose``; ValueError if it is none.
+
+    Structures without a package belong to `package`.
+    """
+    match = _TYPE.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a type")
+    base, string_bound = match["base"], match["string"]
+    if string_bound is not None and (base not in ("string", "wstring") or int(string_bound) < 1):
+        raise ValueError(f"{text!r} is not a type: only strings are bounded by <=N, with N > 0")
+    element = _element_type(base, int(string_bound or 0), package)
+    if match["size"] is None:
+        return element
+    if not match["size"]:
+        if match["bounded"]:
+            raise ValueError(f"{text!r} is not a type: the bound is missing")
+        return d.UnboundedSequence(element)
+    size = int(match["size"])
+    if size < 1:
+        raise ValueError(f"{text!r} is not a type: the size must be positive")
+    return d.BoundedSequence(element, size) if match["bounded"] else d.Array(element, size)
+
+
+def _element_type(base: str, bound: int, package: str) -> d.AbstractType:
+    if base in BASIC_TYPES:
+        return d.BasicType(BASIC_TYPES[base])
+    if base == "string":
+        return d.BoundedString(bound) if bound else d.UnboundedString()
+    if base == "wstring":
+        return d.BoundedWString(bound) if bound else d.UnboundedWString()
+    parts = base.split("/") if "/" in base else [package, base]
+    if len(parts) == 2:
+        parts.insert(1, "msg")
+    if len(parts) != 3 or parts[1] != "msg" or not _STRUCTURE_NAME.fullmatch(parts[2]):
+        raise ValueError(f"{base!r} is neither a basic type nor the name of a message")
+    return d.NamespacedType(parts[:2], parts[2])
+
+
+def parse_value(text: str, type_: d.AbstractType) -> Any:
+    """Read the value of a constant or a default, as a field of the type would hold it; ValueError if it is none."""
+    text = text.strip()
+    match type_:
+        case d.AbstractGenericString():
+            return _string(text)
+        case d.BasicType(typename):
+            return _basic_value(_literal(text), typename)
+        case d.NamespacedType() | d.AbstractNestedType(d.NamespacedType()):
+            raise ValueError("a message field cannot have a default")
+    assert isinstance(type_, d.AbstractNestedType)
+    if text[:1] + text[-1:] != "[]":
+        raise ValueError(f"{text!r} is not a list of values")
+    element = type_.value_type
+    if isinstance(element, d.BasicType):
+        values = [_basic_value(value, element.typename) for value in _literal(text)]
+    else:
+        values = [_string(item) for item in _STRING_ITEM.findall(text[1:-1])]
+    if isinstance(type_, d.Array) and len(values) != type_.size:
+        raise ValueError(f"{len(values)} values for an array of {type_.size}")
+    if isinstance(type_, d.BoundedSequence) and len(values) > type_.maximum_size:
+        raise ValueError(f"{len(values)} values for a sequence of at most {type_.maximum_size}")
+    return values
+
+
+def _basic_value(value: Any, typename: str) -> Any:
+    """Convert a literal into what a field of the basic type holds."""
+    if typename == "boolean" and value in (True, False):
+        return bool(value)
+    if typename in ("float", "double") and isinstance(value, int | float):
+        return float(value)
+    low, high = d.INTEGER_RANGES.get("uint8" if typename == "octet" else typename, (1, 0))
+    if isinstance(value, int) and low <= value <= high:
+        return bytes([value]) if typename == "octet" else int(value)
+    raise ValueError(f"{value!r} is not a value of type {typename}")
+
+
+def _literal(text: str) -> Any:
+    try:
+        return ast.literal_eval(re.sub(r"\b(true|false)\b", lambda word: word[0].capitalize(), text))
+    except (SyntaxError, ValueError):
+        raise ValueError(f"{text!r} is not a value") from None
+
+
+def _string(text: str) -> str:
+    if len(text) >= 2 and text[0] == text[-1] and text[0] in "\"'":
+        return text[1:-1].replace("\\" + text[0], text[0])
+    return text
+
+
+def parse_structure(text: str, type_name: str, origin: str) -> d.Structure:
+    """Read one structure: the whole of a ``.msg`` file or one part of a ``.srv`` file."""
+    package = type_name.split("/")[0]
+    fields: list[d.Field] = []
+    constants: list[d.Constant] = []
+    names: set[str] = set()
+    for number, line in enumerate(text.splitlines(), start=1):
+        line = line.partition("#")[0].strip()
+        if not line:
+            continue
+        try:
+            member = _member(line, package)
+        except ValueError as error:
+            raise d.InvalidInterfaceError(f"{origin}, line {number}: {error}") from None
+        if member.name in names:
+            raise d.InvalidInterfaceError(f"{origin}, line {number}: {member.name!r} is defined twice")
+        names.add(member.name)
+        if isinstance(member, d.Constant):
+            constants.append(member)
+        else:
+            fields.append(member)
+    return d.Structure(type_name, tuple(fields), tuple(constants))
+
+
+def _member(line: str, package: str) -> d.Field | d.Constant:
+    type_text, _, rest = line.replace("\t", " ").partition(" ")
+    type_ = parse_type(type_text, package)
+    name, separator, value = rest.partition("=")
+    if separator:
+        name = name.strip()
+        if not _CONSTANT_NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is not a constant's name (upper case letters, digits, single underscores)")
+        if not isinstance(type_, d.BasicType | d.AbstractGenericString):
+            raise ValueError(f"constant {name!r} must be a number, a boolean or a string")
+        return d.Constant(name, type_, parse_value(value, type_))
+    name, _, default = rest.strip().partition(" ")
+    if not _FIELD_NAME.fullmatch(name) or keyword.iskeyword(name):
+        raise ValueError(f"{name!r} is not a field's name (lower case letters, digits, single underscores; no keyword)")
+    return d.Field(name, type_, parse_value(default, type_) if default.strip() else None)
+
+
+def parse_service(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure]:
+    """Read a ``.srv`` text into request and response."""
+    lines = text.splitlines()
+    marks = [number for number, line in enumerate(lines) if line.partition("#")[0].strip() == "---"]
+    if len(marks) != 1:
+        raise d.InvalidInterfaceError(f"{origin}: a service needs exactly one line '---' between request and response")
+    request = "\n".join(lines[: marks[0]])
+    # Blank lines keep the line numbers of error messages true.
+    response = "\n" * (marks[0] + 1) + "\n".join(lines[marks[0] + 1 :])
+    return (
+        parse_structure(request, f"{type_name}_Request", origin),
+        parse_structure(response, f"{type_name}_Response", origin),
+    )

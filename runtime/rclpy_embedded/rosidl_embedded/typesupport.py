@@ -1,0 +1,129 @@
+"""What a middleware needs to know of a message or service class: names, type hash, and the way to bytes and back."""
+
+import struct
+from collections.abc import Callable
+from functools import cache, cached_property
+from io import BytesIO
+from typing import Any
+
+from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
+from .description import interface_definition as interface_definition
+from .description import type_hash as type_hash
+from .message import get_message as get_message
+from .message import get_service as get_service
+
+_HEADER = b"\x00\x01\x00\x00" if NATIVE == "<" else bytes(4)
+_ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
+# Writers pad a payload to a multiple of 4 bytes.
+_MAX_PADDING = 3
+
+
+class SerializationError(ValueError):
+    """A message holds values that its type does not allow."""
+
+
+class DeserializationError(ValueError):
+    """Received bytes are not the encoding of the message type."""
+
+
+class _Typed:
+    def __init__(self, cls: Any) -> None:
+        self.cls = cls
+        self.type_name: str = cls._TYPE_NAME
+
+    @cached_property
+    def type_hash(self) -> str:
+        """RIHS01 hash of the type's description."""
+        return type_hash(self.type_name)
+
+
+class TypeSupport(_Typed):
+    """Type support of one message class, of which `dds_name` is ``std_msgs::msg::dds_::String_``."""
+
+    def __init__(self, cls: Any) -> None:
+        super().__init__(cls)
+        package, kind, name = self.type_name.split("/")
+        self.dds_name = f"{package}::{kind}::dds_::{name}_"
+        self._decoders: dict[bytes, Callable[[bytes, int], tuple[Any, int]]] = {}
+
+    @cached_property
+    def _encode(self) -> Callable[..., None]:
+        return make_encoder(self.type_name)
+
+    def serialize(self, msg: Any) -> bytes:
+        """Encode a message: 4 byte encapsulation header and CDR, not padded; see `serialize_with_prefix`."""
+        return self.serialize_with_prefix(b"", msg)
+
+    def serialize_with_prefix(self, prefix: bytes, msg: Any) -> bytes:
+        """Encode a message whose CDR body begins with `prefix`, a multiple of 8 bytes (header of service calls).
+
+        Raises SerializationError if a field holds a value of a wrong type or length.
+        """
+        if msg.__class__ is not self.cls and not isinstance(msg, self.cls):
+            raise SerializationError(f"expected a message of type {self.type_name}, not {type(msg).__name__}")
+        # Other than a bytearray, which would be copied at the end, this hands out what was written.
+        stream = BytesIO()
+        stream.write(_HEADER + prefix)
+        try:
+            self._encode(msg, stream.write, stream.tell)
+        except (AttributeError, OverflowError, TypeError, ValueError, struct.error) as error:
+            raise SerializationError(f"cannot serialize {self.type_name}: {error}") from error
+        return stream.getvalue()
+
+    def deserialize(self, data: bytes | memoryview) -> Any:
+        """Decode a message; up to three bytes of padding at the end are accepted; see `deserialize_with_prefix`."""
+        return self.deserialize_with_prefix(data, 0)[1]
+
+    def deserialize_with_prefix(self, data: bytes | memoryview, size: int) -> tuple[bytes, Any]:
+        """Decode a message whose CDR body begins with a prefix of `size` bytes, a multiple of 8: (prefix, message).
+
+        Raises DeserializationError if the data are not the encoding of such a message.
+        """
+        if data.__class__ is not bytes:
+            data = bytes(data)
+        start = HEADER_SIZE + size
+        decode = self._decoders.get(data[:2]) or self._decoder(data[:2])
+        try:
+            msg, end = decode(data, start)
+        except (IndexError, ValueError, struct.error) as error:
+            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
+        surplus = len(data) - end
+        if not 0 <= surplus <= _MAX_PADDING:
+            raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {surplus} bytes too many")
+        return data[HEADER_SIZE:start], msg
+
+    def _decoder(self, encapsulation: bytes) -> Callable[[bytes, int], tuple[Any, int]]:
+        order = _ORDERS.get(encapsulation)
+        if order is None:
+            found = encapsulation.hex() or "missing"
+            raise DeserializationError(f"not a {self.type_name}: encapsulation {found}, only plain CDR is supported")
+        decoder = self._decoders[encapsulation] = make_decoder(self.type_name, order)
+        return decoder
+
+
+class ServiceTypeSupport(_Typed):
+    """Type support of a service class, with that of request and response."""
+
+    def __init__(self, cls: Any) -> None:
+        super().__init__(cls)
+        self.request = type_support(cls.Request)
+        self.response = type_support(cls.Response)
+
+
+@cache
+def type_support(cls: Any) -> TypeSupport:
+    """Type support of a message class; TypeError if `cls` is none of this package."""
+    _require(cls, "message", "__slots__")
+    return TypeSupport(cls)
+
+
+@cache
+def service_type_support(cls: Any) -> ServiceTypeSupport:
+    """Type support of a service class; TypeError if `cls` is none of this package."""
+    _require(cls, "service", "Request")
+    return ServiceTypeSupport(cls)
+
+
+def _require(cls: Any, what: str, attribute: str) -> None:
+    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
+        raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")

@@ -1,0 +1,212 @@
+"""What only this runtime has: its own state, checked from inside, and what it says about what is missing."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+import time
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.clock import ROSClock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.impl.dds import matched
+from rclpy.task import Future
+from rclpy.time import Time
+from rclpy.timer import TimerInfo
+from rclpy.waitable import Waitable
+from std_msgs.msg import String
+
+
+class ManualClock(ROSClock):
+    """Simulated time under the control of a test."""
+
+    def __new__(cls) -> Any:
+        clock = ROSClock()
+        clock._set_ros_time_is_active(True)
+        return clock
+
+
+def _set(clock: Any, milliseconds: float) -> None:
+    clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
+
+
+def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -> None:
+    node = rclpy.create_node("last", context=context)
+    context.shutdown()
+    assert not context.session._closed
+    node.destroy_node()
+    assert context.session._closed
+
+
+def test_rmw_identifier() -> None:
+    assert rclpy.get_rmw_implementation_identifier() == "rmw_cyclonedds_cpp"
+
+
+def test_bad_domain_in_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
+    with pytest.raises(RuntimeError, match="ROS_DOMAIN_ID"):
+        Context().init(args=[])
+
+
+@pytest.mark.parametrize("name", ["rclpy.action", "rclpy.lifecycle"])
+def test_missing_modules_say_so(name: str) -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        importlib.import_module(name)
+
+
+def test_missing_executor_says_so() -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        from rclpy.executors import MultiThreadedExecutor  # noqa: F401
+
+
+def test_timer_info(node: Any, spinner: Any) -> None:
+    infos: list[TimerInfo] = []
+    node.create_timer(0.01, infos.append)
+    assert spinner.until(lambda: infos)
+    assert infos[0].actual_call_time >= infos[0].expected_call_time
+
+
+def test_missed_calls_are_not_made_up_for(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 1050)
+    info = timer.call()
+    assert info.expected_call_time.nanoseconds == 100_000_000
+    assert info.actual_call_time.nanoseconds == 1_050_000_000
+    assert not timer.is_ready()
+    assert timer.time_until_next_call() == 50_000_000
+
+
+def test_waiting_task_does_not_burn_cpu(spinner: Any) -> None:
+    gate: Future = Future()
+
+    async def wait() -> None:
+        await gate
+
+    spinner.executor.create_task(wait)
+    spinner.rest(2)
+    start = time.process_time()
+    spinner.executor.spin_once(timeout_sec=0.5)
+    assert time.process_time() - start < 0.05
+
+
+def test_no_drift_over_1000_ticks(node: Any) -> None:
+    clock = ManualClock()
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    for tick in range(1, 1001):
+        # Each call comes 30 ms late; the next one is due on the grid all the same.
+        _set(clock, tick * 100 + 30)
+        assert timer.is_ready()
+        timer.call()
+        assert timer.time_until_next_call() == 70_000_000
+        assert timer.time_since_last_call() == 0
+
+
+def test_simulated_time_that_jumps_back(node: Any) -> None:
+    clock = ManualClock()
+    _set(clock, 10_000)
+    timer = node.create_timer(0.1, lambda: None, clock=clock)
+    _set(clock, 10_100)
+    timer.call()
+    _set(clock, 500)
+    assert timer.time_until_next_call() == 100_000_000
+    assert timer.time_since_last_call() == 0
+
+
+def test_missing_introspection_says_so() -> None:
+    with pytest.raises(ImportError, match="genuine ROS 2"):
+        importlib.import_module("rclpy.service_introspection")
+
+
+def test_one_topic_from_many_threads(context: Context, node: Any, wait_until: Any) -> None:
+    def create() -> None:
+        for _ in range(20):
+            try:
+                made.append(node.create_subscription(String, "crowded", lambda _: None, 10))
+            except Exception as error:
+                errors.append(error)
+
+    made: list[Any] = []
+    errors: list[Exception] = []
+    threads = [threading.Thread(target=create) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    assert len(made) == 80
+    assert wait_until(lambda: node.count_subscribers("crowded") == 80)
+
+
+def test_matches_that_come_while_counting() -> None:
+    answers = [IndexError("invalid index"), IndexError("invalid index"), [1, 2]]
+
+    def handles() -> list[int]:
+        answer = answers.pop(0)
+        if isinstance(answer, IndexError):
+            raise answer
+        return answer
+
+    assert matched(handles) == [1, 2]
+
+
+class Bell(Waitable):
+    """Ready once."""
+
+    def __init__(self, node: Any, future: Future) -> None:
+        super().__init__(node.default_callback_group)
+        self.add_future(future)
+        self._rung, self._future = False, future
+        self.heard: list[str] = []
+        future.add_done_callback(lambda done: self.heard.append(done.result()))
+
+    def is_ready(self) -> bool:
+        return not self._rung
+
+    def take_data(self) -> str:
+        self._rung = True
+        return "ding"
+
+    async def execute(self, taken_data: str) -> None:
+        self._future.set_result(taken_data)
+        self.heard_at_once = list(self.heard)
+
+
+def test_future_of_a_waitable_calls_back_from_the_executor(node: Any, spinner: Any) -> None:
+    future: Future = Future()
+    bell = Bell(node, future)
+    node.add_waitable(bell)
+    assert spinner.until(lambda: bell.heard)
+    assert bell.heard_at_once == [] and bell.heard == ["ding"]
+    bell.remove_future(future)
+    node.remove_waitable(bell)
+
+
+def test_memory_of_large_messages_is_kept(run_program: Any) -> None:
+    source = """
+import resource
+import rclpy
+from rclpy.impl import memory
+from std_msgs.msg import UInt8MultiArray
+rclpy.init()
+node, got = rclpy.create_node("large"), []
+publisher = node.create_publisher(UInt8MultiArray, "data", 10)
+node.create_subscription(UInt8MultiArray, "data", lambda message: got.append(len(message.data)), 10)
+def faults(size, count):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for number in range(count):
+        publisher.publish(UInt8MultiArray(data=bytes(size)))
+        while len(got) <= number:
+            rclpy.spin_once(node, timeout_sec=1)
+    got.clear()
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / count
+faults(1000, 10)
+print(memory._is_kept)
+faults(1_000_000, 20)
+print(memory._is_kept, faults(1_000_000, 50) < 100)
+"""
+    code, out, err = run_program(source).finish()
+    assert (code, out.split()) == (0, ["False", "True", "True"]), err

@@ -1,1 +1,0 @@
-"""Interfaces of action_msgs, without generated code."""

@@ -1,1 +1,0 @@
-"""Interfaces of actionlib_msgs, without generated code."""

@@ -1,5 +1,0 @@
-"""Check of namespaces."""
-
-from rclpy.names import validate_namespace
-
-__all__ = ["validate_namespace"]

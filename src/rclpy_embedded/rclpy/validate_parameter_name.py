@@ -1,5 +1,0 @@
-"""Check of parameter names."""
-
-from rclpy.names import validate_parameter_name
-
-__all__ = ["validate_parameter_name"]

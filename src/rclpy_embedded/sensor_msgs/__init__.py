@@ -1,1 +1,0 @@
-"""Interfaces of sensor_msgs, without generated code."""

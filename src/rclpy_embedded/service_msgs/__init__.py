@@ -1,1 +1,0 @@
-"""Interfaces of service_msgs, without generated code."""

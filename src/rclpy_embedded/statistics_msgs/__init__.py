@@ -1,1 +1,0 @@
-"""Interfaces of statistics_msgs, without generated code."""

@@ -1,1 +1,0 @@
-"""Interfaces of std_msgs, without generated code."""

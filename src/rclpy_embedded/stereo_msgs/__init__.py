@@ -1,1 +1,0 @@
-"""Interfaces of stereo_msgs, without generated code."""

@@ -1,1 +1,0 @@
-"""Interfaces of type_description_interfaces, without generated code."""

@@ -1,1 +1,0 @@
-"""Interfaces of visualization_msgs, without generated code."""
