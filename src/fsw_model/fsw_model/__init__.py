@@ -1,4 +1,4 @@
-"""Process model of friction stir welding of copper canisters."""
+"""Process model of friction stir welding of copper canisters, the paper's (5)-(27)."""
 
 from fsw_model.parameters import ModelParameters, ParameterError, nominal
 from fsw_model.process import (
@@ -9,7 +9,6 @@ from fsw_model.process import (
     Outputs,
     ProcessModel,
     ProcessState,
-    delay_steps,
 )
 
 __all__ = [
@@ -22,6 +21,5 @@ __all__ = [
     "ParameterError",
     "ProcessModel",
     "ProcessState",
-    "delay_steps",
     "nominal",
 ]

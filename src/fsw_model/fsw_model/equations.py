@@ -1,18 +1,15 @@
-"""The equations of the process, written once in CasADi, with the numbers they have in the paper.
+"""The process of the paper, equations (16)-(27), written once in CasADi.
 
-The paper's full text was not at hand when this was written. The forms below are reconstructed from what it publishes
-about equations (5)-(27): which block depends on what, its units, its operating point, gains, slopes and time constants.
-The coefficients are identified so that all published numbers hold together (``test/test_model_numbers.py``);
-``parameters.ORIGIN`` says for each whether it is published, identified or chosen, ``docs/model.md`` tells it at length.
-
-Everything else (the numeric step, the linearisation, the controller's prediction, generated C) is derived from here.
-State vector ``x`` (length 5), in this order: creep, slow and fast part of the force-driven depth (17), thermal part
-of the depth (27), temperature. Units: mm, kN, rpm, degC, kW, N m, s, but SI inside (19)-(22).
+Everything else is derived from here: the numeric step, the linearisation, the controller's prediction, generated C.
+``p`` is a :class:`~fsw_model.parameters.ModelParameters`; units are mm, kN, rpm, degC, kW, N m, s, but SI inside
+(19)-(22). A state ``x`` has six entries, in the order of ``STATE_NAMES``: the three modes of (17), the two lags of
+(16), which the authors take for copper and tool in series, and the motor torque of (18). The dead time of (16) is kept
+apart, as the power of the steps that it spans.
 """
 
 from __future__ import annotations
 
-from math import pi
+from math import exp, pi
 
 import casadi as ca
 import numpy as np
@@ -20,106 +17,68 @@ from numpy.typing import NDArray
 
 from fsw_model.parameters import ModelParameters
 
-STATE_NAMES = ("depth_creep_mm", "depth_slow_mm", "depth_fast_mm", "depth_thermal_mm", "temperature_c")
+STATE_NAMES = ("creep_mm", "slow_mm", "fast_mm", "copper_c", "tool_c", "motor_torque_nm")
+CREEP, SLOW, FAST, COPPER, TOOL, MOTOR = range(6)
 N_STATES = len(STATE_NAMES)
-RAD_PER_S_PER_RPM = pi / 30.0
+#: power within a step: p0 + p1 (s/h) + p2 (s/h)^2 + p3 exp(-s / motor lag), s = 0 ... h
+N_POWER = 4
 
 Matrix = NDArray[np.float64]
 
 
-def depth_mm(p: ModelParameters, x: ca.SX) -> ca.SX:
-    """Shoulder depth: operating depth plus the parts driven by force (17) and by temperature (27)."""
-    return p.operating_depth_mm + x[0] + x[1] + x[2] + x[3]
+def depth_mm(p: ModelParameters, creep: ca.SX, slow: ca.SX, fast: ca.SX, tool: ca.SX) -> ca.SX:
+    """Shoulder depth z_SD (27): Delta l is the sum of the modes of (17), Delta T the tool's temperature of (16)."""
+    return (creep + slow + fast + p.operating_depth_mm) * (1.0 + p.softening_per_c * tool)
 
 
 def process_torque_nm(p: ModelParameters, force_kn: ca.SX, depth: ca.SX) -> ca.SX:
-    """Torque of tool on copper, (19)-(22): contact ring of a convex shoulder under the axial force.
-
-    (19) contact area A, (20) pressure sigma = F/A, (21) geometry factor G (shoulder ring plus probe),
-    (22) M_sp = (tau_0 + mu sigma) G.
-    """
-    radius_m = ca.sqrt(2.0 * p.shoulder_radius_m * (depth * 1e-3))
-    inner_m = p.contact_inner_radius_m
-    area_m2 = pi * (radius_m**2 - inner_m**2)
-    sigma_pa = force_kn * 1e3 / area_m2
-    geometry_m3 = 2.0 * pi / 3.0 * (radius_m**3 - inner_m**3) + p.probe_volume_m3
-    return (p.sticking_stress_pa + p.friction_coefficient * sigma_pa) * geometry_m3
-
-
-def process_power_kw(torque_nm: ca.SX, speed_rpm: ca.SX) -> ca.SX:
-    """Heat that the tool puts into the copper: torque times speed."""
-    return torque_nm * speed_rpm * (RAD_PER_S_PER_RPM * 1e-3)
+    """Spindle torque M_sp that the tool exerts on the copper, (19)-(22)."""
+    depth_m = 1e-3 * depth
+    radius_m = p.contact_radius_m + p.contact_slope * depth_m
+    area_m2 = pi * radius_m**2  # (21)
+    geometry_m3 = p.geometry_offset_m3 + p.geometry_factor * (radius_m**3 - p.contact_radius_m**3)  # (22)
+    sigma_pa = 1e3 * force_kn / area_m2  # (20)
+    return (p.sticking_stress_pa + p.sliding_friction * sigma_pa) * geometry_m3  # (19)
 
 
 def friction_torque_nm(p: ModelParameters, speed_rpm: ca.SX) -> ca.SX:
-    """Friction torque of the spindle bearings (8)."""
-    return p.bearing_torque_nm + p.bearing_viscosity_nm_per_rpm * speed_rpm
-
-
-def inertia_torque_nm(p: ModelParameters, acceleration_rpm_per_s: ca.SX) -> ca.SX:
-    """Torque that accelerates the spindle: seen by the motor, not by the copper."""
-    return p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration_rpm_per_s
-
-
-def linear_blocks(p: ModelParameters) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Continuous-time linear part: dx/dt = A x + b_F F + b_P P(t - dead time) + b_0.
-
-    Depth over force (17) is split into partial fractions, so that each pole stands alone; temperature over delayed
-    power is first order; the thermal depth (27) is a lag on the temperature's deviation from the operating point.
-
-    Returns
-    -------
-    A : (5, 5), b_F : (5,), b_P : (5,), b_0 : (5,) arrays
-        Time in s, F in kN, P in kW.
-    """
-    slow, fast, zero, gain = p.depth_pole_slow_s, p.depth_pole_fast_s, p.depth_zero_s, p.depth_gain_mm_per_kn_s
-    residue_slow = gain * (zero - slow) * slow / (slow - fast)
-    residue_fast = gain * (zero - fast) * fast / (fast - slow)
-    a = np.zeros((N_STATES, N_STATES))
-    a[1, 1] = -1.0 / slow
-    a[2, 2] = -1.0 / fast
-    a[3, 3] = -1.0 / p.softening_time_s
-    a[3, 4] = p.softening_gain_mm_per_c / p.softening_time_s
-    a[4, 4] = -1.0 / p.thermal_time_s
-    b_force = np.array([gain, residue_slow / slow, residue_fast / fast, 0.0, 0.0])
-    b_power = np.array([0.0, 0.0, 0.0, 0.0, p.thermal_gain_c_per_kw / p.thermal_time_s])
-    b_const = -p.operating_force_kn * b_force
-    b_const[3] -= p.softening_gain_mm_per_c * p.operating_temperature_c / p.softening_time_s
-    b_const[4] += p.ambient_temperature_c / p.thermal_time_s
-    return a, b_force, b_power, b_const
-
-
-def discretise(p: ModelParameters, step_s: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Exact discretisation of the linear blocks over ``step_s``, whatever the stiffness.
-
-    The force is constant over the step; the delayed power is the parabola through its values at the start, the
-    middle and the end of the step.
-
-    Returns
-    -------
-    phi : (5, 5), gamma_force : (5,), gamma_power : (5, 3), gamma_const : (5,) arrays
-        x(t + step) = phi x(t) + gamma_force F + gamma_power [P_start, P_middle, P_end] + gamma_const.
-    """
-    a, b_force, b_power, b_const = linear_blocks(p)
-    chain = N_STATES + 5  # x, then F, 1, and the power's parabola as a chain of integrators q0' = q1, q1' = q2
-    m = np.zeros((chain, chain))
-    m[:N_STATES, :N_STATES] = a
-    m[:N_STATES, N_STATES] = b_force
-    m[:N_STATES, N_STATES + 1] = b_const
-    m[:N_STATES, N_STATES + 2] = b_power
-    m[N_STATES + 2, N_STATES + 3] = 1.0
-    m[N_STATES + 3, N_STATES + 4] = 1.0
-    e = matrix_exponential(m * step_s)
-    # P(s) = c0 + c1 (s/h) + c2 (s/h)^2 through the three nodes; q = (c0, c1/h, 2 c2/h^2) at the start
-    to_chain = np.array(
-        [
-            [1.0, 0.0, 0.0],
-            [-3.0 / step_s, 4.0 / step_s, -1.0 / step_s],
-            [4.0 / step_s**2, -8.0 / step_s**2, 4.0 / step_s**2],
-        ]
+    """Friction M_f of motor and transmission, measured in air, (8) = (23)."""
+    return (
+        p.friction_constant_nm
+        + p.friction_linear_nm_per_rpm * speed_rpm
+        + p.friction_quadratic_nm_per_rpm2 * speed_rpm**2
     )
-    gamma_power = e[:N_STATES, N_STATES + 2 :] @ to_chain
-    return e[:N_STATES, :N_STATES], e[:N_STATES, N_STATES], gamma_power, e[:N_STATES, N_STATES + 1]
+
+
+def power_kw(torque_nm: ca.SX, speed_rpm: ca.SX) -> ca.SX:
+    """Power P (24) of a motor torque less the friction."""
+    return torque_nm * speed_rpm * (pi / 30000.0)
+
+
+def depth_modes(p: ModelParameters) -> tuple[Matrix, Matrix]:
+    """Partial fractions of (17): modes ``dx/dt = poles x + gains Delta F``, and Delta l is their sum.
+
+    Returns
+    -------
+    poles, gains : (3,) arrays
+        In 1/s and mm/(kN s), in the order creep, slow, fast.
+    """
+    slow, fast = p.depth_pole_slow_s, p.depth_pole_fast_s
+    gain_slow = p.depth_gain_mm_per_kn_s * (p.depth_zero_s - slow) / (slow - fast)
+    gain_fast = p.depth_gain_mm_per_kn_s * (p.depth_zero_s - fast) / (fast - slow)
+    return np.array([0.0, -1.0 / slow, -1.0 / fast]), np.array([p.depth_gain_mm_per_kn_s, gain_slow, gain_fast])
+
+
+def thermal_block(p: ModelParameters) -> tuple[Matrix, Matrix]:
+    """The lags of (16) in series: ``dx/dt = a x + b Delta P(t - dead time)`` for x = (copper, tool) in degC.
+
+    Returns
+    -------
+    a : (2, 2) array
+    b : (2,) array
+    """
+    a = np.array([[-1.0 / p.copper_lag_s, 0.0], [1.0 / p.tool_lag_s, -1.0 / p.tool_lag_s]])
+    return a, np.array([p.thermal_gain_c_per_kw / p.copper_lag_s, 0.0])
 
 
 def matrix_exponential(m: Matrix) -> Matrix:
@@ -129,45 +88,141 @@ def matrix_exponential(m: Matrix) -> Matrix:
     return np.asarray(expm(m), dtype=np.float64)
 
 
+def power_response(p: ModelParameters, step_s: float, begin_s: float, span_s: float) -> Matrix:
+    """Response of (copper, tool), at rest before, to the part [begin, begin + span] of a step's power.
+
+    Exact for the four functions of which the power within a step is made (``N_POWER``).
+
+    Returns
+    -------
+    (2, 4) array
+    """
+    a, b = thermal_block(p)
+    u = begin_s / step_s
+    start = np.array([1.0, u, u * u, exp(-begin_s / p.motor_lag_s)])
+    m = np.zeros((2 + N_POWER, 2 + N_POWER))
+    m[:2, :2] = a
+    m[3, 2], m[4, 3], m[5, 5] = 1.0 / step_s, 2.0 / step_s, -1.0 / p.motor_lag_s
+    response = np.empty((2, N_POWER))
+    for i in range(N_POWER):
+        m[:2, 2:] = 0.0
+        m[:2, 2 + i] = b
+        response[:, i] = matrix_exponential(m * span_s)[:2, 2:] @ start
+    return response
+
+
+def thermal_step(p: ModelParameters, step_s: float, overlap_s: float, span_s: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Exact step of (copper, tool) over ``span_s`` <= ``step_s``.
+
+    The power that arrives meanwhile is of two steps of the past, when the dead time is no whole number of steps.
+
+    Parameters
+    ----------
+    p : ModelParameters
+    step_s : float
+    overlap_s : float
+        How long power of the older of the two steps still arrives; the whole step for a dead time of whole steps.
+    span_s : float
+
+    Returns
+    -------
+    phi : (2, 2), older : (2, 4), newer : (2, 4) arrays
+    """
+    a, _ = thermal_block(p)
+    phi = matrix_exponential(a * span_s)
+    rest_s = span_s - overlap_s
+    if rest_s < 1e-9:
+        return phi, power_response(p, step_s, step_s - overlap_s, span_s), np.zeros((2, N_POWER))
+    older = matrix_exponential(a * rest_s) @ power_response(p, step_s, step_s - overlap_s, overlap_s)
+    return phi, older, power_response(p, step_s, 0.0, rest_s)
+
+
 def output_function(p: ModelParameters) -> ca.Function:
-    """CasADi function (x, force_kn, speed_rpm) -> depth, temperature, process torque, friction torque, power."""
+    """CasADi function (x, force_kn, speed_rpm) -> what the process shows under these inputs."""
     x = ca.SX.sym("x", N_STATES)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
-    depth = depth_mm(p, x)
-    torque = process_torque_nm(p, force, depth)
-    return ca.Function(
-        "process_outputs",
-        [x, force, speed],
-        [depth, x[4], torque, friction_torque_nm(p, speed), process_power_kw(torque, speed)],
-        ["x", "force_kn", "speed_rpm"],
-        ["depth_mm", "temperature_c", "process_torque_nm", "friction_torque_nm", "power_kw"],
-    )
+    depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
+    friction = friction_torque_nm(p, speed)
+    outputs = {
+        "depth_mm": depth,
+        "temperature_c": p.operating_temperature_c + x[TOOL],  # (26)
+        "copper_temperature_c": p.operating_temperature_c + x[COPPER],
+        "motor_torque_nm": x[MOTOR],
+        "process_torque_nm": process_torque_nm(p, force, depth),
+        "friction_torque_nm": friction,
+        "power_kw": power_kw(x[MOTOR] - friction, speed),
+    }
+    given = ["x", "force_kn", "speed_rpm"]
+    return ca.Function("process_outputs", [x, force, speed], list(outputs.values()), given, list(outputs))
 
 
-def step_function(p: ModelParameters, step_s: float) -> ca.Function:
-    """CasADi function of one step: (x, delayed power nodes (3), force, speed) -> (x next, power nodes (3)).
+def dynamics_function(p: ModelParameters) -> ca.Function:
+    """CasADi function (x, arriving_kw, force_kn, speed_rpm) -> dx/dt, with Delta P of one dead time ago arriving."""
+    x = ca.SX.sym("x", N_STATES)
+    arriving, force, speed = ca.SX.sym("arriving_kw"), ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
+    poles, gains = depth_modes(p)
+    a, b = thermal_block(p)
+    depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
+    modes = ca.DM(poles) * x[:3] + ca.DM(gains) * (force - p.operating_force_kn)  # (17), (25)
+    thermal = ca.DM(a) @ x[COPPER : TOOL + 1] + ca.DM(b) * arriving  # (16)
+    wanted = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
+    motor = (wanted - x[MOTOR]) / p.motor_lag_s  # (18)
+    names = ["x", "arriving_kw", "force_kn", "speed_rpm"]
+    return ca.Function("dynamics", [x, arriving, force, speed], [ca.vertcat(modes, thermal, motor)], names, ["dx_dt"])
 
-    ``delayed`` are the power nodes of the step that lies one dead time back; the returned nodes (start, middle and
-    end of this step, the first right after the inputs jump) go to the end of that queue. Because the dead time is
-    longer than the step, the temperature within the step is known beforehand and the step is explicit.
+
+def step_function(p: ModelParameters, step_s: float, overlap_s: float) -> ca.Function:
+    """CasADi function of one step: (x, older power (4), newer power (4), force, speed) -> (x next, power (4), depth).
+
+    ``older`` and ``newer`` are the power of the two steps that arrives during this one (``thermal_step``); the power
+    returned goes to the end of that queue. The dead time is no shorter than the step, so the temperature within the
+    step is known beforehand, and the step is explicit. The linear blocks are exact. Of (18) only the process torque
+    is approximated, by the parabola through its values at start, middle and end; the jump of depth that settles within
+    the fast pole is taken out of it and put through (18) exactly, linear in the jump.
     """
     x = ca.SX.sym("x", N_STATES)
-    delayed = ca.SX.sym("delayed_kw", 3)
+    older, newer = ca.SX.sym("older_kw", N_POWER), ca.SX.sym("newer_kw", N_POWER)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
+    creep, slow, fast, copper, tool, motor = ca.vertsplit(x)
+    poles, gains = depth_modes(p)
+    pushed = force - p.operating_force_kn  # (25)
+    settled = -gains[2] / poles[2] * pushed  # of the fast mode
 
-    def after(part: tuple[Matrix, Matrix, Matrix, Matrix], power: ca.SX) -> ca.SX:
-        phi, gamma_force, gamma_power, gamma_const = part
-        return ca.DM(phi) @ x + ca.DM(gamma_force) * force + ca.DM(gamma_power) @ power + ca.DM(gamma_const)
+    def later(span_s: float) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Modes creep and slow, copper, tool; and the depth once the fast mode has settled."""
+        decay = exp(poles[1] * span_s)
+        slow_then = decay * slow + (decay - 1.0) / poles[1] * gains[1] * pushed
+        creep_then = creep + gains[0] * span_s * pushed
+        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, step_s, overlap_s, span_s))
+        thermal = phi @ ca.vertcat(copper, tool) + by_older @ older + by_newer @ newer
+        depth = depth_mm(p, creep_then, slow_then, settled, thermal[1])
+        return creep_then, slow_then, thermal[0], thermal[1], depth
 
-    # at half step the same parabola, re-sampled at the half step's own three nodes
-    quarter = 0.375 * delayed[0] + 0.75 * delayed[1] - 0.125 * delayed[2]
-    middle = after(discretise(p, 0.5 * step_s), ca.vertcat(delayed[0], quarter, delayed[1]))
-    end = after(discretise(p, step_s), delayed)
-    nodes = [process_power_kw(process_torque_nm(p, force, depth_mm(p, state)), speed) for state in (x, middle, end)]
+    *_, depth_middle = later(0.5 * step_s)
+    creep_end, slow_end, copper_end, tool_end, depth_end = later(step_s)
+    depth_start = depth_mm(p, creep, slow, settled, tool)
+    start, middle, end = (process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end))
+    friction = friction_torque_nm(p, speed)
+
+    # (18): motor torque = q0 + q1 (s/h) + q2 (s/h)^2 + rest exp(-s / lag)
+    lag = p.motor_lag_s
+    q2 = 2.0 * start - 4.0 * middle + 2.0 * end
+    q1 = -3.0 * start + 4.0 * middle - end - 2.0 * lag / step_s * q2
+    q0 = start + friction - lag / step_s * q1
+    depth_symbol = ca.SX.sym("depth")
+    by_depth = ca.substitute(
+        ca.gradient(process_torque_nm(p, force, depth_symbol), depth_symbol), depth_symbol, depth_start
+    )
+    jump = by_depth * (1.0 + p.softening_per_c * tool) * (fast - settled)
+    rest = motor - q0 + jump / (lag / p.depth_pole_fast_s - 1.0)
+    motor_end = q0 + q1 + q2 + rest * exp(-step_s / lag)
+    fast_end = settled + (fast - settled) * exp(poles[2] * step_s)
+    power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
+    power[0] -= p.operating_power_kw  # (24)
     return ca.Function(
         "process_step",
-        [x, delayed, force, speed],
-        [end, ca.vertcat(*nodes)],
-        ["x", "delayed_kw", "force_kn", "speed_rpm"],
-        ["x_next", "power_kw"],
+        [x, older, newer, force, speed],
+        [ca.vertcat(creep_end, slow_end, fast_end, copper_end, tool_end, motor_end), power, depth_end],
+        ["x", "older_kw", "newer_kw", "force_kn", "speed_rpm"],
+        ["x_next", "power_kw", "depth_mm"],
     )

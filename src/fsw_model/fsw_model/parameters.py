@@ -5,41 +5,50 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from importlib import resources
-from math import isfinite, pi, sqrt
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-#: Where each value comes from. The paper's full text was not at hand when the model was written, only the numbers that
-#: it publishes. ``published``: one of these numbers. ``identified``: solved from published numbers, given the form that
-#: this project gives the equation (see ``equations``); not a number of the paper. ``chosen``: neither.
+#: Where each value comes from: the equation of the paper, or chosen for this project.
 ORIGIN: dict[str, str] = {
-    "operating_depth_mm": "published",
-    "operating_temperature_c": "chosen: middle of the 790-910 degC window",
-    "operating_force_kn": "published",
-    "ambient_temperature_c": "chosen",
-    "depth_gain_mm_per_kn_s": "published: +1 kN creeps 1.6 um/s",
-    "depth_zero_s": "identified: transient of 0.0238 mm/kN",
-    "depth_pole_slow_s": "published",
-    "depth_pole_fast_s": "published",
-    "softening_gain_mm_per_c": "identified: static gain 0.521 of the thermal-depth loop",
-    "softening_time_s": "chosen",
-    "thermal_gain_c_per_kw": "chosen: the line through ambient and the operating point (43.6 kW)",
-    "thermal_time_s": "chosen: initial slope near 0.29 degC/(kW s)",
-    "dead_time_s": "published: 28 samples of 0.1 s",
-    "shoulder_radius_m": "identified: dM/dz = 120.8 N m/mm",
-    "contact_inner_radius_m": "identified: A = 3.366e-3 m2",
-    "probe_volume_m3": "identified: G = 9.933e-5 m3",
-    "sticking_stress_pa": "identified: M_sp = 1021.53 N m",
-    "friction_coefficient": "identified: dM/dF = 12.84 N m/kN",
-    "bearing_torque_nm": "chosen split of M_f = 31.333 N m at 407.576 rpm",
-    "bearing_viscosity_nm_per_rpm": "chosen split of M_f = 31.333 N m at 407.576 rpm",
-    "spindle_inertia_kgm2": "chosen: size of the torque spike at spindle acceleration",
+    "operating_force_kn": "paper (15)",
+    "operating_depth_mm": "paper (15)",
+    "operating_temperature_c": "paper (15)",
+    "operating_power_kw": "paper (15)",
+    "thermal_gain_c_per_kw": "paper (16)",
+    "copper_lag_s": "paper (16)",
+    "tool_lag_s": "paper (16)",
+    "dead_time_s": "paper (16)",
+    "depth_gain_mm_per_kn_s": "paper (17)",
+    "depth_zero_s": "paper (17)",
+    "depth_pole_slow_s": "paper (17)",
+    "depth_pole_fast_s": "paper (17)",
+    "motor_lag_s": "paper (18)",
+    "sticking_stress_pa": "paper (19)",
+    "sliding_friction": "paper (19)",
+    "contact_radius_m": "paper (21), (22)",
+    "contact_slope": "paper (21), (22): 20/3",
+    "geometry_offset_m3": "paper (22)",
+    "geometry_factor": "paper (22)",
+    "friction_constant_nm": "paper (8), (23)",
+    "friction_linear_nm_per_rpm": "paper (8), (23)",
+    "friction_quadratic_nm_per_rpm2": "paper (8), (23)",
+    "softening_per_c": "paper (6), (27)",
+    "spindle_inertia_kgm2": "chosen: size of the torque peak in Fig. 5",
 }
 
-_ANY_SIGN = {"ambient_temperature_c", "softening_gain_mm_per_c", "probe_volume_m3"}
-_MAY_BE_ZERO = {"sticking_stress_pa", "bearing_torque_nm", "bearing_viscosity_nm_per_rpm", "spindle_inertia_kgm2"}
+_ANY_SIGN = {
+    "operating_temperature_c",
+    "geometry_offset_m3",
+    "friction_constant_nm",
+    "friction_linear_nm_per_rpm",
+    "friction_quadratic_nm_per_rpm2",
+}
+_MAY_BE_ZERO = {"softening_per_c", "sticking_stress_pa", "sliding_friction", "spindle_inertia_kgm2"}
+#: what the model's step of 0.1 s and the controllers' tables are made for
+_RANGES = {"dead_time_s": (0.1, 10.0), "depth_pole_fast_s": (1e-6, 5e-3), "motor_lag_s": (0.01, 10.0)}
 
 
 class ParameterError(ValueError):
@@ -48,89 +57,75 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ModelParameters:
-    """Parameters of equations (5)-(27), in the units of their names.
+    """Coefficients of equations (15)-(27), in the units of their names.
 
     Attributes
     ----------
-    operating_depth_mm, operating_temperature_c, operating_force_kn : float
-        Point about which depth is linear (17), (27).
-    ambient_temperature_c : float
-        Stir-zone temperature without power.
+    operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw : float
+        Point of linearisation (15).
+    thermal_gain_c_per_kw, copper_lag_s, tool_lag_s, dead_time_s : float
+        Power to temperature (16): ``gain exp(-dead_time s) / ((1 + copper_lag s) (1 + tool_lag s))``.
     depth_gain_mm_per_kn_s, depth_zero_s, depth_pole_slow_s, depth_pole_fast_s : float
-        Force to depth (17): ``K (1 + s Tz) / (s (1 + s T1) (1 + s T2))``.
-    softening_gain_mm_per_c, softening_time_s : float
-        Temperature to depth (27): hot copper is soft.
-    thermal_gain_c_per_kw, thermal_time_s, dead_time_s : float
-        Process power to temperature.
-    shoulder_radius_m : float
-        Radius of curvature of the convex shoulder (19).
-    contact_inner_radius_m : float
-        Inner radius of the contact ring, where the probe begins (19), (21).
-    probe_volume_m3 : float
-        Share of the probe in the torque geometry factor (21).
-    sticking_stress_pa, friction_coefficient : float
-        Contact shear stress ``tau_0 + mu sigma`` (22).
-    bearing_torque_nm, bearing_viscosity_nm_per_rpm : float
-        Friction torque of the spindle (8).
+        Force to depth (17): ``gain (1 + zero s) / (s (1 + slow s) (1 + fast s))``.
+    motor_lag_s : float
+        Lag of the motor torque tau_M (18).
+    sticking_stress_pa, sliding_friction : float
+        ``delta tau_yield`` and ``(1 - delta) mu`` of the contact shear stress (19).
+    contact_radius_m, contact_slope : float
+        Radius of the contact at zero depth, and its growth with depth, m per m (21), (22).
+    geometry_offset_m3, geometry_factor : float
+        Coefficients of G (22).
+    friction_constant_nm, friction_linear_nm_per_rpm, friction_quadratic_nm_per_rpm2 : float
+        Friction torque of motor and transmission over the speed (23).
+    softening_per_c : float
+        Slope of the correction factor (6), (27).
     spindle_inertia_kgm2 : float
-        Inertia that the motor torque shows when the spindle accelerates.
+        Makes the peak of the measured torque when the spindle accelerates; the process does not feel it.
 
     Raises
     ------
     ParameterError
-        If a value is not finite or not physical.
+        If a value is not finite, not physical, or beyond what the model's step can do.
     """
 
+    operating_force_kn: float
     operating_depth_mm: float
     operating_temperature_c: float
-    operating_force_kn: float
-    ambient_temperature_c: float
+    operating_power_kw: float
+    thermal_gain_c_per_kw: float
+    copper_lag_s: float
+    tool_lag_s: float
+    dead_time_s: float
     depth_gain_mm_per_kn_s: float
     depth_zero_s: float
     depth_pole_slow_s: float
     depth_pole_fast_s: float
-    softening_gain_mm_per_c: float
-    softening_time_s: float
-    thermal_gain_c_per_kw: float
-    thermal_time_s: float
-    dead_time_s: float
-    shoulder_radius_m: float
-    contact_inner_radius_m: float
-    probe_volume_m3: float
+    motor_lag_s: float
     sticking_stress_pa: float
-    friction_coefficient: float
-    bearing_torque_nm: float
-    bearing_viscosity_nm_per_rpm: float
+    sliding_friction: float
+    contact_radius_m: float
+    contact_slope: float
+    geometry_offset_m3: float
+    geometry_factor: float
+    friction_constant_nm: float
+    friction_linear_nm_per_rpm: float
+    friction_quadratic_nm_per_rpm2: float
+    softening_per_c: float
     spindle_inertia_kgm2: float
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
                 raise ParameterError(f"model parameter {name!r} is {value!r}: give a finite number")
+            low, high = _RANGES.get(name, (-inf, inf))
+            if not low <= value <= high:
+                raise ParameterError(f"model parameter {name!r} is {value!r}: must be {low:g} to {high:g}")
             if name in _ANY_SIGN or value > 0 or (value == 0 and name in _MAY_BE_ZERO):
                 continue
             bound = ">= 0" if name in _MAY_BE_ZERO else "> 0"
             raise ParameterError(f"model parameter {name!r} is {value!r}: must be {bound}")
         if self.depth_pole_slow_s <= self.depth_pole_fast_s:
             raise ParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
-        if self.shallowest_depth_mm >= self.operating_depth_mm:
-            raise ParameterError(
-                f"model parameter 'contact_inner_radius_m' = {self.contact_inner_radius_m}: the shoulder would not "
-                f"touch at the operating depth (it touches below {self.shallowest_depth_mm:.3f} mm)"
-            )
-
-    @property
-    def shallowest_depth_mm(self) -> float:
-        """Depth at which the shoulder begins to touch: the contact area (19) is zero there."""
-        return 1e3 * self.contact_inner_radius_m**2 / (2.0 * self.shoulder_radius_m)
-
-    def contact_radius_m(self, depth_mm: float) -> float:
-        """Outer radius of the contact ring at a depth (19)."""
-        return sqrt(2.0 * self.shoulder_radius_m * depth_mm * 1e-3)
-
-    def contact_area_m2(self, depth_mm: float) -> float:
-        """Contact area A (19)."""
-        return pi * (self.contact_radius_m(depth_mm) ** 2 - self.contact_inner_radius_m**2)
 
     def with_values(self, **values: float) -> ModelParameters:
         """A copy with some values replaced.
@@ -144,7 +139,7 @@ class ModelParameters:
         return replace(self, **values)
 
     def scaled(self, **factors: float) -> ModelParameters:
-        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: plant-model mismatch."""
+        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model."""
         _check_names(factors, "scaled()")
         return self.with_values(**{name: getattr(self, name) * factor for name, factor in factors.items()})
 

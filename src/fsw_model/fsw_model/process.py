@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, fields
+from math import ceil, isfinite, pi
+from typing import cast
 
 import casadi as ca
 import numpy as np
@@ -16,46 +17,44 @@ from fsw_model.codegen import python_function
 from fsw_model.parameters import ModelParameters, ParameterError, nominal
 
 STEP_S = 0.1
+Power = tuple[float, float, float, float]
 
 
 class OperatingPointError(ValueError):
-    """No equilibrium at the wanted depth and temperature, or the tool has left the model's range."""
+    """No equilibrium at the wanted depth and temperature, or the shoulder has left the copper."""
 
 
 @dataclass(slots=True)
 class ProcessState:
-    """State of the process: the linear blocks and the power on its way through the dead time.
+    """State of the process: the six states and the power on its way through the dead time.
 
     Attributes
     ----------
-    x : tuple of 5 float
+    x : tuple of 6 float
         In the order of ``equations.STATE_NAMES``.
-    power_kw : deque of (float, float, float)
-        Power at start, middle and end of each step of the last dead time, oldest first.
+    power : deque of (float, float, float, float)
+        Power deviation (24) during each step of the last dead time, oldest first, see ``equations.N_POWER``.
     """
 
     x: tuple[float, ...]
-    power_kw: deque[tuple[float, float, float]]
+    power: deque[Power]
 
     def copy(self) -> ProcessState:
         """Independent copy."""
-        return ProcessState(self.x, deque(self.power_kw))
+        return ProcessState(self.x, deque(self.power))
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """What the process shows under given inputs (no noise, spindle not accelerating)."""
+    """What the process shows under given inputs, without noise."""
 
     depth_mm: float
     temperature_c: float
+    copper_temperature_c: float
+    motor_torque_nm: float
     process_torque_nm: float
     friction_torque_nm: float
     power_kw: float
-
-    @property
-    def motor_torque_nm(self) -> float:
-        """Torque of the spindle motor at constant speed: process torque plus bearing friction (8)."""
-        return self.process_torque_nm + self.friction_torque_nm
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,22 +71,21 @@ class Equilibrium:
 class Linearisation:
     """Process linearised about an equilibrium, as deviations.
 
-    ``dx/dt = a x + b_input u + b_power p(t - dead_time_s)``, ``p = c_power x + d_power u``,
-    ``y = c x + d u`` with u = (force kN, speed rpm), p = power kW, y = (depth mm, temperature degC, motor torque N m).
+    ``dx/dt = a x + b u + b_power p(t - dead_time_s)``, ``p = c_power x + d_power u``, ``y = c x``
+    with u = (force kN, speed rpm), p = power kW, y = (depth mm, temperature degC, motor torque N m).
 
     Attributes
     ----------
-    a : (5, 5), b_input : (5, 2), b_power : (5,), c_power : (5,), d_power : (2,), c : (3, 5), d : (3, 2) arrays
+    a : (6, 6), b : (6, 2), b_power : (6,), c_power : (6,), d_power : (2,), c : (3, 6) arrays
     dead_time_s : float
     """
 
     a: NDArray[np.float64]
-    b_input: NDArray[np.float64]
+    b: NDArray[np.float64]
     b_power: NDArray[np.float64]
     c_power: NDArray[np.float64]
     d_power: NDArray[np.float64]
     c: NDArray[np.float64]
-    d: NDArray[np.float64]
     dead_time_s: float
 
     def frequency_response(self, omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -103,29 +101,11 @@ class Linearisation:
         (n, 3, 2) complex array
             From (force kN, speed rpm) to (depth mm, temperature degC, motor torque N m).
         """
-        response = np.empty((len(omega_rad_s), 3, 2), dtype=np.complex128)
-        for k, omega in enumerate(omega_rad_s):
-            delay = np.exp(-1j * omega * self.dead_time_s)
-            closed_a = self.a + delay * np.outer(self.b_power, self.c_power)
-            closed_b = self.b_input + delay * np.outer(self.b_power, self.d_power)
-            response[k] = self.c @ np.linalg.solve(1j * omega * np.eye(len(self.a)) - closed_a, closed_b) + self.d
-        return response
-
-
-def delay_steps(parameters: ModelParameters, step_s: float = STEP_S) -> int:
-    """Dead time in steps.
-
-    Raises
-    ------
-    ParameterError
-        If it is not a whole number (>= 1) of steps.
-    """
-    delay = parameters.dead_time_s / step_s
-    if round(delay) < 1 or abs(delay - round(delay)) > 1e-9:
-        raise ParameterError(
-            f"model parameter 'dead_time_s' = {parameters.dead_time_s:g}: must be a whole number of {step_s:g} s steps"
-        )
-    return round(delay)
+        omega = np.asarray(omega_rad_s)[:, None, None]
+        delay = np.exp(-1j * omega * self.dead_time_s)
+        closed_a = self.a + delay * np.outer(self.b_power, self.c_power)
+        closed_b = self.b + delay * np.outer(self.b_power, self.d_power)
+        return np.asarray(self.c @ np.linalg.solve(1j * omega * np.eye(len(self.a)) - closed_a, closed_b))
 
 
 class ProcessModel:
@@ -134,25 +114,34 @@ class ProcessModel:
     Parameters
     ----------
     parameters : ModelParameters, optional
-        Nominal ones by default.
+        The paper's by default.
     step_s : float, optional
-        Length of a step; the dead time must be a whole number of steps.
+        Length of a step, at most the dead time.
+
+    Attributes
+    ----------
+    delay_steps : int
+        Steps that the dead time spans, the last perhaps in part.
 
     Raises
     ------
     ParameterError
-        If the dead time is not a whole number (>= 1) of steps.
+        If the dead time is shorter than a step.
     """
 
     def __init__(self, parameters: ModelParameters | None = None, step_s: float = STEP_S) -> None:
-        self.parameters = parameters or nominal()
+        self.parameters = p = parameters or nominal()
         self.step_s = step_s
-        self.delay_steps = delay_steps(self.parameters, step_s)
-        self.step_function: ca.Function = equations.step_function(self.parameters, step_s)
-        self.output_function: ca.Function = equations.output_function(self.parameters)
+        if p.dead_time_s < step_s:
+            raise ParameterError(
+                f"model parameter 'dead_time_s' is {p.dead_time_s:g}: must be >= the step {step_s:g} s"
+            )
+        self.delay_steps = ceil(p.dead_time_s / step_s - 1e-9)
+        overlap_s = step_s - (self.delay_steps * step_s - p.dead_time_s)
+        self.step_function: ca.Function = equations.step_function(p, step_s, overlap_s)
+        self.output_function: ca.Function = equations.output_function(p)
         self._step = python_function(self.step_function)
         self._outputs = python_function(self.output_function)
-        self._least_deviation_mm = self.parameters.shallowest_depth_mm - self.parameters.operating_depth_mm
 
     def step(self, state: ProcessState, force_kn: float, speed_rpm: float) -> None:
         """Advance ``state`` in place by one step with the inputs held.
@@ -160,46 +149,28 @@ class ProcessModel:
         Raises
         ------
         OperatingPointError
-            If the shoulder has left the copper (the contact area (19) is zero or negative) or an input is not finite.
+            If the shoulder would leave the copper (depth (27) not above 0) or an input is not finite; the state is
+            then as before.
         """
-        history = state.power_kw
-        delayed = history[0]
-        x = state.x
-        # Written so that NaN fails too. Below, the pressure would change its sign: numbers, but no physics.
-        if not x[0] + x[1] + x[2] + x[3] > self._least_deviation_mm:
-            raise self._out_of_range(state, force_kn, speed_rpm)
-        try:
-            result = self._step(*x, *delayed, force_kn, speed_rpm)
-        except (ValueError, ZeroDivisionError):
-            raise self._out_of_range(state, force_kn, speed_rpm) from None
-        if not isfinite(result[7]):
-            raise self._out_of_range(state, force_kn, speed_rpm)
-        state.x = result[:5]
-        history.popleft()
-        history.append(result[5:])  # type: ignore[arg-type]
+        power = state.power
+        result = self._step(*state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm)
+        if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
+            raise OperatingPointError(
+                f"process model: depth {result[10]:.3f} mm with {force_kn} kN, {speed_rpm} rpm; "
+                "the model holds for finite inputs while the shoulder is in the copper, above 0 mm"
+            )
+        state.x = result[:6]
+        power.popleft()
+        power.append(cast(Power, result[6:10]))
 
     def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
-        """Outputs in a state under given inputs.
+        """Outputs in a state under given inputs."""
+        return Outputs(*self._outputs(*state.x, force_kn, speed_rpm))
 
-        Raises
-        ------
-        OperatingPointError
-            As :meth:`step`.
-        """
-        x = state.x
-        if not x[0] + x[1] + x[2] + x[3] > self._least_deviation_mm:
-            raise self._out_of_range(state, force_kn, speed_rpm)
-        try:
-            return Outputs(*self._outputs(*x, force_kn, speed_rpm))
-        except (ValueError, ZeroDivisionError):
-            raise self._out_of_range(state, force_kn, speed_rpm) from None
-
-    def _out_of_range(self, state: ProcessState, force_kn: float, speed_rpm: float) -> OperatingPointError:
-        depth = self.parameters.operating_depth_mm + sum(state.x[:4])
-        return OperatingPointError(
-            f"process model: no contact torque at depth {depth:.3f} mm with {force_kn} kN, {speed_rpm} rpm; "
-            f"the model holds for finite inputs and depths above {self.parameters.shallowest_depth_mm:.3f} mm"
-        )
+    def with_history(self, power: Sequence[Power]) -> deque[Power]:
+        """A history of this model's length from one of another model's, the newest kept, the oldest repeated."""
+        kept = list(power)[-self.delay_steps :]
+        return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
 
     def equilibrium(self, depth_mm: float | None = None, temperature_c: float | None = None) -> Equilibrium:
         """Inputs and state that hold a depth and a temperature for ever.
@@ -214,47 +185,52 @@ class ProcessModel:
         Raises
         ------
         OperatingPointError
-            If the shoulder does not touch at this depth or the temperature needs no positive power.
+            If the shoulder is not in the copper or the temperature needs no positive power.
         """
         p = self.parameters
         depth = p.operating_depth_mm if depth_mm is None else depth_mm
         temperature = p.operating_temperature_c if temperature_c is None else temperature_c
-        if not depth > p.shallowest_depth_mm or not isfinite(depth):
+        if not (depth > 0.0 and isfinite(depth)):
+            raise OperatingPointError(f"no equilibrium at depth {depth} mm: must be above 0 mm")
+        rise_c = temperature - p.operating_temperature_c
+        power_kw = p.operating_power_kw + rise_c / p.thermal_gain_c_per_kw
+        softening = 1.0 + p.softening_per_c * rise_c
+        if not (power_kw > 0.0 and softening > 0.0 and isfinite(temperature)):
             raise OperatingPointError(
-                f"no equilibrium at depth {depth} mm: must be above {p.shallowest_depth_mm:.3f} mm"
+                f"no equilibrium at {temperature} degC: needs {power_kw:.1f} kW and a correction factor (27) of "
+                f"{softening:.2f}; both must be positive"
             )
-        if not temperature > p.ambient_temperature_c or not isfinite(temperature):
-            raise OperatingPointError(
-                f"no equilibrium at {temperature} degC: must be above the ambient {p.ambient_temperature_c} degC"
-            )
-        thermal_mm = p.softening_gain_mm_per_c * (temperature - p.operating_temperature_c)
-        x = (depth - p.operating_depth_mm - thermal_mm, 0.0, 0.0, thermal_mm, temperature)
-        power = (temperature - p.ambient_temperature_c) / p.thermal_gain_c_per_kw
         force = p.operating_force_kn
-        state = ProcessState(x, deque([(power, power, power)] * self.delay_steps))
-        torque = self.outputs(state, force, 0.0).process_torque_nm
-        speed = power * 1e3 / (torque * equations.RAD_PER_S_PER_RPM)
+        creep = depth / softening - p.operating_depth_mm
+        torque = Outputs(*self._outputs(creep, 0.0, 0.0, rise_c, rise_c, 0.0, force, 0.0)).process_torque_nm
+        speed = power_kw * 30000.0 / (pi * torque)
+        motor = torque + Outputs(*self._outputs(creep, 0.0, 0.0, rise_c, rise_c, 0.0, force, speed)).friction_torque_nm
+        state = ProcessState(
+            (creep, 0.0, 0.0, rise_c, rise_c, motor),
+            deque([(power_kw - p.operating_power_kw, 0.0, 0.0, 0.0)] * self.delay_steps),
+        )
         return Equilibrium(force, speed, self.outputs(state, force, speed), state)
 
     def linearise(self, equilibrium: Equilibrium | None = None) -> Linearisation:
         """Continuous-time linearisation about an equilibrium (the operating point by default)."""
         at = equilibrium or self.equilibrium()
-        a, b_force, b_power, _ = equations.linear_blocks(self.parameters)
-        x, force, speed = ca.SX.sym("x", equations.N_STATES), ca.SX.sym("force"), ca.SX.sym("speed")
-        depth, temperature, torque, friction, power = self.output_function(x, force, speed)
-        y = ca.vertcat(depth, temperature, torque + friction, power)
-        jacobian = ca.Function("j", [x, force, speed], [ca.jacobian(y, x), ca.jacobian(y, ca.vertcat(force, speed))])
-        by_x, by_u = (np.array(m) for m in jacobian(ca.DM(at.state.x), at.force_kn, at.speed_rpm))
-        return Linearisation(
-            a=a,
-            b_input=np.column_stack([b_force, np.zeros(equations.N_STATES)]),
-            b_power=b_power,
-            c_power=by_x[3],
-            d_power=by_u[3],
-            c=by_x[:3],
-            d=by_u[:3],
-            dead_time_s=self.parameters.dead_time_s,
+        x, inputs = ca.SX.sym("x", equations.N_STATES), ca.SX.sym("u", 2)
+        arriving = ca.SX.sym("arriving")
+        dynamics = equations.dynamics_function(self.parameters)(x, arriving, inputs[0], inputs[1])
+        shown = self.output_function(x, inputs[0], inputs[1])
+        outputs, power = ca.vertcat(shown[0], shown[1], shown[3]), shown[6]
+        slopes = ca.Function(
+            "slopes",
+            [x, arriving, inputs],
+            [
+                ca.jacobian(dynamics, x), ca.jacobian(dynamics, inputs), ca.jacobian(dynamics, arriving),
+                ca.jacobian(power, x), ca.jacobian(power, inputs), ca.jacobian(outputs, x),
+            ],
+        )  # fmt: skip
+        a, b, b_power, c_power, d_power, c = (
+            m.full() for m in slopes(at.state.x, at.state.power[0][0], [at.force_kn, at.speed_rpm])
         )
+        return Linearisation(a, b, b_power.ravel(), c_power.ravel(), d_power.ravel(), c, self.parameters.dead_time_s)
 
     def simulate(
         self, force_kn: Sequence[float], speed_rpm: Sequence[float], start: Equilibrium | None = None
@@ -266,32 +242,31 @@ class ProcessModel:
         force_kn, speed_rpm : sequences of n floats
             Inputs of each step.
         start : Equilibrium, optional
-            The operating point by default.
+            Of a model with the same dead time; the operating point by default.
 
         Returns
         -------
-        dict of (n + 1,) arrays
-            ``time_s`` and the fields of :class:`Outputs` at the ticks. Torque and power at a tick belong to the inputs
-            of the step that ends there (at the first tick: of the equilibrium), as a sensor sees them.
+        dict of (n,) arrays
+            ``time_s``, the fields of :class:`Outputs`, ``force_kn`` and ``speed_rpm``. Row k is at the beginning of
+            step k, with the inputs of that step.
 
         Raises
         ------
         ValueError
             If the sequences differ in length, or ``start`` is of a model with another dead time.
         OperatingPointError
-            If the tool leaves the model's range.
+            If the shoulder leaves the copper.
         """
         if len(force_kn) != len(speed_rpm):
             raise ValueError(f"simulate: {len(force_kn)} forces but {len(speed_rpm)} speeds; give as many of each")
-        at = start or self.equilibrium()
-        state = at.state.copy()
-        if len(state.power_kw) != self.delay_steps:
-            raise ValueError(f"simulate: start has {len(state.power_kw)} steps of dead time, model {self.delay_steps}")
-        rows = [at.outputs]
+        state = (start or self.equilibrium()).state.copy()
+        if len(state.power) != self.delay_steps:
+            raise ValueError(f"simulate: start has {len(state.power)} steps of dead time, model {self.delay_steps}")
+        rows = []
         for force, speed in zip(force_kn, speed_rpm, strict=True):
+            rows.append(self._outputs(*state.x, force, speed))
             self.step(state, force, speed)
-            rows.append(self.outputs(state, force, speed))
-        columns = {name: np.array([getattr(row, name) for row in rows]) for name in Outputs.__dataclass_fields__}
-        columns["motor_torque_nm"] = columns["process_torque_nm"] + columns["friction_torque_nm"]
-        columns["time_s"] = np.arange(len(rows)) * self.step_s
-        return columns
+        names = [field.name for field in fields(Outputs)]
+        columns = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
+        columns["force_kn"], columns["speed_rpm"] = np.array(force_kn, float), np.array(speed_rpm, float)
+        return {"time_s": np.arange(len(rows)) * self.step_s, **columns}
