@@ -17,7 +17,7 @@ setup(
         Extension(
             "fsw_nmpc._kernel",
             sources,
-            define_macros=[("FSW_NMPC_ID", f'"{identity}"')],
+            define_macros=[("FSW_CONTROLLER_ID", f'"{identity}"')],
             extra_compile_args=["-std=c99", "-O3", "-ffp-contract=off"],
             optional=True,
         )

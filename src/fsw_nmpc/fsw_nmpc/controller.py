@@ -1,207 +1,207 @@
-"""The nonlinear model predictive controller: estimator, corridors, solver, acceptance and fallback."""
+"""The nonlinear model predictive controller: a thin binding of the C library that does all the work."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from math import floor, isfinite
+import threading
+from collections.abc import Callable, Mapping
 from time import perf_counter
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fsw_control import Command, Diagnosis, Limits, Measurement, Proposal, Reference
-from fsw_model import STEP_S, ModelParameters, nominal
-from fsw_nmpc.acceptance import MovePlan
-from fsw_nmpc.corridor import Corridor
-from fsw_nmpc.estimator import Estimator, EstimatorTuning
-from fsw_nmpc.ocp import Problem, Solution, Solver, Weights
-from fsw_nmpc.tuning import Tuning
+from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
+from fsw_control.parameters import defaults, load
+from fsw_nmpc import kernel_build
+from fsw_nmpc.horizon import horizon_of
+from fsw_nmpc.library import DISTURBANCES, FATES, Fate, Library, ProblemStruct, Reason, Vector
+from fsw_nmpc.settings import Settings
 
-Vector = NDArray[np.float64]
-#: a gap in the ticks that is too long to be predicted over: the estimator starts anew
-_LONGEST_GAP_S = 3.0
-_NOTHING = (float("nan"),) * 3
+_BLIND = ((1, "depth"), (2, "torque"), (4, "thermocouple"))
+
+
+class Solver(Protocol):
+    """Solves the problem of a tick in place of the library's own solver; see ``fsw_nmpc.reference``."""
+
+    name: str
+
+    def solve(self, problem: ProblemStruct, moves: Vector) -> tuple[Fate, Vector, Vector, Vector]:
+        """Fate, moves and the outputs they lead to; never raises on a bad problem."""
+        ...
 
 
 class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
+    Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C library (``kernel/``);
+    this class hands data in and out. Every parameter but the model acts at runtime without a bump; another horizon or
+    solver is made in the background, while the present one works on.
+
     Parameters
     ----------
-    solver : Solver
-        Its horizon and model are used.
-    parameters : ModelParameters, optional
-        The model of the estimator; the same as the solver's.
-    tuning : Tuning, optional
-    limits : Limits, optional
-    estimator_tuning : EstimatorTuning, optional
-    plan_reuse : int
-        How many ticks a failed solve is bridged by the rest of the last accepted plan.
+    values : mapping of str to Any, optional
+        Parameters as described in ``nmpc.yaml``; what is missing has its default.
+    log : callable, optional
+        Told in one line which solver is used.
 
     Attributes
     ----------
-    bad_cycles : int
-        Ticks without an accepted solution so far.
+    settings : Settings
+    library : Library
+
+    Raises
+    ------
+    ValueError
+        If the values cannot be used or the library cannot be built.
     """
 
     name = "nmpc"
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
-    def __init__(
-        self,
-        solver: Solver,
-        parameters: ModelParameters | None = None,
-        tuning: Tuning | None = None,
-        limits: Limits | None = None,
-        estimator_tuning: EstimatorTuning | None = None,
-        plan_reuse: int = 5,
-    ) -> None:
-        self.solver = solver
-        self.parameters = parameters or nominal()
-        self.limits = limits or Limits()
-        self.plan_reuse = plan_reuse
-        self.estimator = Estimator(self.parameters, estimator_tuning)
-        self._depth: Corridor | None = None
-        self._temperature: Corridor | None = None
-        self.bad_cycles = 0
-        self.configure(tuning or Tuning())
-        self._plan = MovePlan(solver.horizon)
-        self.reset(Command(self.parameters.operating_force_kn, self._operating_speed_rpm()))
+    def __init__(self, values: Mapping[str, Any] | None = None, log: Callable[[str], object] | None = None) -> None:
+        self._log = log or (lambda text: None)
+        self._values = defaults(load("fsw_nmpc", "nmpc.yaml")) | dict(values or {})
+        self.settings = Settings.of(self._values)
+        self._maker: threading.Thread | None = None
+        self._made: tuple[Settings, Library, Solver | None] | None = None
+        self._use(self.settings, *_make(self.settings))
+        self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
-    def _operating_speed_rpm(self) -> float:
-        return 0.5 * (self.limits.speed_min_rpm + self.limits.speed_max_rpm)
+    def check(self, values: Mapping[str, Any]) -> str | None:
+        """Return why these parameters cannot be used, or None."""
+        try:
+            Settings.of(self._values | dict(values))
+        except ValueError as error:
+            return str(error)
+        return None
 
-    def configure(self, tuning: Tuning) -> None:
-        """Change the tuning at runtime, without a bump: estimator and filtered set-points go on."""
-        time_s = self.solver.horizon.time_s
-        kind = tuning.corridor
-        depth = Corridor(time_s, tuning.corridor_depth_s, tuning.dead_band_depth_mm, kind, tuning.depth_shape)
-        temperature = Corridor(
-            time_s, tuning.corridor_temperature_s, tuning.dead_band_temperature_c, kind, tuning.temperature_shape
-        )
-        if self._depth is not None and self._temperature is not None:
-            depth.follow(self._depth)
-            temperature.follow(self._temperature)
-        self.tuning, self._depth, self._temperature = tuning, depth, temperature
-        self._weights = Weights.from_tuning(tuning, self.solver.horizon, self.limits)
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Take new parameters at runtime; the proposals do not jump.
 
-    def replace_solver(self, solver: Solver) -> None:
-        """Go on with another solver, whose horizon may have other blocks; the plan is carried over."""
-        self.solver = solver
-        self._plan = self._plan.on(solver.horizon)
-        self.configure(self.tuning)
+        Raises
+        ------
+        ValueError
+            If the values cannot be used.
+        """
+        merged = self._values | dict(values)
+        new, old = Settings.of(merged), self.settings
+        self._values, self.settings = merged, new
+        self.library.configure(new.struct())
+        if _solver_key(new) != _solver_key(old):
+            self._prepare(new)
+
+    def _use(self, settings: Settings, library: Library, solver: Solver | None) -> None:
+        self.library, self.solver = library, solver
+        self._time_s = tuple(library.horizon.time_s.tolist())
+        name = solver.name if solver else "rti"
+        self._log(f"solver: {name}, {settings.tuning.blocks} blocks, library {library.path.name}")
+
+    def _prepare(self, settings: Settings) -> None:
+        if self._maker is None:
+            self._maker = threading.Thread(target=self._make, args=(settings,), name="nmpc solver", daemon=True)
+            self._maker.start()
+
+    def _make(self, settings: Settings) -> None:
+        self._made = (settings, *_make(settings))
+
+    def _take(self) -> None:
+        """Go on with the solver that was made in the background, if it is ready."""
+        if self._made is None:
+            return
+        made_for, library, solver = self._made
+        self._maker = self._made = None
+        if _solver_key(made_for) != _solver_key(self.settings):
+            self._prepare(self.settings)
+            return
+        library.configure(self.settings.struct())
+        library.go_on_from(self.library)
+        self._use(self.settings, library, solver)
+
+    def finish_changes(self, timeout_s: float = 60.0) -> None:
+        """Wait until a new solver is in use; for tests and offline studies."""
+        while (maker := self._maker) is not None:
+            maker.join(timeout_s)
+            if maker.is_alive():
+                raise TimeoutError(f"the solver is not ready after {timeout_s} s")
+            self._take()
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
-        self.estimator.is_started = False
-        self._plan.clear()
-        self._bad_in_a_row = 0
-        self._late_s = 0.0
-        self._applied = applied
-        self._reference: Reference | None = None
-        self._proposed: Command | None = None
-        self._restart_corridors()
-
-    def _restart_corridors(self) -> None:
-        """Let the corridors begin at the outputs."""
-        assert self._depth is not None and self._temperature is not None
-        self._depth.start_at(None)
-        self._temperature.start_at(None)
+        self.library.reset(applied.force_kn, applied.speed_rpm)
 
     def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
         """See :meth:`fsw_control.Controller.step`."""
         began = perf_counter()
-        if isfinite(applied.force_kn) and isfinite(applied.speed_rpm):
-            self._applied = applied
-        applied = self._applied
-        if isfinite(reference.depth_mm) and isfinite(reference.temperature_c):
-            self._reference = reference
-        if not self._estimate(measurement, applied, dt_s):
-            return Proposal(applied, False, f"waiting for valid sensors: {_needed(measurement)}")
-        if self._reference is None:
-            return Proposal(applied, False, f"no usable reference: {reference}")
-        if self._proposed is not None and _differ(applied, self._proposed):
-            # someone else is in command: when this controller takes over it begins where the outputs are
-            self._restart_corridors()
-        problem = self._problem(self._reference, applied, dt_s)
-        solution = self.solver.solve(problem, self._plan.moves)
-        refusal = self._plan.refusal(solution, problem)
-        if refusal and self._plan.moves.any():
-            # the start may have been the cause: a failed solve must not poison the next
-            cold = self.solver.solve(problem, np.zeros_like(self._plan.moves))
-            solution = replace(cold, iterations=solution.iterations + cold.iterations)
-            refusal = self._plan.refusal(solution, problem)
-        return self._propose(solution, refusal, applied, began)
-
-    def _estimate(self, measurement: Measurement, applied: Command, dt_s: float) -> bool:
-        """Bring the estimator to this tick; False while there is nothing to start from."""
-        self._late_s += dt_s if 0.0 <= dt_s < _LONGEST_GAP_S else _LONGEST_GAP_S
-        ticks = floor(self._late_s / STEP_S + 0.5)
-        self._late_s -= ticks * STEP_S
-        if self.estimator.is_started and ticks * STEP_S < _LONGEST_GAP_S:
-            nothing = Measurement(measurement.time_s, *_NOTHING, False, False, False)
-            for missed in range(ticks - 1, -1, -1):
-                if not self.estimator.step(nothing if missed else measurement, applied):
-                    break
-            if self.estimator.is_started:
-                return True
-            self._plan.clear()
-        self._restart_corridors()
-        self._late_s = 0.0
-        return self.estimator.start(measurement, applied)
-
-    def _problem(self, reference: Reference, applied: Command, dt_s: float) -> Problem:
-        assert self._depth is not None and self._temperature is not None
-        elapsed_s = dt_s if 0.0 <= dt_s < _LONGEST_GAP_S else STEP_S
-        estimator = self.estimator
-        return Problem(
-            estimator.estimate(),
-            applied,
-            self.limits,
-            *self._depth.bands(reference.depth_mm, estimator.depth_mm, elapsed_s, estimator.depth_offset_mm),
-            *self._temperature.bands(
-                reference.temperature_c, estimator.temperature_c, elapsed_s, estimator.temperature_offset_c
-            ),
-            self._weights,
-        )
-
-    def _propose(self, solution: Solution, refusal: str, applied: Command, began: float) -> Proposal:
-        healthy, reason = True, ""
-        if not refusal:
-            self._bad_in_a_row = 0
-            move = self._plan.accept(solution)
-        else:
-            self._bad_in_a_row += 1
-            self.bad_cycles += 1
-            move = self._plan.follow()
-            reason = f"solver: {refusal}; following the last plan ({self._bad_in_a_row} of {self.plan_reuse})"
-            healthy = self._bad_in_a_row <= self.plan_reuse
-        blind = self.estimator.blind_sensors
-        if blind:
-            healthy, reason = False, f"no valid {', '.join(blind)} for {self.estimator.tuning.blind_limit_s:g} s"
-        command = self.limits.clip(Command(applied.force_kn + move[0], applied.speed_rpm + move[1]), applied)
-        self._proposed = command
-        plan = self._plan.seen_from(applied)
-        self._plan.shift()
+        self._take()
+        library, m = self.library, measurement
+        given, told = library.input, library.output
+        given.depth_mm, given.torque_nm, given.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
+        given.depth_fresh = m.depth_valid and "depth" not in m.held
+        given.torque_fresh = m.torque_valid and "torque" not in m.held
+        given.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
+        given.force_kn, given.speed_rpm = m.force_kn, m.speed_rpm
+        given.applied_force_kn, given.applied_speed_rpm = applied.force_kn, applied.speed_rpm
+        given.reference_depth_mm, given.reference_temperature_c = reference.depth_mm, reference.temperature_c
+        given.dt_s = dt_s
+        if self.solver is None:
+            library.step()
+        elif library.begin():
+            moves = np.array(library.state.plan.start[: 2 * library.horizon.n_blocks])
+            fate, moves, depth_mm, temperature_c = self.solver.solve(library.state.problem, moves)
+            library.end(moves, depth_mm, temperature_c, fate)
+        command = Command(told.force_kn, told.speed_rpm)
+        reason = self._reason(m) if told.reason else ""
+        if told.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
+            return Proposal(command, False, reason)
         diagnosis = Diagnosis(
-            depth_estimate_mm=self.estimator.depth_mm,
-            temperature_estimate_c=self.estimator.temperature_c,
-            disturbances=self.estimator.disturbances(),
-            solver_status=refusal or f"{self.solver.name}: {solution.status}",
-            iterations=solution.iterations,
+            depth_estimate_mm=told.depth_mm,
+            temperature_estimate_c=told.temperature_c,
+            torque_estimate_nm=told.torque_nm,
+            disturbances=dict(zip(DISTURBANCES, told.disturbance, strict=True)),
+            solver_status=f"{self.solver.name if self.solver else 'rti'}: {FATES[told.fate]}",
+            iterations=told.iterations,
             solve_time_s=perf_counter() - began,
-            active_limits=self.limits.active(command, applied),
-            bad_cycles=self.bad_cycles,
-            plan=plan,
+            active_limits=self.settings.limits.active(command, applied),
+            bad_cycles=told.bad_cycles,
+            plan=self._plan() if told.has_plan else None,
         )
-        return Proposal(command, healthy, reason, diagnosis)
+        return Proposal(command, bool(told.healthy), reason, diagnosis)
+
+    def _reason(self, m: Measurement) -> str:
+        told, s = self.library.output, self.settings
+        if told.reason == Reason.WAITING_FOR_SENSORS:
+            missing = [name for name in m.invalid_sensors() if name != "torque"]
+            return f"waiting for valid sensors: {', '.join(missing) or 'depth and temperature are no weld'}"
+        if told.reason == Reason.WAITING_FOR_REFERENCE:
+            return "no usable reference"
+        if told.reason == Reason.BLIND:
+            blind = ", ".join(name for bit, name in _BLIND if told.blind & bit)
+            return f"no valid {blind} for {s.blind_limit_s:g} s"
+        return f"solver: {FATES[told.fate]}; following the last plan ({told.bad_in_a_row} of {s.plan_reuse})"
+
+    def _plan(self) -> Plan:
+        told, n = self.library.output, len(self._time_s)
+        return Plan(
+            time_s=self._time_s,
+            depth_mm=tuple(told.plan_depth_mm[:n]),
+            temperature_c=tuple(told.plan_temperature_c[:n]),
+            force_kn=tuple(told.plan_force_kn[:n]),
+            speed_rpm=tuple(told.plan_speed_rpm[:n]),
+        )
 
 
-def _differ(one: Command, other: Command) -> bool:
-    """Whether two commands are more apart than by rounding."""
-    return abs(one.force_kn - other.force_kn) > 1e-6 or abs(one.speed_rpm - other.speed_rpm) > 1e-6
+def _make(settings: Settings) -> tuple[Library, Solver | None]:
+    """The library for the settings and, where another one is asked for, the solver."""
+    horizon = horizon_of(settings.model, settings.tuning.blocks)
+    try:
+        library = Library(kernel_build.ensure(), settings.model, horizon, settings.struct())
+    except (RuntimeError, OSError) as error:
+        raise ValueError(f"nmpc: {error}") from None
+    if settings.solver == "rti":
+        return library, None
+    from fsw_nmpc.reference import ReferenceSolver  # IPOPT takes a second to make ready
+
+    return library, ReferenceSolver(library, settings.model)
 
 
-def _needed(measurement: Measurement) -> str:
-    invalid = [name for name in measurement.invalid_sensors() if name != "torque"]
-    return ", ".join(invalid) or "depth and temperature are no weld's"
+def _solver_key(settings: Settings) -> tuple[str, int]:
+    return settings.solver, settings.tuning.blocks

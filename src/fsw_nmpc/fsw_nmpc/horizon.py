@@ -1,8 +1,9 @@
-"""The prediction horizon: grid (28), moves, model steps and the exact weights of the dead time.
+"""The prediction horizon: grid (36), moves, model steps and the exact weights of the dead time.
 
-The temperature at the end of a step is linear in the power that entered one dead time earlier. The power jumps with the
-spindle speed, so it is taken as linear within each step, with a left and a right value; the weights of these values are
-computed once, exactly, for every step, also where a long step of the tail looks back over many short ones.
+Copper and tool at the end of a step are linear in the power that entered one dead time earlier. The power within a step
+is ``P0 + P1 s/h + P2 exp(-s / motor lag)``, which is exact where the process torque is linear; the weights of these
+three are computed once, exactly, for every step, whatever the dead time, also where a long step of the tail looks back
+over many short ones.
 """
 
 from __future__ import annotations
@@ -13,34 +14,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_model import STEP_S, ModelParameters
-from fsw_model.equations import linear_blocks, matrix_exponential
+from fsw_model.equations import depth_modes, matrix_exponential, power_response, thermal_block
 
 Vector = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
+#: Blocks of moves: those of :func:`default_block_lengths`, or a move in every interval of the paper's grid.
+BLOCKS = (20, 54)
+#: No model step is longer than the dead time; with a shorter one the tail would take more steps than the library has.
+LEAST_DEAD_TIME_S = 0.9
+
+
 def paper_grid() -> tuple[float, ...]:
-    """Grid of the paper (28): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s."""
+    """Grid of the paper (36): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s."""
     return (*(round(0.1 * k, 1) for k in range(51)), 7.0, 10.0, 15.0, 30.0)
 
 
 def default_block_lengths() -> tuple[int, ...]:
     """Lengths, in intervals, of 20 blocks: fine where the plan will be applied, coarse later."""
-    return (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 6, 7, 8, 2, 1, 1)
+    return (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 7, 14, 1, 1, 1, 1)
 
 
 def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
     """The paper's grid with 20 blocks of ramps, or with a move in every interval (54).
 
+    With 20 blocks a move of the tail may be as large as the inputs can go in its interval; with 54, as in the paper, no
+    larger than in one tick.
+
     Raises
     ------
     ValueError
-        If ``blocks`` is neither.
+        If ``blocks`` is neither, or the dead time is too short.
     """
-    choices = {20: None, len(paper_grid()) - 1: (1,) * (len(paper_grid()) - 1)}
+    choices: dict[int, tuple[int, ...]] = {BLOCKS[0]: default_block_lengths(), BLOCKS[1]: (1,) * BLOCKS[1]}
     if blocks not in choices:
         raise ValueError(f"horizon: {blocks} blocks; known: {', '.join(map(str, choices))}")
-    return make_horizon(parameters, block_lengths=choices[blocks])
+    if parameters.dead_time_s < LEAST_DEAD_TIME_S:
+        raise ValueError(
+            f"model parameter 'dead_time_s' is {parameters.dead_time_s:g}: "
+            f"the NMPC needs at least {LEAST_DEAD_TIME_S:g} s"
+        )
+    return make_horizon(parameters, block_lengths=choices[blocks], long_moves=blocks == BLOCKS[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +68,10 @@ class Horizon:
         Output points (the ends of the intervals).
     interval_block : (n_out,) int array
         Block of moves of each interval.
+    interval_ticks : (n_out,) array
+        Length of each interval.
+    block_reach : (n_blocks,) array
+        Largest move of a block's intervals in largest moves of a tick.
     step_length_s, step_interval : (n_steps,) arrays
         Model steps, none longer than ``longest_step_s``.
     out_step : (n_out,) int array
@@ -60,18 +79,20 @@ class Horizon:
     depth_width, temperature_width : (n_out,) int arrays
         Leading variables (two per block) that an output depends on.
     modes : (n_steps, 10) array
-        Per step: creep gain; decay and gain of the slow and the fast part; thermal-depth/temperature transition
-        (tt, tT, TT); constants of both.
+        Per step: gain of creep; decay and gain of the slow mode; decay of the motor torque and its lag over the step's
+        length; transition of (copper, tool): cc, tc, tt; their gains of a constant power.
     weight_start : (n_steps + 1,) int array
     weight_segment : (n,) int array
-    weight : (n, 4) array
-        Delayed power: segment (history first), weights on (thermal depth, temperature) of left and right value.
+    weight : (n, 6) array
+        Delayed power: segment (history first), weights of its three coefficients on copper, then on the tool.
     n_history : int
-        Power segments before now.
+        Power segments before now, of 0.1 s each; the oldest one counts in part if the dead time is no whole number.
     """
 
     time_s: Vector
     interval_block: Indices
+    interval_ticks: Vector
+    block_reach: Vector
     step_length_s: Vector
     step_interval: Indices
     out_step: Indices
@@ -104,6 +125,7 @@ def make_horizon(
     grid_s: tuple[float, ...] | None = None,
     block_lengths: tuple[int, ...] | None = None,
     longest_step_s: float = 1.0,
+    long_moves: bool = False,
 ) -> Horizon:
     """Tables for a model, a grid and a choice of blocks.
 
@@ -115,24 +137,29 @@ def make_horizon(
     block_lengths : tuple of int, optional
         Intervals per block; ``(1,) * n`` for a move in every interval. 20 blocks by default.
     longest_step_s : float
-        Longest model step in the tail, less than the dead time.
+        Longest model step in the tail; never longer than the dead time.
+
+    long_moves : bool
+        Whether a move of a longer interval may be larger, in proportion.
 
     Raises
     ------
     ValueError
-        If the grid, the blocks or the longest step do not fit together.
+        If the grid and the blocks do not fit together.
     """
     grid = np.array(paper_grid() if grid_s is None else grid_s)
     lengths = default_block_lengths() if block_lengths is None else block_lengths
     if grid[0] != 0.0 or np.any(np.diff(grid) <= 0):
         raise ValueError("horizon grid: must begin at 0 and increase")
+    if len(grid) > 2 and abs(grid[1] - STEP_S) > 1e-9:
+        raise ValueError(f"horizon grid: the first interval must be one tick of {STEP_S} s")
     n_out = len(grid) - 1
     if sum(lengths) != n_out or min(lengths) < 1:
         raise ValueError(f"horizon blocks: lengths must be >= 1 and add up to {n_out} intervals, not {sum(lengths)}")
-    if not 0 < longest_step_s < parameters.dead_time_s:
-        raise ValueError(f"horizon: longest_step_s must lie between 0 and the dead time {parameters.dead_time_s} s")
+    longest_step_s = min(longest_step_s, parameters.dead_time_s)
     blocks = np.repeat(np.arange(len(lengths)), lengths).astype(np.int32)
 
+    ticks = np.diff(grid) / STEP_S
     length: list[float] = []
     interval: list[int] = []
     for i, span in enumerate(np.diff(grid)):
@@ -151,8 +178,8 @@ def make_horizon(
         dtype=np.int32,
     )
 
-    n_history = round(parameters.dead_time_s / STEP_S)
-    starts = np.concatenate([-parameters.dead_time_s + STEP_S * np.arange(n_history), ends - np.array(length)])
+    n_history = int(np.ceil(parameters.dead_time_s / STEP_S - 1e-9))
+    starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - np.array(length)])
     lengths_all = np.concatenate([np.full(n_history, STEP_S), length])
     modes = np.empty((len(length), 10))
     weight_start, weight_segment, weight = [0], [], []
@@ -166,6 +193,10 @@ def make_horizon(
     return Horizon(
         time_s=grid[1:].copy(),
         interval_block=blocks,
+        interval_ticks=ticks,
+        block_reach=np.array([ticks[blocks == b].min() for b in range(len(lengths))])
+        if long_moves
+        else np.ones(len(lengths)),
         step_length_s=np.array(length),
         step_interval=step_interval,
         out_step=out_step,
@@ -179,39 +210,27 @@ def make_horizon(
     )
 
 
-def _thermal(p: ModelParameters) -> tuple[Vector, Vector, Vector]:
-    """The (thermal depth, temperature) block: matrix, power input, constant."""
-    a, _, b_power, b_const = linear_blocks(p)
-    return a[3:, 3:], b_power[3:], b_const[3:]
-
-
 def _modes(p: ModelParameters, h: float) -> Vector:
-    a, b_force, _, _ = linear_blocks(p)
-    slow, fast = np.exp(a[1, 1] * h), np.exp(a[2, 2] * h)
-    at, _, const = _thermal(p)
+    poles, gains = depth_modes(p)
+    decay = np.exp(poles[1] * h)
+    gain = (decay - 1.0) / poles[1] * gains[1]
+    a, b = thermal_block(p)
     chain = np.zeros((3, 3))
-    chain[:2, :2], chain[:2, 2] = at, const
+    chain[:2, :2], chain[:2, 2] = a, b
     e = matrix_exponential(chain * h)
-    gain_slow, gain_fast = (slow - 1.0) / a[1, 1] * b_force[1], (fast - 1.0) / a[2, 2] * b_force[2]
-    return np.array([b_force[0] * h, slow, gain_slow, fast, gain_fast, e[0, 0], e[0, 1], e[1, 1], e[0, 2], e[1, 2]])
+    motor = np.exp(-h / p.motor_lag_s)
+    return np.array([gains[0] * h, decay, gain, motor, p.motor_lag_s / h, e[0, 0], e[1, 0], e[1, 1], e[0, 2], e[1, 2]])
 
 
 def _delayed_weights(
     p: ModelParameters, window_start: float, h: float, starts: Vector, lengths: Vector
 ) -> list[tuple[int, Vector]]:
     """Weights of the power segments that overlap [window_start, window_start + h]."""
-    at, b_power, _ = _thermal(p)
+    a, _ = thermal_block(p)
     result = []
     for j in np.nonzero((starts < window_start + h - 1e-9) & (starts + lengths > window_start + 1e-9))[0]:
         begin, end = max(starts[j], window_start), min(starts[j] + lengths[j], window_start + h)
-        span = end - begin
-        chain = np.zeros((4, 4))
-        chain[:2, :2], chain[:2, 2], chain[2, 3] = at, b_power, 1.0
-        piece = matrix_exponential(chain * span)[:2, 2:]  # response to power 1 and to power growing with slope 1
-        onward = matrix_exponential(at * (window_start + h - end))
-        constant, slope = onward @ piece[:, 0], onward @ piece[:, 1]
-        at_begin = (begin - starts[j]) / lengths[j]
-        right = constant * at_begin + slope / lengths[j]
-        left = constant - right
-        result.append((int(j), np.array([left[0], right[0], left[1], right[1]])))
+        response = power_response(p, float(lengths[j]), begin - starts[j], end - begin)[:, [0, 1, 3]]
+        onward = matrix_exponential(a * (window_start + h - end))
+        result.append((int(j), (onward @ response).ravel()))
     return result

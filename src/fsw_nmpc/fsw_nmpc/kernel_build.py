@@ -4,7 +4,7 @@ The library goes into the user's cache, under a name that tells sources, flags a
 never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
 library (``setup.py``); it is used if it was made from the same sources.
 
-Run ``python -m fsw_nmpc.kernel_build`` to build it ahead; without a compiler the controller uses its CasADi solver.
+Run ``python -m fsw_nmpc.kernel_build`` to build it ahead. Where there is no compiler, the ziglang wheel brings one.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "kernel"
-SOURCES = ("solve.c", "factor.c", "rows.c", "predict.c", "torque.c")
+SOURCES = ("controller.c", "estimator.c", "trajectory.c", "predict.c", "solve.c", "rows.c", "factor.c", "torque.c")
 # no contraction: the same results on every machine, whatever the width of its vectors
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
 #: for a library that stays on this machine; done without where the compiler does not know it
@@ -56,18 +57,18 @@ def cache_path() -> Path:
 
 
 def compiler() -> list[str] | None:
-    """Command of the C compiler (``CC`` or the first of cc, gcc, clang), None if there is none."""
+    """Command of the C compiler: ``CC``, the first of cc, gcc, clang, or the one in the ziglang wheel."""
     wanted = shlex.split(os.environ.get("CC", ""))
     for command in [wanted, ["cc"], ["gcc"], ["clang"]]:
         if command and shutil.which(command[0]):
             return command
-    return None
+    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
 
 
 def is_usable(library: Path) -> bool:
     """Whether a library can be loaded and was made from these sources."""
     try:
-        identify = ctypes.CDLL(str(library)).fsw_nmpc_id
+        identify = ctypes.CDLL(str(library)).fsw_controller_id
     except (OSError, AttributeError):
         return False
     identify.restype = ctypes.c_char_p
@@ -118,7 +119,7 @@ def build(library: Path | None = None, extra_flags: tuple[str, ...] = (), native
     """
     command = compiler()
     if command is None:
-        raise RuntimeError("no C compiler found (set CC); the 'casadi' solver works without one")
+        raise RuntimeError("no C compiler found: install one, set CC, or 'pip install ziglang'")
     try:
         library = library or cache_path()
         library.parent.mkdir(parents=True, exist_ok=True)
@@ -141,7 +142,7 @@ def build(library: Path | None = None, extra_flags: tuple[str, ...] = (), native
 
 def _compile(command: list[str], target: Path) -> str | None:
     """Compile into ``target``; returns None, or the compiler's words if it fails."""
-    identity = f'-DFSW_NMPC_ID="{source_id()}"'
+    identity = f'-DFSW_CONTROLLER_ID="{source_id()}"'
     files = [str(FOLDER / name) for name in SOURCES]
     try:
         run = subprocess.run(

@@ -17,17 +17,18 @@ from fsw_model import ModelParameters, equations
 
 #: Parameters of the torque function, in the order of the kernel's ``torque_par``.
 TORQUE_PARAMETERS = (
-    "shoulder_radius_m",
-    "contact_inner_radius_m",
-    "probe_volume_m3",
     "sticking_stress_pa",
-    "friction_coefficient",
+    "sliding_friction",
+    "contact_radius_m",
+    "contact_slope",
+    "geometry_offset_m3",
+    "geometry_factor",
 )
 SOURCE = Path(__file__).parent / "kernel" / "torque.c"
 
 
 def torque_function() -> ca.Function:
-    """CasADi function (force_kn, depth_mm, parameters (5)) -> (torque N m, by force, by depth)."""
+    """CasADi function (force_kn, depth_mm, parameters (6)) -> (torque N m, by force, by depth)."""
     force, depth = ca.SX.sym("force_kn"), ca.SX.sym("depth_mm")
     par = ca.SX.sym("parameters", len(TORQUE_PARAMETERS))
     named = SimpleNamespace(**{name: par[i] for i, name in enumerate(TORQUE_PARAMETERS)})

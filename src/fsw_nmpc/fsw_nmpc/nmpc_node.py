@@ -13,16 +13,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rclpy.logging import get_logger
 
 from fsw_control import run_controller
-from fsw_nmpc.configured import ConfiguredNmpc
+from fsw_nmpc import NmpcController
 
 
-def _make(values: Mapping[str, Any]) -> ConfiguredNmpc:
-    return ConfiguredNmpc(values, log=get_logger("fsw_nmpc").info)
+def _make(values: Mapping[str, Any]) -> NmpcController:
+    return NmpcController(values, log=get_logger("fsw_nmpc").info)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_controller(_make, name=ConfiguredNmpc.name, parameters=("fsw_nmpc", "nmpc.yaml"), args=args)
+    return run_controller(_make, name=NmpcController.name, parameters=("fsw_nmpc", "nmpc.yaml"), args=args)
 
 
 if __name__ == "__main__":

@@ -3,35 +3,40 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from fsw_model import ModelParameters
-from fsw_model.equations import process_power_kw, process_torque_nm
+from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
+from fsw_nmpc.library import Start, Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the power history.
-N_START = 11
+N_START = 12
+
+
+def start_vector(start: Start) -> Vector:
+    """The ``start`` of :func:`prediction_function`, shape (12,)."""
+    s = start
+    offsets = [s.force_offset_kn, s.heat_offset_kw, s.torque_scale, s.depth_offset_mm, s.temp_offset_c]
+    return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets])
 
 
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:
-    """CasADi function (moves, start (11,), history (2 n_history,)) -> (depth (n_out,), temperature (n_out,)).
+    """CasADi function (moves, start (12,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
-    ``start`` holds the state (5), the applied force and speed, the force offset, the torque scale and the offsets of
-    depth and temperature; ``history`` the power's left and right values, oldest first.
+    ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale and the
+    offsets of depth and temperature; ``history`` the power's coefficients, oldest first.
     """
+    p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
     start = ca.SX.sym("start", N_START)
-    history = ca.SX.sym("history_kw", 2 * horizon.n_history)
-    creep, slow, fast, thermal, temperature = ca.vertsplit(start[:5])
+    history = ca.SX.sym("history_kw", 3 * horizon.n_history)
+    creep, slow, copper, tool, motor = ca.vertsplit(start[:5])
     force, speed = start[5], start[6]
-    force_offset, scale, depth_offset, temperature_offset = start[7], start[8], start[9], start[10]
-    segments: list[tuple[ca.SX, ca.SX]] = [(history[2 * j], history[2 * j + 1]) for j in range(horizon.n_history)]
-
-    def contact_depth() -> ca.SX:
-        return parameters.operating_depth_mm + creep + slow + fast + thermal
-
-    def power() -> ca.SX:
-        torque = process_torque_nm(parameters, force + force_offset, contact_depth())
-        return process_power_kw(scale * torque, speed)
+    force_offset, heat_offset, scale, depth_offset, temperature_offset = ca.vertsplit(start[7:])
+    segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
+    poles, gains = depth_modes(p)
+    fast_gain = -gains[2] / poles[2]
 
     depths: list[ca.SX] = []
     temperatures: list[ca.SX] = []
@@ -41,20 +46,27 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
             interval = int(horizon.step_interval[k])
             block = int(horizon.interval_block[interval])
             force, speed = force + moves[2 * block], speed + moves[2 * block + 1]
-        gain, decay_slow, gain_slow, decay_fast, gain_fast, tt, tc, cc, const_t, const_c = horizon.modes[k].tolist()
-        pushed = force + force_offset - parameters.operating_force_kn
-        left = power()
-        creep, slow = creep + gain * pushed, decay_slow * slow + gain_slow * pushed
-        fast = decay_fast * fast + gain_fast * pushed
-        thermal, temperature = tt * thermal + tc * temperature + const_t, cc * temperature + const_c
+        creep_gain, decay, gain, motor_decay, lag, cc, tc, tt, heat_copper, heat_tool = horizon.modes[k].tolist()
+        acting = force + force_offset
+        pushed = acting - p.operating_force_kn
+        settled = p.operating_depth_mm + fast_gain * pushed
+        depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
+        left = scale * process_torque_nm(p, acting, depth)
+        creep, slow = creep + creep_gain * pushed, decay * slow + gain * pushed
+        copper, tool = cc * copper + heat_copper * heat_offset, tc * copper + tt * tool + heat_tool * heat_offset
         for e in range(horizon.weight_start[k], horizon.weight_start[k + 1]):
-            begin, end = segments[horizon.weight_segment[e]]
-            w = horizon.weight[e].tolist()
-            thermal, temperature = thermal + w[0] * begin + w[1] * end, temperature + w[2] * begin + w[3] * end
-        segments.append((left, power()))
+            arriving = ca.DM(horizon.weight[e].reshape(2, 3)) @ segments[horizon.weight_segment[e]]
+            copper, tool = copper + arriving[0], tool + arriving[1]
+        depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
+        rise = scale * process_torque_nm(p, acting, depth) - left
+        begin = left - lag * rise
+        friction = friction_torque_nm(p, speed)
+        rest = motor - friction - begin
+        segments.append(power_kw(ca.vertcat(begin, rise, rest), speed) - ca.DM([p.operating_power_kw, 0.0, 0.0]))
+        motor = begin + rise + friction + motor_decay * rest
         if horizon.out_step[interval] == k:
-            depths.append(contact_depth() + depth_offset)
-            temperatures.append(temperature + temperature_offset)
+            depths.append(depth + depth_offset)
+            temperatures.append(p.operating_temperature_c + tool + temperature_offset)
     return ca.Function(
         "prediction",
         [moves, start, history],

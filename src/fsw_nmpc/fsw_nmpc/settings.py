@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 from fsw_control import Limits
 from fsw_control.parameters import load, validate
-from fsw_nmpc.estimator import EstimatorTuning
-from fsw_nmpc.horizon import paper_grid
+from fsw_model import ModelParameters, nominal
+from fsw_nmpc.library import TuningStruct
 from fsw_nmpc.tuning import Tuning
-
-#: choices of ``blocks``: the ramps of :func:`fsw_nmpc.horizon.default_block_lengths`, or a move in every interval
-BLOCKS = (20, len(paper_grid()) - 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """Everything that can be chosen at the node, checked."""
 
+    model: ModelParameters
     tuning: Tuning
-    estimator: EstimatorTuning
     limits: Limits
     solver: str
-    blocks: int
     max_iterations: int
     plan_reuse: int
-    model: str
+    blind_limit_s: float
+
+    def struct(self) -> TuningStruct:
+        """What the library takes of them."""
+        return self.tuning.struct(self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
@@ -36,32 +36,30 @@ class Settings:
         Raises
         ------
         ValueError
-            If a value is unknown or out of range, or if values contradict each other.
+            If a value is unknown or out of range, values contradict each other, or a file cannot be used.
         """
         v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
-        if v["blocks"] not in BLOCKS:
-            raise ValueError(f"blocks: {v['blocks']} must be {' or '.join(map(str, BLOCKS))}")
         for name in ("force", "speed"):
             if not v[f"{name}_min"] < v[f"{name}_max"]:
                 raise ValueError(f"{name}_min must be below {name}_max")
-        tuning = Tuning.preset(v["preset"])
-        if v["corridor"] != "preset":
-            tuning = replace(tuning, corridor=v["corridor"])
+        try:
+            model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
+        except OSError as error:
+            raise ValueError(f"model_file: cannot read {v['model_file']}: {error.strerror}") from None
+        tuning = Tuning.preset(v["preset"], model)
+        if v["tuning_file"]:
+            tuning = Tuning.from_file(v["tuning_file"], tuning)
+        tuning = tuning.with_knobs(
+            v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"], v["depth_priority"]
+        )
         return cls(
-            tuning=replace(tuning, **_given(v, "", Tuning)),
-            estimator=EstimatorTuning(**_given(v, "estimator.", EstimatorTuning)),
+            model=model,
+            tuning=tuning,
             limits=Limits(
                 v["force_min"], v["force_max"], v["speed_min"], v["speed_max"], v["force_step"], v["speed_step"]
             ),
             solver=v["solver"],
-            blocks=v["blocks"],
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
-            model=v["model"],
+            blind_limit_s=v["blind_limit"],
         )
-
-
-def _given(values: Mapping[str, Any], prefix: str, kind: type[Tuning] | type[EstimatorTuning]) -> dict[str, Any]:
-    """The numbers among the fields of ``kind`` that are not left to the preset."""
-    named = {field.name: values.get(prefix + field.name) for field in fields(kind)}
-    return {name: value for name, value in named.items() if isinstance(value, float) and value >= 0.0}

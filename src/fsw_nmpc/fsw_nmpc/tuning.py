@@ -1,150 +1,255 @@
-"""All tuning of the NMPC as data, with the presets ``paper`` and ``default``."""
+"""All tuning of the NMPC as data: the presets ``paper`` and ``default``, knobs, and files."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from math import isfinite
+from math import exp, isfinite
+from pathlib import Path
 
-from fsw_nmpc.corridor import KINDS
-from fsw_nmpc.shape import Shape
+import yaml
 
-PRESETS: dict[str, dict[str, float | str]] = {
-    # (28)-(37) of the paper
-    "paper": {
-        "corridor": "recentred",
-        "corridor_depth_s": 5.0,
-        "corridor_temperature_s": 5.0,
-        "dead_band_depth_mm": 2e-3,
-        "dead_band_temperature_c": 0.1,
-        "weight_depth_per_mm": 100.0,
-        "weight_temperature_per_c": 1.0,
-        "square_depth_per_mm2": 0.0,
-        "square_temperature_per_c2": 0.0,
-        "move_force_per_kn": 1.0,
-        "move_speed_per_rpm": 0.01,
-        "move_force_square": 0.0,
-        "move_speed_square": 0.0,
-    },
-    "default": {},
-}
+from fsw_control import Limits
+from fsw_model import STEP_S, ModelParameters
+from fsw_nmpc.horizon import BLOCKS
+from fsw_nmpc.library import N_STATES, TuningStruct
 
-_POSITIVE = tuple(
-    f"{output}_{name}"
-    for output in ("depth", "temperature")
-    for name in ("acceleration", "slow_speed", "time_s", "top_speed", "ramp_speed", "pass_speed", "haste")
-)
+#: Reference trajectories, in the order of the library's ``FSW_APPROACH`` ...; see ``kernel/trajectory.c``.
+TRAJECTORIES = ("approach", "constant", "cold_start", "recentred")
+#: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
+_APPROACH_PER_DEAD_TIME = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorTuning:
+    """Standard deviations of the sensors, and of the random walk per tick of what changes by itself.
+
+    Attributes
+    ----------
+    depth_noise_mm, torque_noise_nm, temperature_noise_c : float
+    creep_walk_mm, copper_walk_c, motor_walk_nm : float
+    force_walk_kn, heat_walk_kw, torque_scale_walk : float
+    depth_offset_walk_mm, temperature_offset_walk_c : float
+    offset_memory_s : float
+        Time constant with which the two offsets leak.
+    jump_sigmas : float
+        A measurement further off is a spike, and two in a row are a jump; 0: never.
+    """
+
+    depth_noise_mm: float = 2e-3
+    torque_noise_nm: float = 2.0
+    temperature_noise_c: float = 0.1
+    creep_walk_mm: float = 2e-5
+    copper_walk_c: float = 1e-3
+    motor_walk_nm: float = 0.05
+    force_walk_kn: float = 5e-3
+    heat_walk_kw: float = 5e-4
+    torque_scale_walk: float = 1e-4
+    depth_offset_walk_mm: float = 5e-5
+    temperature_offset_walk_c: float = 3e-2
+    offset_memory_s: float = 600.0
+    jump_sigmas: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Weights, dead-bands and corridors of the cost.
+    """Reference trajectories, cost and estimator.
 
     Attributes
     ----------
-    corridor : str
-        ``shaped``: jumps are worked off as fast as the handles can follow, see ``fsw_nmpc.shape``; ``continuing``: the
-        filtered set-point goes on by itself, so a disturbance is met at once; ``recentred``: as in the paper, the
-        corridor starts at the measurement in every cycle.
-    corridor_depth_s, corridor_temperature_s : float
-        Time constants of the first-order set-point corridors (``continuing`` and ``recentred``).
+    trajectory : str
+        One of ``TRAJECTORIES``.
+    depth_time_s, temperature_time_s : float
+        Time constants of the approach near the set-point, or of the corridors (tau_t).
     dead_band_depth_mm, dead_band_temperature_c : float
-        Half widths of the dead-bands.
+        Half widths of the dead-bands about the trajectory.
     weight_depth_per_mm, weight_temperature_per_c : float
         L1 weights outside the dead-band, per output point.
-    square_depth_per_mm2, square_temperature_per_c2 : float
-        Quadratic weights on the deviation from the corridor's centre, per output point.
+    depth_scale_mm, temperature_scale_c : float
+        Quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none.
     move_force_per_kn, move_speed_per_rpm : float
         L1 weights on the moves of an interval.
-    move_force_square, move_speed_square : float
-        Quadratic weights on the moves of an interval, per kN^2 and per (3 rpm)^2.
-    interval_weighting : float
-        0: every output point counts the same, as in the paper; 1: in proportion to its interval's length over 0.1 s;
-        between: the length to this power.
-    depth_acceleration, depth_slow_speed, depth_time_s, depth_top_speed, depth_ramp_speed, depth_pass_speed, depth_haste
-        Shape of the depth's corridor, in mm and s, see :class:`fsw_nmpc.shape.Shape`.
-    temperature_acceleration, temperature_slow_speed, temperature_time_s, temperature_top_speed, temperature_ramp_speed
-        Shape of the temperature's corridor, in degC and s.
-    temperature_pass_speed, temperature_haste, temperature_delay_s : float
-        Likewise; the delay is the dead time.
+    full_move_cost : float
+        Quadratic cost of an interval's move, twice that of the largest move, for both inputs.
+    blocks : int
+        20: blocks of moves over the 54 intervals; 54: a move in every interval, as in the paper.
+    estimator : EstimatorTuning
     """
 
-    corridor: str = "shaped"
-    corridor_depth_s: float = 5.0
-    corridor_temperature_s: float = 5.0
-    dead_band_depth_mm: float = 3e-4
-    dead_band_temperature_c: float = 0.02
-    weight_depth_per_mm: float = 58.0
-    weight_temperature_per_c: float = 0.87
-    square_depth_per_mm2: float = 3000.0
-    square_temperature_per_c2: float = 0.06
-    move_force_per_kn: float = 0.5
-    move_speed_per_rpm: float = 0.024
-    move_force_square: float = 0.75
-    move_speed_square: float = 0.5
-    interval_weighting: float = 0.0
-    depth_acceleration: float = 0.0152
-    depth_slow_speed: float = 0.004
-    depth_time_s: float = 5.5
-    depth_top_speed: float = 0.05
-    depth_ramp_speed: float = 0.004
-    depth_pass_speed: float = 0.02
-    depth_haste: float = 1.8
-    temperature_acceleration: float = 0.93
-    temperature_slow_speed: float = 0.4
-    temperature_time_s: float = 7.3
-    temperature_top_speed: float = 2.6
-    temperature_ramp_speed: float = 0.5
-    temperature_pass_speed: float = 0.5
-    temperature_haste: float = 1.0
-    temperature_delay_s: float = 2.8
+    trajectory: str = "approach"
+    depth_time_s: float = 1.1
+    temperature_time_s: float = 2.24
+    dead_band_depth_mm: float = 0.0
+    dead_band_temperature_c: float = 0.0
+    weight_depth_per_mm: float = 0.0
+    weight_temperature_per_c: float = 0.0
+    depth_scale_mm: float = 0.003
+    temperature_scale_c: float = 0.08
+    move_force_per_kn: float = 0.0
+    move_speed_per_rpm: float = 0.0
+    full_move_cost: float = 0.2
+    blocks: int = 20
+    estimator: EstimatorTuning = EstimatorTuning()
 
     def __post_init__(self) -> None:
-        if self.corridor not in KINDS:
-            raise ValueError(f"tuning 'corridor' is {self.corridor!r}: must be {', '.join(KINDS[:-1])} or {KINDS[-1]}")
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name != "corridor" and not (isfinite(value) and value >= 0.0):
-                raise ValueError(f"tuning {field.name!r} is {value!r}: must be a finite number >= 0")
-        for name in _POSITIVE:
-            if getattr(self, name) <= 0.0:
-                raise ValueError(f"tuning {name!r} is {getattr(self, name)!r}: must be positive")
-
-    @property
-    def depth_shape(self) -> Shape:
-        """How a jump of the depth's set-point or disturbance is worked off."""
-        return Shape(
-            self.depth_acceleration,
-            self.depth_slow_speed,
-            self.depth_time_s,
-            self.depth_top_speed,
-            self.depth_ramp_speed,
-            self.depth_pass_speed,
-            self.depth_haste,
-        )
-
-    @property
-    def temperature_shape(self) -> Shape:
-        """How a jump of the temperature's set-point or disturbance is worked off."""
-        return Shape(
-            self.temperature_acceleration,
-            self.temperature_slow_speed,
-            self.temperature_time_s,
-            self.temperature_top_speed,
-            self.temperature_ramp_speed,
-            self.temperature_pass_speed,
-            self.temperature_haste,
-            self.temperature_delay_s,
-        )
+        if self.trajectory not in TRAJECTORIES:
+            raise ValueError(f"tuning 'trajectory' is {self.trajectory!r}: must be one of {', '.join(TRAJECTORIES)}")
+        own = [(f.name, getattr(self, f.name)) for f in fields(self) if f.name not in ("trajectory", "estimator")]
+        for name, value in own + [
+            (f"estimator.{f.name}", getattr(self.estimator, f.name)) for f in fields(self.estimator)
+        ]:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0.0:
+                raise ValueError(f"tuning {name!r} is {value!r}: must be a finite number >= 0")
+        if self.blocks not in BLOCKS:
+            raise ValueError(f"tuning 'blocks' is {self.blocks!r}: must be {' or '.join(map(str, BLOCKS))}")
+        for name in ("depth_time_s", "temperature_time_s"):
+            if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
+                raise ValueError(
+                    f"tuning {name!r} is {getattr(self, name)!r}: an approach takes at least {2 * STEP_S} s"
+                )
 
     @classmethod
-    def preset(cls, name: str) -> Tuning:
-        """A named set, see ``PRESETS``.
+    def preset(cls, name: str, parameters: ModelParameters) -> Tuning:
+        """A named tuning for a model.
+
+        Parameters
+        ----------
+        name : str
+            ``default``: by rule from the model; ``paper``: (28)-(37).
+        parameters : ModelParameters
 
         Raises
         ------
         ValueError
             If there is no such preset.
         """
-        if name not in PRESETS:
-            raise ValueError(f"tuning preset {name!r} is unknown; known: {', '.join(PRESETS)}")
-        return replace(cls(), **PRESETS[name])  # type: ignore[arg-type]
+        if name == "default":
+            return cls(temperature_time_s=max(_APPROACH_PER_DEAD_TIME * parameters.dead_time_s, 2 * STEP_S))
+        if name == "paper":
+            return PAPER
+        raise ValueError(f"preset {name!r} is unknown; known: default, paper")
+
+    def with_knobs(
+        self,
+        depth_aggressiveness: float = 1.0,
+        temperature_aggressiveness: float = 1.0,
+        calmness: float = 1.0,
+        depth_priority: float = 1.0,
+    ) -> Tuning:
+        """Turn the knobs; 1 leaves the tuning as it is.
+
+        Parameters
+        ----------
+        depth_aggressiveness, temperature_aggressiveness : float
+            Divide the time constants of the trajectories.
+        calmness : float
+            Multiplies the cost of moves and divides the random walks of the estimator.
+        depth_priority : float
+            Multiplies the cost of depth deviations, where the inputs do not suffice for both outputs.
+        """
+        e = self.estimator
+        walks = {f.name: getattr(e, f.name) / calmness for f in fields(e) if "_walk" in f.name}
+        return replace(
+            self,
+            depth_time_s=self.depth_time_s / depth_aggressiveness,
+            temperature_time_s=self.temperature_time_s / temperature_aggressiveness,
+            weight_depth_per_mm=self.weight_depth_per_mm * depth_priority,
+            depth_scale_mm=self.depth_scale_mm / depth_priority**0.5,
+            full_move_cost=self.full_move_cost * calmness,
+            move_force_per_kn=self.move_force_per_kn * calmness,
+            move_speed_per_rpm=self.move_speed_per_rpm * calmness,
+            estimator=replace(e, **walks),
+        )
+
+    def struct(
+        self,
+        limits: Limits,
+        max_iterations: int = 50,
+        plan_reuse: int = 5,
+        blind_limit_s: float = 3.0,
+        tolerance: float = 1e-6,
+    ) -> TuningStruct:
+        """The tuning as the library takes it."""
+        e = self.estimator
+        times = (self.depth_time_s, self.temperature_time_s)
+        walk = [0.0] * N_STATES  # of the states in the library's order; slow and tool do not walk by themselves
+        walk[0], walk[2], walk[4:] = (
+            e.creep_walk_mm,
+            e.copper_walk_c,
+            (
+                e.motor_walk_nm,
+                e.force_walk_kn,
+                e.heat_walk_kw,
+                e.torque_scale_walk,
+                e.depth_offset_walk_mm,
+                e.temperature_offset_walk_c,
+            ),
+        )
+        return TuningStruct(
+            trajectory=TRAJECTORIES.index(self.trajectory),
+            max_iterations=max_iterations,
+            plan_reuse=plan_reuse,
+            time_s=times,
+            corridor_decay=tuple(exp(-STEP_S / time_s) if time_s > 0.0 else 0.0 for time_s in times),
+            dead_band=(self.dead_band_depth_mm, self.dead_band_temperature_c),
+            weight=(self.weight_depth_per_mm, self.weight_temperature_per_c),
+            square=tuple(1.0 / s**2 if s > 0.0 else 0.0 for s in (self.depth_scale_mm, self.temperature_scale_c)),
+            move_weight=(self.move_force_per_kn, self.move_speed_per_rpm),
+            move_square=(self.full_move_cost / limits.force_step_kn**2, self.full_move_cost / limits.speed_step_rpm**2),
+            move_max=(limits.force_step_kn, limits.speed_step_rpm),
+            input_min=(limits.force_min_kn, limits.speed_min_rpm),
+            input_max=(limits.force_max_kn, limits.speed_max_rpm),
+            tolerance=tolerance,
+            noise=(e.depth_noise_mm, e.torque_noise_nm, e.temperature_noise_c),
+            walk=tuple(walk),
+            offset_keep=exp(-STEP_S / e.offset_memory_s) if e.offset_memory_s > 0.0 else 0.0,
+            jump_sigmas=e.jump_sigmas,
+            blind_limit_s=blind_limit_s,
+        )
+
+    @classmethod
+    def from_file(cls, path: str | Path, base: Tuning) -> Tuning:
+        """Read a YAML file of fields over ``base``; those of the estimator are a mapping ``estimator``.
+
+        Raises
+        ------
+        ValueError
+            If the file cannot be read or something in it is wrong; the message is one line.
+        """
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+        except OSError as error:
+            raise ValueError(f"tuning_file: cannot read {path}: {error.strerror}") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+        if not isinstance(content, Mapping) or not isinstance(content.get("estimator", {}), Mapping):
+            raise ValueError(f"{path}: must map names of tuning fields to values")
+        own, estimator = dict(content), dict(content.get("estimator", {}))
+        own.pop("estimator", None)
+        for given, kind in ((own, cls), (estimator, EstimatorTuning)):
+            unknown = sorted(str(name) for name in given if name not in {f.name for f in fields(kind)})
+            if unknown:
+                known = ", ".join(f.name for f in fields(kind))
+                raise ValueError(f"{path}: unknown {', '.join(unknown)}; known: {known}")
+        try:
+            return replace(base, **own, estimator=replace(base.estimator, **estimator))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+
+#: (28)-(37): L1 cost (37) outside dead-bands about first-order corridors (32), (33)
+PAPER = Tuning(
+    trajectory="recentred",
+    depth_time_s=5.0,
+    temperature_time_s=5.0,
+    dead_band_depth_mm=2e-3,
+    dead_band_temperature_c=0.1,
+    weight_depth_per_mm=100.0,
+    weight_temperature_per_c=1.0,
+    depth_scale_mm=0.0,
+    temperature_scale_c=0.0,
+    move_force_per_kn=1.0,
+    move_speed_per_rpm=0.01,
+    full_move_cost=0.0,
+    blocks=54,
+)

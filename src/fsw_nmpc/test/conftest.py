@@ -1,32 +1,20 @@
-"""Problems and solvers that several tests of the NMPC share."""
+"""What several tests of the NMPC share."""
 
 import numpy as np
 import pytest
 
-from fsw_model import nominal
-from fsw_nmpc import kernel_build
-from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.solvers.casadi_qp import CasadiSolver
-from fsw_nmpc.solvers.rti import RtiSolver
+from fsw_test_support.nmpc_problems import make_library
 
-PARAMETERS = nominal()
+
+@pytest.fixture(scope="session", params=[20, 54])
+def library(request):
+    """A controller library with 20 blocks of ramps, or with a move in every interval."""
+    return make_library(request.param)
 
 
 @pytest.fixture(scope="session")
-def library():
-    if kernel_build.find() is None and kernel_build.compiler() is None:
-        pytest.skip("the kernel is not built and there is no C compiler")
-    return kernel_build.ensure()
-
-
-@pytest.fixture(scope="session", params=[20, 54])
-def rti(request, library):
-    return RtiSolver(PARAMETERS, horizon_of(PARAMETERS, request.param), library, max_iterations=100)
-
-
-@pytest.fixture(scope="session", params=[20, 54])
-def fallback(request):
-    return CasadiSolver(PARAMETERS, horizon_of(PARAMETERS, request.param), max_iterations=100)
+def library20():
+    return make_library(20)
 
 
 @pytest.fixture

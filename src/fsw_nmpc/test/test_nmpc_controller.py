@@ -9,29 +9,22 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Limits, Measurement, Reference
 from fsw_model import ProcessModel, nominal
-from fsw_nmpc.controller import NmpcController
-from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.ocp import Solution
-from fsw_nmpc.solvers.choice import make_solver
-from fsw_nmpc.tuning import Tuning
+from fsw_nmpc import NmpcController
+from fsw_nmpc.library import Fate
 
 P = nominal()
-TARGET = Reference(2.66, 850.0)
+TARGET = Reference(2.66, 816.4)
 NAN = float("nan")
-
-
-@pytest.fixture(scope="module")
-def solver():
-    return make_solver("auto", P, 20, 50)[0]
 
 
 class Loop:
     """Process and controller; the process may differ from the controller's model."""
 
-    def __init__(self, controller, model=None):
-        self.controller, self.model = controller, model or ProcessModel(P)
+    def __init__(self, controller=None, model=None):
+        self.controller, self.model = controller or NmpcController(), model or ProcessModel(P)
         rest = self.model.equilibrium()
         self.state, self.applied, self.tick = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm), 0
+        self.controller.reset(self.applied)
 
     def measure(self, **changes):
         shown = self.model.outputs(self.state, self.applied.force_kn, self.applied.speed_rpm)
@@ -51,131 +44,193 @@ class Loop:
         return self.measure()
 
 
-def test_rests_at_the_operating_point(solver):
-    loop = Loop(NmpcController(solver, P))
+def within(command, before):
+    """Whether a proposal keeps the moves, and the bounds where they can be reached."""
+    lim = Limits()
+    near = (
+        abs(command.force_kn - before.force_kn) <= 1.0 + 1e-9
+        and abs(command.speed_rpm - before.speed_rpm) <= 3.0 + 1e-9
+    )
+    force = min(before.force_kn - 1.0, 95.0) - 1e-9 <= command.force_kn <= max(before.force_kn + 1.0, 60.0) + 1e-9
+    inside = (
+        command.force_kn <= max(lim.force_max_kn, before.force_kn - 1.0) + 1e-9
+        and command.force_kn >= min(lim.force_min_kn, before.force_kn + 1.0) - 1e-9
+        and command.speed_rpm <= max(lim.speed_max_rpm, before.speed_rpm - 3.0) + 1e-9
+        and command.speed_rpm >= min(lim.speed_min_rpm, before.speed_rpm + 3.0) - 1e-9
+    )
+    return near and force and inside
+
+
+def test_rests_at_the_operating_point():
+    loop = Loop()
     for _ in range(50):
         proposal = loop.step()
         assert proposal.healthy
-        assert proposal.diagnosis.solver_status.endswith("solved")
-    assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-4)
-    assert loop.shown.temperature_c == pytest.approx(850.0, abs=0.03)
+        assert proposal.diagnosis.solver_status == "rti: solved"
+    assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-6)
+    assert loop.shown.temperature_c == pytest.approx(816.4, abs=1e-4)
+    assert set(proposal.diagnosis.disturbances) == {"force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c"}
 
 
-@pytest.mark.parametrize("preset", ["default", "paper"])
-def test_tracks_both_set_points(solver, preset):
-    controller = NmpcController(solver, P, Tuning.preset(preset))
-    loop = Loop(controller)
+@pytest.mark.parametrize(("preset", "depth_mm", "temperature_c"), [("default", 1e-4, 0.01), ("paper", 3e-3, 0.2)])
+def test_tracks_both_set_points(preset, depth_mm, temperature_c):
+    loop = Loop(NmpcController({"preset": preset}))
     for _ in range(10):
         loop.step()
     for _ in range(500):
-        proposal = loop.step(Reference(2.72, 856.0))
-    assert loop.shown.depth_mm == pytest.approx(2.72, abs=controller.tuning.dead_band_depth_mm + 1e-3)
-    assert loop.shown.temperature_c == pytest.approx(856.0, abs=controller.tuning.dead_band_temperature_c + 0.1)
+        proposal = loop.step(Reference(2.72, 822.4))
+    assert loop.shown.depth_mm == pytest.approx(2.72, abs=depth_mm)
+    assert loop.shown.temperature_c == pytest.approx(822.4, abs=temperature_c)
     assert len(proposal.diagnosis.plan.time_s) == 54
     assert proposal.diagnosis.plan.time_s[-1] == pytest.approx(30.0)
 
 
-def test_no_offset_under_torque_error(solver):
-    """+10 % torque in the process: no output stays off, and the estimator says why."""
-    wrong = P.scaled(sticking_stress_pa=1.1, friction_coefficient=1.1)
-    loop = Loop(NmpcController(solver, P), ProcessModel(wrong))
-    for _ in range(1200):
-        proposal = loop.step()
-    assert abs(loop.shown.depth_mm - 2.66) < 1e-3
-    assert abs(loop.shown.temperature_c - 850.0) < 0.1
-    assert proposal.diagnosis.disturbances["torque scale [1]"] == pytest.approx(1.1, abs=0.02)
+def test_plan_is_what_happens():
+    """Nominal process, no noise: with inputs as planned, the outputs are as planned."""
+    loop = Loop()
+    for _ in range(5):
+        loop.step()
+    for _ in range(3):
+        plan = loop.step(Reference(2.8, 826.4)).diagnosis.plan
+    for k in range(1, 45):
+        assert loop.shown.depth_mm == pytest.approx(plan.depth_mm[k - 1], abs=5e-4)
+        assert loop.shown.temperature_c == pytest.approx(plan.temperature_c[k - 1], abs=0.2)
+        loop.step(Reference(2.8, 826.4), follow=Command(plan.force_kn[k], plan.speed_rpm[k]))
 
 
-def test_no_offset_under_output_disturbances(solver):
-    loop = Loop(NmpcController(solver, P))
+@pytest.mark.parametrize(
+    "factors",
+    [
+        {"sticking_stress_pa": 1.1, "sliding_friction": 1.1},
+        {"thermal_gain_c_per_kw": 0.7},
+        {"thermal_gain_c_per_kw": 1.4},
+        {"depth_gain_mm_per_kn_s": 0.7},
+        {"depth_gain_mm_per_kn_s": 1.4},
+        {"softening_per_c": 1.5},
+        {"dead_time_s": 1.2},
+        {"copper_lag_s": 1.5},
+    ],
+    ids=lambda factors: " ".join(f"{name}x{factor}" for name, factor in factors.items()),
+)
+def test_no_offset_on_another_process(factors):
+    loop = Loop(model=ProcessModel(P.scaled(**factors)))
+    for _ in range(30):
+        loop.step()
+    for _ in range(1300):
+        loop.step(Reference(2.76, 824.4))
+    assert loop.shown.depth_mm == pytest.approx(2.76, abs=5e-4)
+    assert loop.shown.temperature_c == pytest.approx(824.4, abs=0.05)
+
+
+def test_no_offset_under_output_disturbances():
+    loop = Loop()
     for _ in range(900):
         shown = loop.shown
         loop.step(depth_mm=shown.depth_mm + 0.05, temperature_c=shown.temperature_c - 3.0)
-    assert loop.shown.depth_mm + 0.05 == pytest.approx(2.66, abs=1e-3)
-    assert loop.shown.temperature_c - 3.0 == pytest.approx(850.0, abs=0.1)
+    assert loop.shown.depth_mm + 0.05 == pytest.approx(2.66, abs=2e-4)
+    assert loop.shown.temperature_c - 3.0 == pytest.approx(816.4, abs=0.02)
 
 
-def test_predicts_through_a_missing_sensor_then_gives_up(solver):
-    controller = NmpcController(solver, P)
-    loop = Loop(controller)
+def test_predicts_through_a_missing_sensor_then_gives_up():
+    loop = Loop()
     for _ in range(30):
         loop.step()
-    sure = controller.estimator.depth_deviation_mm
-    limit = round(controller.estimator.tuning.blind_limit_s / 0.1)
-    for k in range(limit):
+    for k in range(30):
         assert loop.step(depth_mm=NAN, depth_valid=False).healthy, k
-    assert controller.estimator.depth_deviation_mm > 2.0 * sure
-    assert loop.shown.depth_mm == pytest.approx(2.66, abs=5e-3)
+    assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-3)
     proposal = loop.step(depth_mm=NAN, depth_valid=False)
     assert not proposal.healthy
-    assert "depth" in proposal.reason
+    assert proposal.reason == "no valid depth for 3 s"
     assert loop.step().healthy
+
+
+def test_held_values_are_no_measurements():
+    """A depth sensor hangs while the set-point moves: its held value must not tell the estimator to stand still."""
+    loop, held = Loop(), None
+    for k in range(40):
+        if k < 10:
+            loop.step()
+            held = loop.shown.depth_mm
+        elif k < 25:
+            proposal = loop.step(Reference(2.76, 816.4), depth_mm=held, held=("depth",))
+        else:
+            proposal = loop.step(Reference(2.76, 816.4))
+        if k >= 10:
+            assert proposal.diagnosis.depth_estimate_mm == pytest.approx(loop.shown.depth_mm, abs=5e-3)
 
 
 @pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, 1e300, -1e300, 0.0])
 @pytest.mark.parametrize("sensor", ["depth_mm", "torque_nm", "temperature_c"])
-def test_absurd_samples_that_claim_to_be_valid(solver, sensor, value):
+def test_absurd_samples_that_claim_to_be_valid(sensor, value):
     """Never an exception nor a command beyond limits; sound again at once when the sensor is."""
-    loop = Loop(NmpcController(solver, P))
+    loop = Loop()
     for _ in range(20):
         loop.step()
     for _ in range(3):
         before = loop.applied
-        proposal = loop.step(**{sensor: value})
-        assert Limits().clip(proposal.command, before) == proposal.command
+        assert within(loop.step(**{sensor: value}).command, before)
     for _ in range(250):
         proposal = loop.step()
     assert proposal.healthy
-    assert abs(loop.shown.depth_mm - 2.66) < 0.05
-    assert abs(loop.shown.temperature_c - 850.0) < 5.0
+    assert abs(loop.shown.depth_mm - 2.66) < 0.01
+    assert abs(loop.shown.temperature_c - 816.4) < 1.0
 
 
 @settings(max_examples=25, deadline=None)
 @given(
     depth=st.floats(2.3, 3.0),
-    temperature=st.floats(810.0, 910.0),
+    temperature=st.floats(780.0, 880.0),
     force=st.floats(55.0, 100.0),
     speed=st.floats(280.0, 520.0),
     seed=st.integers(0, 1000),
 )
-def test_limits_hold_always(solver, depth, temperature, force, speed, seed):
-    """Any set-point, any applied command: every proposal is within bounds and rates of the applied command."""
+def test_limits_hold_always(depth, temperature, force, speed, seed):
+    """Any set-point, any applied command: every proposal is within bounds and moves of the applied command."""
     rng = np.random.default_rng(seed)
-    loop = Loop(NmpcController(solver, P))
+    loop = Loop()
     loop.applied = Command(force, speed)
     for _ in range(30):
         before, shown = loop.applied, loop.shown
         proposal = loop.step(Reference(depth, temperature), depth_mm=shown.depth_mm + rng.normal(0, 2e-3))
-        assert proposal.command == Limits().clip(proposal.command, before)
-        assert abs(proposal.command.force_kn - before.force_kn) <= 1.0 + 1e-9
-        assert abs(proposal.command.speed_rpm - before.speed_rpm) <= 3.0 + 1e-9
-        if not 55.0 <= loop.shown.temperature_c <= 1080.0:
-            break
+        assert within(proposal.command, before)
 
 
-def test_saturation_without_failures(solver):
-    """Set-points out of reach: no failed solve."""
-    controller = NmpcController(solver, P)
-    loop = Loop(controller)
+def test_saturation_without_failures():
+    """Set-points out of reach: no failed solve, and the set-points that can be reached are."""
+    loop = Loop()
     for k in range(600):
         sign = 1 if k // 150 % 2 else -1
-        loop.step(Reference(2.66 + 0.5 * sign, 850.0 + (60.0 if sign > 0 else -40.0)))
-    assert controller.bad_cycles == 0
+        proposal = loop.step(Reference(2.66 + 0.5 * sign, 816.4 + (60.0 if sign > 0 else -40.0)))
+    assert proposal.diagnosis.bad_cycles == 0
+    for _ in range(900):
+        loop.step()
+    assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-3)
+    assert loop.shown.temperature_c == pytest.approx(816.4, abs=0.1)
 
 
-def test_follows_the_applied_command_without_a_bump(solver):
-    """While another controller moves the handles every proposal starts from them; so does the first after the swap."""
-    loop = Loop(NmpcController(solver, P))
+def test_follows_another_controller_and_takes_over_without_a_bump():
+    """Another one moves the inputs about while this one only watches; then it is in command, and nothing jumps."""
+    loop = Loop()
     for k in range(100):
         before = loop.applied
         other = Command(before.force_kn + 0.1 * math.sin(0.3 * k), before.speed_rpm + 0.5 * math.cos(0.2 * k))
-        proposal = loop.step(follow=other)
-        assert proposal.healthy
-        assert abs(proposal.command.force_kn - before.force_kn) <= 1.0 + 1e-9
-    last = loop.applied
-    first = loop.step()
-    assert abs(first.command.force_kn - last.force_kn) <= 1.0 + 1e-9
-    assert abs(first.command.speed_rpm - last.speed_rpm) <= 3.0 + 1e-9
+        assert loop.step(follow=other).healthy
+    here = Reference(loop.shown.depth_mm, loop.shown.temperature_c)
+    watched, last = loop.controller.library.output, loop.applied
+    assert watched.depth_mm == pytest.approx(here.depth_mm, abs=1e-3)
+    moves = []
+    for _ in range(30):
+        loop.step(here)
+        moves.append((loop.applied.force_kn - last.force_kn, loop.applied.speed_rpm - last.speed_rpm))
+        last = loop.applied
+    rest = Loop()
+    for _ in range(100):
+        rest.step()
+    still = rest.applied
+    first = rest.step()
+    assert abs(first.command.force_kn - still.force_kn) < 1e-3  # at rest a swap moves nothing at all
+    assert abs(first.command.speed_rpm - still.speed_rpm) < 1e-2
+    assert all(abs(force) <= 1.0 + 1e-9 and abs(speed) <= 3.0 + 1e-9 for force, speed in moves)
 
 
 class Broken:
@@ -183,66 +238,65 @@ class Broken:
 
     name = "broken"
 
-    def __init__(self, inner):
-        self.inner, self.horizon, self.how, self.starts = inner, inner.horizon, "", []
+    def __init__(self, library):
+        self.library, self.how, self.starts = library, "", []
 
     def solve(self, problem, moves):
         self.starts.append(np.array(moves))
-        s = self.inner.solve(problem, moves)
+        fate, found, depth, temperature = self.library.solve(problem, moves)
         if self.how == "status":
-            return Solution(s.moves, s.depth_mm, s.temperature_c, "iteration cap", 9, s.cost)
-        if self.how == "nan":
-            return Solution(s.moves * np.nan, s.depth_mm, s.temperature_c, "solved", 9, s.cost)
-        if self.how == "fast":
-            return Solution(s.moves + 2.0, s.depth_mm, s.temperature_c, "solved", 9, s.cost)
-        if self.how == "beyond":
-            away = np.tile([0.9, 2.9], len(moves) // 2)
-            return Solution(away, s.depth_mm, s.temperature_c, "solved", 9, s.cost)
-        return s
+            fate = Fate.CAP
+        elif self.how == "nan":
+            found = found * np.nan
+        elif self.how == "fast":
+            found = found + 2.0
+        elif self.how == "beyond":
+            found = np.tile([0.9, 2.9], len(moves) // 2)
+        return fate, found, depth, temperature
 
 
 @pytest.mark.parametrize("how", ["status", "nan", "fast", "beyond"])
-def test_a_failed_solve_is_bridged_by_the_plan_then_told(solver, how):
-    broken = Broken(solver)
-    controller = NmpcController(broken, P, plan_reuse=4)
+def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
+    controller = NmpcController({"plan_reuse": 4})
+    controller.solver = broken = Broken(controller.library)
     loop = Loop(controller)
     for _ in range(15):
-        proposal = loop.step(Reference(2.76, 850.0))
-    planned = np.diff([loop.applied.force_kn, *(f + 0.0 for f in proposal.diagnosis.plan.force_kn[1:4])])
+        proposal = loop.step(Reference(2.76, 816.4))
+    planned = np.diff([loop.applied.force_kn, *proposal.diagnosis.plan.force_kn[1:4]])
     broken.how = how
     for k in range(4):
         before = loop.applied
-        proposal = loop.step(Reference(2.76, 850.0))
+        proposal = loop.step(Reference(2.76, 816.4))
         assert proposal.healthy
         assert proposal.reason.startswith("solver: ")
         if k < 3:
             assert proposal.command.force_kn - before.force_kn == pytest.approx(planned[k], abs=1e-6)
         assert len(proposal.diagnosis.plan.time_s) == 54
-    proposal = loop.step(Reference(2.76, 850.0))
+    proposal = loop.step(Reference(2.76, 816.4))
     assert not proposal.healthy
-    assert controller.bad_cycles == 5
+    assert proposal.diagnosis.bad_cycles == 5
     broken.how, broken.starts = "", []
-    assert loop.step(Reference(2.76, 850.0)).healthy
+    assert loop.step(Reference(2.76, 816.4)).healthy
     assert not broken.starts[0].any(), "the solve after a failure starts cold"
 
 
-def test_late_ticks_are_predicted_over(solver):
+def test_late_ticks_are_predicted_over():
     """A gap of 1 s in the ticks: the estimate is where the process is."""
-    controller = NmpcController(solver, P)
-    loop = Loop(controller)
+    loop = Loop()
     for _ in range(40):
-        loop.step(Reference(2.70, 853.0))
+        loop.step(Reference(2.70, 819.4))
     for _ in range(9):
         loop.model.step(loop.state, loop.applied.force_kn, loop.applied.speed_rpm)
-    proposal = controller.step(loop.measure(), Reference(2.70, 853.0), loop.applied, 1.0)
+    proposal = loop.controller.step(loop.measure(), Reference(2.70, 819.4), loop.applied, 1.0)
     assert proposal.healthy
-    assert proposal.diagnosis.depth_estimate_mm == pytest.approx(loop.shown.depth_mm, abs=2e-3)
-    assert proposal.diagnosis.temperature_estimate_c == pytest.approx(loop.shown.temperature_c, abs=0.1)
+    # the first sample after the gap looks like a spike, so this is the prediction alone
+    assert proposal.diagnosis.depth_estimate_mm == pytest.approx(loop.shown.depth_mm, abs=5e-4)
+    assert proposal.diagnosis.temperature_estimate_c == pytest.approx(loop.shown.temperature_c, abs=1e-2)
 
 
 @pytest.mark.parametrize("dt_s", [0.0, -1.0, 1e9, NAN])
-def test_strange_times(solver, dt_s):
-    loop = Loop(NmpcController(solver, P))
+def test_strange_times(dt_s):
+    loop = Loop()
     for _ in range(5):
         loop.step()
     proposal = loop.controller.step(loop.measure(), TARGET, loop.applied, dt_s)
@@ -250,39 +304,53 @@ def test_strange_times(solver, dt_s):
     assert loop.step().healthy
 
 
-def test_diverged_estimator_starts_anew(solver):
-    controller = NmpcController(solver, P)
-    loop = Loop(controller)
+def test_diverged_estimator_starts_anew():
+    loop = Loop()
     for _ in range(20):
         loop.step()
-    controller.estimator._p[:] = np.nan
+    for row in loop.controller.library.state.estimator.p:
+        row[:] = [NAN] * 10
     proposals = [loop.step() for _ in range(3)]
     assert proposals[-1].healthy
-    assert proposals[-1].diagnosis.depth_estimate_mm == pytest.approx(2.66, abs=5e-3)
+    assert proposals[-1].diagnosis.depth_estimate_mm == pytest.approx(2.66, abs=1e-3)
 
 
-def test_waits_for_what_it_needs(solver):
-    controller = NmpcController(solver, P)
-    assert not controller.step(Measurement(0.0, 2.66, 1e3, 850.0), Reference(NAN, 850.0), Command(78, 400), 0.1).healthy
-    nothing = Measurement(0.0, NAN, NAN, NAN, False, False, False)
-    controller.reset(Command(78.4, 407.576))
-    proposal = controller.step(nothing, TARGET, Command(78.4, 407.576), 0.1)
-    assert not proposal.healthy
-    assert "depth" in proposal.reason
-    good = Measurement(0.1, 2.66, 1052.86, 850.0)
-    assert controller.step(good, TARGET, Command(78.4, 407.576), 0.1).healthy
+def test_waits_for_what_it_needs():
+    controller = NmpcController()
+    applied = Command(78.4, 407.576)
+    good = Measurement(0.1, 2.66, 1052.86, 816.4)
+    proposal = controller.step(good, Reference(NAN, 816.4), applied, 0.1)
+    assert (proposal.healthy, proposal.reason) == (False, "no usable reference")
+    controller.reset(applied)
+    proposal = controller.step(Measurement(0.0, NAN, NAN, NAN, False, False, False), TARGET, applied, 0.1)
+    assert (proposal.healthy, proposal.reason) == (False, "waiting for valid sensors: depth, thermocouple")
+    assert controller.step(good, TARGET, applied, 0.1).healthy
     assert controller.step(good, Reference(NAN, NAN), Command(NAN, NAN), 0.1).healthy
 
 
-def test_replaced_solver_goes_on_with_the_plan(solver):
-    controller = NmpcController(solver, P)
-    loop = Loop(controller)
+def test_another_horizon_goes_on_with_the_plan(tmp_path):
+    loop = Loop()
     for _ in range(12):
-        loop.step(Reference(2.76, 850.0))
-    other = make_solver("auto", P, 54, 50)[0]
-    controller.replace_solver(other)
-    assert controller.solver.horizon.n_blocks == horizon_of(P, 54).n_blocks
-    before = loop.applied
-    proposal = loop.step(Reference(2.76, 850.0))
+        before = loop.step(Reference(2.76, 816.4))
+    file = tmp_path / "every_interval.yaml"
+    file.write_text("blocks: 54")
+    loop.controller.configure({"tuning_file": str(file)})
+    loop.controller.finish_changes()
+    assert loop.controller.library.horizon.n_blocks == 54
+    last = loop.applied
+    proposal = loop.step(Reference(2.76, 816.4))
     assert proposal.healthy
-    assert proposal.command == Limits().clip(proposal.command, before)
+    planned = before.diagnosis.plan.force_kn[1] - before.diagnosis.plan.force_kn[0]
+    assert proposal.command.force_kn - last.force_kn == pytest.approx(planned, abs=0.2)
+
+
+def test_reference_solver_in_the_loop_does_the_same():
+    """Real-time iterations against problems solved to convergence, over a step of both set-points."""
+    loops = [Loop(), Loop(NmpcController({"solver": "reference"}))]
+    for k in range(40):
+        for loop in loops:
+            proposal = loop.step(TARGET if k < 3 else Reference(2.76, 822.4))
+            assert proposal.healthy, proposal.reason
+    assert loops[0].shown.depth_mm == pytest.approx(loops[1].shown.depth_mm, abs=5e-4)
+    assert loops[0].applied.force_kn == pytest.approx(loops[1].applied.force_kn, abs=0.2)
+    assert loops[0].applied.speed_rpm == pytest.approx(loops[1].applied.speed_rpm, abs=0.5)

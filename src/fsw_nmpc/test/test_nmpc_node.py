@@ -18,7 +18,7 @@ from fsw_control.controller_node import ControllerNode
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
-from fsw_nmpc.configured import ConfiguredNmpc
+from fsw_nmpc import NmpcController
 
 STEP_NS = 100_000_000
 
@@ -43,7 +43,7 @@ class Peer:
     """The node, and a plant that stands still around it."""
 
     def __init__(self):
-        self.node = ControllerNode("nmpc", ConfiguredNmpc, ("fsw_nmpc", "nmpc.yaml"))
+        self.node = ControllerNode("nmpc", NmpcController, ("fsw_nmpc", "nmpc.yaml"))
         self.peer = rclpy.create_node("peer")
         self.got = {"proposal": [], "status": [], "prediction": []}
         for name, kind in (("proposal", WeldCommand), ("status", ControllerStatus), ("prediction", Prediction)):
@@ -58,7 +58,7 @@ class Peer:
         outputs = (*self.sensors, self.references, self.commands)
         self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
         self.wait(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
-        self.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
+        self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
 
     def wait(self, condition, seconds=20.0):
         end = time.monotonic() + seconds
@@ -71,7 +71,7 @@ class Peer:
         count = {name: len(messages) for name, messages in self.got.items()}
         stamp = k * STEP_NS
         makers = (convert.depth_message, convert.torque_message, convert.temperature_message)
-        for publisher, maker, value in zip(self.sensors, makers, (2.66, 1052.86, 850.0), strict=True):
+        for publisher, maker, value in zip(self.sensors, makers, (2.66, 1052.86, 816.4), strict=True):
             publisher.publish(maker(value, stamp))
         self.commands.publish(convert.command_message(Command(78.4, 407.576), stamp, "decentral"))
         self.wait(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
@@ -108,37 +108,37 @@ def test_parameters_at_runtime(peer):
     before = peer.tick(k + 1)
     changes = [
         Parameter("preset", value="paper"),
-        Parameter("blocks", value=54),
-        Parameter("weight_temperature_per_c", value=2.0),
+        Parameter("calmness", value=2.0),
+        Parameter("depth_priority", value=2.0),
     ]
     assert all(result.successful for result in peer.node.set_parameters(changes))
-    refused = peer.node.set_parameters([Parameter("blocks", value=33)])[0]
+    refused = peer.node.set_parameters([Parameter("calmness", value=33.0)])[0]
     assert not refused.successful
-    assert "blocks" in refused.reason
+    assert "calmness" in refused.reason
     after = peer.tick(k + 2)
     assert after.healthy
     assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
     peer.node._controller.finish_changes()
     assert peer.tick(k + 3).healthy
-    assert peer.node._controller.core.solver.horizon.n_blocks == 54
+    assert peer.node._controller.library.horizon.n_blocks == 54
 
 
 def test_process_starts_says_its_solver_and_ends_cleanly():
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "solver:=casadi"]
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "preset:=paper"]
     with subprocess.Popen(
         command, env=environment, stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
     ) as node:
         line = node.stdout.readline()
         node.send_signal(signal.SIGINT)
         rest, _ = node.communicate(timeout=30)
-    assert "solver: casadi, 20 blocks" in line
+    assert "solver: rti, 54 blocks" in line
     assert node.returncode == 0, rest
 
 
 def test_wrong_parameter_is_one_line_and_exit_code():
-    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "blocks:=33"]
+    command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "calmness:=33.0"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert run.returncode == 2
-    assert "blocks" in run.stderr
+    assert "calmness" in run.stderr
     assert "Traceback" not in run.stderr

@@ -48,7 +48,7 @@ static void assemble(fsw_workspace *w) {
     k[j] += w->diagonal[j] + w->hard.pivot[j] + w->hard.pivot[nv + j];
     for (int l = j; l < nv; l += 2) k[l] += w->size[j] * w->size[l] * suffix[l >> 1][l & 1];
   }
-  for (int k = 0; k < w->n_moves; k++) w->scratch.matrices.factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_rows + k];
+  for (int k = 0; k < w->n_moves; k++) w->scratch.matrices.factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_soft_rows + k];
 }
 
 /* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. */
@@ -62,7 +62,7 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
         const double f = above[c];
         for (int l = c; l < n; l++) row[l] -= f * above[l];
       }
-      if (!is_finite(row[c])) return FSW_FAILED;
+      if (!fsw_is_finite(row[c])) return FSW_FAILED;
       /* lost to rounding near the solution, where pivots differ by many decades: this variable stays where it is */
       const double per = per_diagonal[c] = row[c] > 0.0 ? 1.0 / sqrt(row[c]) : 0.0;
       for (int l = c; l < n; l++) row[l] *= per;

@@ -1,79 +1,33 @@
-/* Shared by the kernel's files; not part of its interface. */
-#ifndef FSW_NMPC_INTERNAL_H
-#define FSW_NMPC_INTERNAL_H
+/* Functions shared by the library's files; not part of its interface. */
+#ifndef FSW_INTERNAL_H
+#define FSW_INTERNAL_H
 
-#include "fsw_nmpc.h"
+#include "fsw_controller.h"
 
-#define FSW_OK 0
-#define FSW_CAP 1
-#define FSW_FAILED 2
+#define FSW_KW_PER_NM_RPM (3.14159265358979323846 / 30000.0)
 
-#define FSW_PAD 8                                    /* rows of matrices are padded with zeros to a multiple of this */
-#define FSW_STRIDE ((FSW_MAX_VARS + FSW_PAD - 1) / FSW_PAD * FSW_PAD)
-#define FSW_MAX_ROWS (2 * FSW_MAX_OUT)               /* depth and temperature at every output point */
-#define FSW_MAX_SOFT (2 * FSW_MAX_ROWS + FSW_MAX_VARS) /* above and below the dead-bands; the moves */
-#define FSW_MAX_HARD (4 * FSW_MAX_VARS)              /* moves above, below; inputs at the end of every block above, below */
+static inline int fsw_is_finite(double x) { return x - x == 0.0; }
+static inline double fsw_clip(double x, double low, double high) { return x < low ? low : (x > high ? high : x); }
 
-/* Soft sides: e = t - s, the violation t >= 0 costs `weight` each (dual pi), the slack s >= 0 has the dual lambda, and
- * lambda + pi = weight. */
-typedef struct {
-  double e[FSW_MAX_SOFT], weight[FSW_MAX_SOFT];
-  double t[FSW_MAX_SOFT], pi[FSW_MAX_SOFT], s[FSW_MAX_SOFT], lambda[FSW_MAX_SOFT];
-  double dt[FSW_MAX_SOFT], ds[FSW_MAX_SOFT], dlambda[FSW_MAX_SOFT];
-  double per_t[FSW_MAX_SOFT], per_pi[FSW_MAX_SOFT], per_s[FSW_MAX_SOFT], per_lambda[FSW_MAX_SOFT];
-  double residual[FSW_MAX_SOFT], pivot[FSW_MAX_SOFT], shift[FSW_MAX_SOFT], work[FSW_MAX_SOFT];
-} fsw_soft;
+/* torque.c, through torque.h */
+typedef struct { double value, by_force, by_depth; } fsw_torque;
+fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm);
+double fsw_friction(const fsw_model *m, double speed_rpm);
 
-/* Hard sides: e = -s, s >= 0 with dual lambda. */
-typedef struct {
-  double e[FSW_MAX_HARD], s[FSW_MAX_HARD], lambda[FSW_MAX_HARD], ds[FSW_MAX_HARD], dlambda[FSW_MAX_HARD];
-  double per_s[FSW_MAX_HARD], per_lambda[FSW_MAX_HARD];
-  double residual[FSW_MAX_HARD], pivot[FSW_MAX_HARD], shift[FSW_MAX_HARD], work[FSW_MAX_HARD];
-} fsw_hard;
+/* estimator.c */
+int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in);
+int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in);
+double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[FSW_STATES]);
 
-typedef struct { /* of use during the prediction only */
-  double power[FSW_MAX_STEPS][2];
-  double d_power[FSW_MAX_STEPS][2][FSW_MAX_VARS];
-  int width[FSW_MAX_STEPS];
-  double d_creep[FSW_MAX_VARS], d_slow[FSW_MAX_VARS], d_fast[FSW_MAX_VARS];
-  double d_thermal[FSW_MAX_VARS], d_temp[FSW_MAX_VARS], d_depth[FSW_MAX_VARS], count[FSW_MAX_BLOCKS];
-} fsw_path;
-
-typedef struct { /* of use after it only */
-  double factor[FSW_STRIDE][FSW_STRIDE];
-  double weighted[FSW_MAX_ROWS][FSW_STRIDE];         /* rows times their pivots */
-} fsw_matrices;
-
-typedef struct {
-  union { fsw_path path; fsw_matrices matrices; } scratch;
-  double output[FSW_MAX_ROWS];                       /* depth, then temperature; in the QP: without moves */
-  double by[FSW_MAX_ROWS][FSW_STRIDE];               /* their sensitivities; in the QP: by scaled moves */
-  /* quadratic program in scaled moves */
-  int nv, n_rows, n_moves;                           /* variables, rows in use, moves with an L1 weight */
-  int row[FSW_MAX_ROWS], row_width[FSW_MAX_ROWS];    /* rows in use: which output, leading variables it depends on */
-  int n_depth;                                       /* how many of them are of the depth; they come first */
-  int move[FSW_MAX_VARS];                            /* variables of the moves with an L1 weight */
-  double scale[FSW_MAX_VARS], size[FSW_MAX_VARS];    /* largest move; largest change of the input within the block */
-  double diagonal[FSW_MAX_VARS], gradient[FSW_MAX_VARS];
-  double low[FSW_MAX_ROWS], high[FSW_MAX_ROWS], square[FSW_MAX_ROWS], is_soft[FSW_MAX_ROWS];
-  double input_low[FSW_MAX_VARS], input_high[FSW_MAX_VARS];
-  double per_diagonal[FSW_MAX_VARS];
-  double z[FSW_STRIDE], step[FSW_STRIDE], dual[FSW_STRIDE];
-  double value[FSW_MAX_ROWS], change[FSW_MAX_ROWS];  /* a'z and a'dz of the rows in use */
-  double input[FSW_MAX_VARS], input_change[FSW_MAX_VARS];
-  double row_force[FSW_MAX_ROWS], input_force[FSW_MAX_VARS], row_pivot[FSW_MAX_ROWS];
-  fsw_soft soft;
-  fsw_hard hard;
-} fsw_workspace;
-
-static inline int is_finite(double x) { return x - x == 0.0; }
+/* trajectory.c */
+void fsw_trajectories(fsw_controller *c, const fsw_input *in);
 
 /* predict.c */
-int fsw_predict_into(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w);
+int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fsw_workspace *w);
 
 /* rows.c */
 double fsw_dot(const double *a, const double *b, int n);
-void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w);
+void fsw_build(const fsw_model *m, const fsw_tuning *t, const fsw_problem *problem, const double *v, fsw_workspace *w);
 void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input);
 void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *out);
 

@@ -1,42 +1,36 @@
-/* Prediction over the horizon with exact first-order sensitivities to all moves. */
+/* Prediction over the horizon with exact first-order sensitivities to all moves.
+ *
+ * Within a step the process torque is taken as linear between its values at the ends. So the motor torque (18) is
+ * q0 + q1 s/h + rest exp(-s/lag), and the power (24) is P0 + P1 s/h + P2 exp(-s/lag): three coefficients a step, which
+ * arrive in (16) one dead time later with weights that were computed once, exactly. */
 #include "internal.h"
-#include "torque.h"
 
-#define KW_PER_NM_RPM (3.14159265358979323846 / 30000.0)
-
-typedef struct { double value, by_force, by_depth; } torque_t;
-
-static torque_t torque_at(const fsw_nmpc_model *m, double scale, double force, double depth) {
-  double out[3];
-  fsw_torque(force, depth, m->torque_par, out);
-  torque_t t = {scale * out[0], scale * out[1], scale * out[2]};
-  return t;
+static fsw_torque scaled_torque(const fsw_model *m, double scale, double force, double depth) {
+  const fsw_torque t = fsw_torque_at(m, force, depth), s = {scale * t.value, scale * t.by_force, scale * t.by_depth};
+  return s;
 }
 
-/* Power node P = k w M(F, z) and its row of sensitivities; `width` leading variables may be non-zero. */
-static double power_node(torque_t t, double speed, const double *count, const double *dz, int width, double *row) {
-  const double kw = KW_PER_NM_RPM * speed;
+/* Row of sensitivities of a torque: the force moves directly (count of intervals moved), everything moves the depth. */
+static void torque_row(fsw_torque t, const double *count, const double *dz, int width, double *restrict row) {
   for (int j = 0; j < width; j += 2) {
-    const double n = count[j >> 1];
-    row[j] = kw * (t.by_force * n + t.by_depth * dz[j]);
-    row[j + 1] = kw * t.by_depth * dz[j + 1] + KW_PER_NM_RPM * t.value * n;
+    row[j] = t.by_force * count[j >> 1] + t.by_depth * dz[j];
+    row[j + 1] = t.by_depth * dz[j + 1];
   }
-  return kw * t.value;
 }
 
-int fsw_predict_into(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
+int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
   fsw_path *p = &w->scratch.path;
   const int nv = 2 * m->n_blocks;
-  double creep = c->x[0], slow = c->x[1], fast = c->x[2], thermal = c->x[3], temp = c->x[4];
-  double force = c->force_kn, speed = c->speed_rpm;
-  double depth = m->operating_depth_mm + creep + slow + fast + thermal;
-  double sum = depth + temp;
+  double creep = s->x[0], slow = s->x[1], copper = s->x[2], tool = s->x[3], motor = s->x[4];
+  double force = s->force_kn, speed = s->speed_rpm, depth = 0.0, sum = 0.0;
   int interval = -1, out = 0;
   for (int j = 0; j < nv; j++) {
-    p->d_creep[j] = p->d_slow[j] = p->d_fast[j] = p->d_thermal[j] = p->d_temp[j] = p->d_depth[j] = 0.0;
+    p->d_creep[j] = p->d_slow[j] = p->d_copper[j] = p->d_tool[j] = p->d_motor[j] = p->d_depth[j] = 0.0;
     p->count[j >> 1] = 0.0;
   }
   for (int k = 0; k < m->n_steps; k++) {
+    const double *mode = m->modes + k * FSW_MODES;
+    const double creep_gain = mode[0], slow_decay = mode[1], slow_gain = mode[2], motor_decay = mode[3], lag = mode[4];
     if (m->step_interval[k] != interval) {
       interval = m->step_interval[k];
       const int block = m->interval_block[interval];
@@ -44,81 +38,107 @@ int fsw_predict_into(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const doub
       force += v[2 * block];
       speed += v[2 * block + 1];
     }
-    const int width = 2 * (m->interval_block[interval] + 1);
-    const double *mode = m->modes + (long)k * FSW_MODES;
-    const double pushed = force + c->force_offset_kn - m->operating_force_kn;
-    double *left = p->d_power[k][0], *right = p->d_power[k][1];
-    p->power[k][0] =
-        power_node(torque_at(m, c->torque_scale, force + c->force_offset_kn, depth), speed, p->count, p->d_depth, width, left);
-    p->width[k] = width;
+    const int width = p->width[k] = 2 * (m->interval_block[interval] + 1);
+    const double acting = force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
+    const double softening = 1.0 + m->softening_per_c * tool;
+    double moved = m->operating_depth_mm + creep + slow + m->fast_gain * pushed;
+    for (int j = 0; j < width; j += 2) { /* depth right after the move: the fast mode has settled */
+      p->d_depth[j] = softening * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
+                      m->softening_per_c * moved * p->d_tool[j];
+      p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
+    }
+    depth = moved * softening;
+    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth);
+    torque_row(left, p->count, p->d_depth, width, p->d_left);
 
-    /* depth driven by force: three modes, exact over the step */
-    creep += mode[0] * pushed;
-    slow = mode[1] * slow + mode[2] * pushed;
-    fast = mode[3] * fast + mode[4] * pushed;
+    /* depth over force (17), exact over the step */
+    creep += creep_gain * pushed;
+    slow = slow_decay * slow + slow_gain * pushed;
     for (int j = 0; j < width; j += 2) {
       const double n = p->count[j >> 1];
-      p->d_creep[j] += mode[0] * n;
-      p->d_slow[j] = mode[1] * p->d_slow[j] + mode[2] * n;
-      p->d_fast[j] = mode[3] * p->d_fast[j] + mode[4] * n;
+      p->d_creep[j] += creep_gain * n;
+      p->d_slow[j] = slow_decay * p->d_slow[j] + slow_gain * n;
     }
-    /* temperature and thermal depth driven by the power one dead time ago */
-    thermal = mode[5] * thermal + mode[6] * temp + mode[8];
-    temp = mode[7] * temp + mode[9];
+    /* copper and tool (16), driven by the power of one dead time ago */
+    tool = mode[6] * copper + mode[7] * tool + mode[9] * s->heat_offset_kw;
+    copper = mode[5] * copper + mode[8] * s->heat_offset_kw;
     for (int j = 0; j < width; j++) {
-      p->d_thermal[j] = mode[5] * p->d_thermal[j] + mode[6] * p->d_temp[j];
-      p->d_temp[j] = mode[7] * p->d_temp[j];
+      p->d_tool[j] = mode[6] * p->d_copper[j] + mode[7] * p->d_tool[j];
+      p->d_copper[j] = mode[5] * p->d_copper[j];
     }
     for (int e = m->weight_start[k]; e < m->weight_start[k + 1]; e++) {
-      const double *g = m->weight + 4L * e;
+      const double *g = m->weight + 6 * e;
       const int segment = m->weight_segment[e] - m->n_history;
-      if (segment < 0) {
-        const double *known = c->history + 2L * m->weight_segment[e];
-        thermal += g[0] * known[0] + g[1] * known[1];
-        temp += g[2] * known[0] + g[3] * known[1];
-        continue;
-      }
-      thermal += g[0] * p->power[segment][0] + g[1] * p->power[segment][1];
-      temp += g[2] * p->power[segment][0] + g[3] * p->power[segment][1];
-      const double *pl = p->d_power[segment][0], *pr = p->d_power[segment][1];
-      const int reach = p->width[segment];
-      for (int j = 0; j < reach; j++) {
-        p->d_thermal[j] += g[0] * pl[j] + g[1] * pr[j];
-        p->d_temp[j] += g[2] * pl[j] + g[3] * pr[j];
+      const double *power =
+          segment < 0 ? s->history + 3 * m->weight_segment[e] : p->power[segment];
+      copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+      tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
+      if (segment < 0) continue;
+      const double *restrict d0 = p->d_power[segment][0], *restrict d1 = p->d_power[segment][1];
+      const double *restrict d2 = p->d_power[segment][2];
+      double *restrict d_copper = p->d_copper, *restrict d_tool = p->d_tool;
+      for (int j = 0; j < p->width[segment]; j++) {
+        d_copper[j] += g[0] * d0[j] + g[1] * d1[j] + g[2] * d2[j];
+        d_tool[j] += g[3] * d0[j] + g[4] * d1[j] + g[5] * d2[j];
       }
     }
-    depth = m->operating_depth_mm + creep + slow + fast + thermal;
+    /* depth (27) and torque at the end of the step */
+    const double soft_end = 1.0 + m->softening_per_c * tool;
+    moved = m->operating_depth_mm + creep + slow + m->fast_gain * pushed;
+    depth = moved * soft_end;
     for (int j = 0; j < width; j += 2) {
-      p->d_depth[j] = p->d_creep[j] + p->d_slow[j] + p->d_fast[j] + p->d_thermal[j];
-      p->d_depth[j + 1] = p->d_thermal[j + 1];
+      p->d_depth[j] = soft_end * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
+                      m->softening_per_c * moved * p->d_tool[j];
+      p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
     }
-    p->power[k][1] =
-        power_node(torque_at(m, c->torque_scale, force + c->force_offset_kn, depth), speed, p->count, p->d_depth, width, right);
-    sum += p->power[k][0] + p->power[k][1] + depth + temp;
+    const fsw_torque right = scaled_torque(m, s->torque_scale, acting, depth);
+    torque_row(right, p->count, p->d_depth, width, p->d_right);
+
+    /* motor torque (18) and power (24) */
+    const double friction = fsw_friction(m, speed);
+    const double by_speed = m->friction[1] + 2.0 * m->friction[2] * speed;
+    const double rise = right.value - left.value, start = left.value - lag * rise;
+    const double rest = motor - friction - start, kw = FSW_KW_PER_NM_RPM * speed;
+    double *restrict p0 = p->d_power[k][0], *restrict p1 = p->d_power[k][1], *restrict p2 = p->d_power[k][2];
+    p->power[k][0] = kw * start - m->operating_power_kw;
+    p->power[k][1] = kw * rise;
+    p->power[k][2] = kw * rest;
+    for (int j = 0; j < width; j++) {
+      const double n = j & 1 ? p->count[j >> 1] : 0.0; /* how the speed moves */
+      const double d_rise = p->d_right[j] - p->d_left[j], d_start = p->d_left[j] - lag * d_rise;
+      const double d_rest = p->d_motor[j] - by_speed * n - d_start;
+      p0[j] = kw * d_start + FSW_KW_PER_NM_RPM * start * n;
+      p1[j] = kw * d_rise + FSW_KW_PER_NM_RPM * rise * n;
+      p2[j] = kw * d_rest + FSW_KW_PER_NM_RPM * rest * n;
+      p->d_motor[j] = d_start + d_rise + by_speed * n + motor_decay * d_rest;
+    }
+    motor = start + rise + friction + motor_decay * rest;
+    sum += depth + tool + motor + p->power[k][0] + p->power[k][1] + p->power[k][2];
     while (out < m->n_out && m->out_step[out] == k) {
       const int below = m->n_out + out;
-      w->output[out] = depth + c->depth_offset_mm;
-      w->output[below] = temp + c->temp_offset_c;
+      w->output[out] = depth + s->depth_offset_mm;
+      w->output[below] = m->operating_temperature_c + tool + s->temp_offset_c;
       for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = p->d_depth[j];
-      for (int j = 0; j < m->temp_width[out]; j++) w->by[below][j] = p->d_temp[j];
+      for (int j = 0; j < m->temp_width[out]; j++) w->by[below][j] = p->d_tool[j];
       out++;
     }
   }
-  return is_finite(sum) ? FSW_OK : FSW_FAILED;
+  return fsw_is_finite(sum) ? FSW_OK : FSW_FAILED;
 }
 
-int fsw_nmpc_predict(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, double *depth, double *temp,
-                     double *by_depth, double *by_temp, void *workspace) {
-  fsw_workspace *w = workspace;
+int fsw_predict(fsw_controller *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
+                double *by_temp) {
+  const fsw_model *m = &c->model;
+  fsw_workspace *w = &c->workspace;
   const int nv = 2 * m->n_blocks;
-  const int status = fsw_predict_into(m, c, v, w);
+  const int status = fsw_predict_into(m, start, v, w);
   for (int i = 0; i < m->n_out; i++) {
     depth[i] = w->output[i];
     temp[i] = w->output[m->n_out + i];
     if (by_depth == 0 || by_temp == 0) continue;
     for (int j = 0; j < nv; j++) {
-      by_depth[(long)i * nv + j] = j < m->depth_width[i] ? w->by[i][j] : 0.0;
-      by_temp[(long)i * nv + j] = j < m->temp_width[i] ? w->by[m->n_out + i][j] : 0.0;
+      by_depth[i * nv + j] = j < m->depth_width[i] ? w->by[i][j] : 0.0;
+      by_temp[i * nv + j] = j < m->temp_width[i] ? w->by[m->n_out + i][j] : 0.0;
     }
   }
   return status;

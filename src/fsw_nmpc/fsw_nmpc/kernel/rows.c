@@ -16,44 +16,44 @@ double fsw_dot(const double *restrict a, const double *restrict b, int n) {
 
 static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
 
-static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
+static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_start *s, const double *v, fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
   double intervals[FSW_MAX_BLOCKS], reach[2] = {0.0, 0.0};
-  const double now[2] = {c->force_kn, c->speed_rpm};
+  const double now[2] = {s->force_kn, s->speed_rpm};
   for (int b = 0; b < m->n_blocks; b++) intervals[b] = 0.0;
   for (int i = 0; i < m->n_out; i++) intervals[m->interval_block[i]] += 1.0;
   w->n_moves = 0;
   for (int j = 0; j < nv; j++) {
     const int q = j & 1;
-    const double limit = 0.95, scale = c->move_max[q], z = v[j] / scale;
+    const double limit = 0.95, scale = t->move_max[q] * m->block_reach[j >> 1], z = v[j] / scale;
     w->scale[j] = scale;
     w->size[j] = intervals[j >> 1] * scale;
     w->z[j] = z > limit ? limit : (z < -limit ? -limit : z);
-    w->diagonal[j] = c->move_square[q] * scale * w->size[j] + 1e-9;
+    w->diagonal[j] = t->move_square[q] * scale * w->size[j] / m->block_reach[j >> 1] + 1e-9;
     /* L1 of a move: weight |z| = 2 weight max(0, z) - weight z, one side instead of two */
-    const double weight = c->move_weight[q] * w->size[j];
+    const double weight = t->move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
     if (weight > 0.0) {
       w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
       w->move[w->n_moves++] = j;
     }
     reach[q] += 0.98 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
-    const double low = c->input_min[q] - now[q], high = c->input_max[q] - now[q];
+    const double low = t->input_min[q] - now[q], high = t->input_max[q] - now[q];
     w->input_low[j] = low < reach[q] ? low : reach[q];
     w->input_high[j] = high > -reach[q] ? high : -reach[q];
   }
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }
 
-void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v, fsw_workspace *w) {
+void fsw_build(const fsw_model *m, const fsw_tuning *t, const fsw_problem *problem, const double *v, fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
   int n = 0;
-  build_variables(m, c, v, w);
-  w->n_depth = 0;
+  build_variables(m, t, &problem->start, v, w);
+  w->n_depth = w->n_soft_rows = 0;
   for (int r = 0; r < 2 * n_out; r++) {
-    const int is_temp = r >= n_out, i = is_temp ? r - n_out : r;
-    const int width = is_temp ? m->temp_width[i] : m->depth_width[i];
+    const int q = r >= n_out, i = q ? r - n_out : r;
+    const int width = q ? m->temp_width[i] : m->depth_width[i];
     double *a = w->by[r], at_zero = w->output[r]; /* the linear model's output without moves */
     for (int j = 0; j < width; j++) {
       at_zero -= a[j] * v[j];
@@ -61,21 +61,23 @@ void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_call *c, const double *v,
     }
     for (int j = width; j < padded(w->nv); j++) a[j] = 0.0;
     w->output[r] = at_zero;
-    const double l1 = is_temp ? c->temp_weight[i] : c->depth_weight[i];
-    const double square = is_temp ? c->temp_square[i] : c->depth_square[i];
-    if (width == 0 || !(l1 > 0.0 || square > 0.0)) continue;
+    if (width == 0 || !(t->weight[q] > 0.0 || t->square[q] > 0.0)) continue;
     w->row[n] = r;
     w->row_width[n] = width;
-    w->low[n] = (is_temp ? c->temp_low[i] : c->depth_low[i]) - at_zero;
-    w->high[n] = (is_temp ? c->temp_high[i] : c->depth_high[i]) - at_zero;
-    w->square[n] = square > 0.0 ? square : 0.0;
-    w->is_soft[n] = l1 > 0.0 ? 1.0 : 0.0;
-    weight[n++] = l1 > 0.0 ? l1 : 1.0;
-    if (!is_temp) w->n_depth = n;
+    w->low[n] = problem->low[q][i] - at_zero;
+    w->high[n] = problem->high[q][i] - at_zero;
+    w->square[n] = t->square[q] > 0.0 ? t->square[q] : 0.0;
+    if (t->weight[q] > 0.0) {
+      weight[w->n_soft_rows] = t->weight[q];
+      w->soft_row[w->n_soft_rows++] = n;
+    }
+    n++;
+    if (!q) w->n_depth = n;
   }
   w->n_rows = n;
-  for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * n + k] = w->soft.weight[k];
-  for (int r = 0; r < n; r++) w->soft.weight[r] = w->soft.weight[n + r] = weight[r];
+  const int k_rows = w->n_soft_rows;
+  for (int k = w->n_moves - 1; k >= 0; k--) w->soft.weight[2 * k_rows + k] = w->soft.weight[k];
+  for (int k = 0; k < k_rows; k++) w->soft.weight[k] = w->soft.weight[k_rows + k] = weight[k];
 }
 
 /* value[] = a'z of every row in use, input[] = change of the inputs at the ends of the blocks */

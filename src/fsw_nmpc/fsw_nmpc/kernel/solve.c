@@ -10,6 +10,15 @@
 
 #define STEP_TO_BOUNDARY 0.995
 #define SHORT_STEP 0.3
+/* complementarity at the start: at least so much, and this share of the mean cost of a side */
+#define LEAST_START 0.02
+#define START_SHARE 0.1
+#define LEAST_SLACK 0.05
+/* of scaled moves and inputs */
+#define PRIMAL_TOLERANCE 1e-7
+#define DUAL_TOLERANCE 1e-6
+/* share of the tolerated gap below which complementarity would only cost rank */
+#define LEAST_SHARE 0.02
 
 static double sum_of(const double *x, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
@@ -40,16 +49,16 @@ static double largest_size(const double *x, int n) {
   return top;
 }
 
-static int n_soft(const fsw_workspace *w) { return 2 * w->n_rows + w->n_moves; }
+static int n_soft(const fsw_workspace *w) { return 2 * w->n_soft_rows + w->n_moves; }
 
 /* e[] of all sides, at z */
 static void sides(fsw_workspace *w) {
-  const int n = w->n_rows, nv = w->nv;
+  const int n = w->n_soft_rows, nv = w->nv;
   double *e = w->soft.e, *h = w->hard.e;
-  for (int r = 0; r < n; r++) {
-    const double value = w->is_soft[r] * w->value[r];
-    e[r] = value - w->high[r];
-    e[n + r] = w->low[r] - value;
+  for (int k = 0; k < n; k++) {
+    const int r = w->soft_row[k];
+    e[k] = w->value[r] - w->high[r];
+    e[n + k] = w->low[r] - w->value[r];
   }
   for (int k = 0; k < w->n_moves; k++) e[2 * n + k] = w->z[w->move[k]];
   for (int j = 0; j < nv; j++) {
@@ -62,10 +71,8 @@ static void sides(fsw_workspace *w) {
 
 static double cost_of(const fsw_workspace *w) {
   double cost = 0.0;
-  for (int k = 0; k < n_soft(w); k++) {
-    const int is_cost = k >= 2 * w->n_rows || w->is_soft[k < w->n_rows ? k : k - w->n_rows] > 0.0;
-    if (is_cost && w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
-  }
+  for (int k = 0; k < n_soft(w); k++)
+    if (w->soft.e[k] > 0.0) cost += w->soft.weight[k] * w->soft.e[k];
   for (int r = 0; r < w->n_rows; r++) {
     const double off = w->value[r] - 0.5 * (w->low[r] + w->high[r]);
     cost += 0.5 * w->square[r] * off * off;
@@ -82,9 +89,7 @@ static void start(fsw_workspace *w) {
   fsw_hard *h = &w->hard;
   fsw_row_products(w, w->z, w->value, w->input);
   sides(w);
-  double cost = 0.0;
-  for (int k = 0; k < n; k++) cost += f->weight[k] * (f->e[k] > 0.0 ? f->e[k] : 0.0);
-  const double mu = 0.02 + 0.1 * cost / n;
+  const double mu = LEAST_START + START_SHARE * fabs(cost_of(w)) / (n + 4 * w->nv);
   for (int k = 0; k < n; k++) {
     f->lambda[k] = f->pi[k] = 0.5 * f->weight[k];
     const double margin = mu / f->lambda[k];
@@ -92,14 +97,14 @@ static void start(fsw_workspace *w) {
     f->s[k] = f->t[k] - f->e[k];
   }
   for (int k = 0; k < 4 * w->nv; k++) {
-    h->s[k] = -h->e[k] > 0.05 ? -h->e[k] : 0.05;
+    h->s[k] = -h->e[k] > LEAST_SLACK ? -h->e[k] : LEAST_SLACK;
     h->lambda[k] = mu / h->s[k];
   }
 }
 
 /* Residuals of the sides, their pivots, their complementarity and the stationarity residual (in dual[]). */
 static double residuals(fsw_workspace *w, double *primal, double *dual) {
-  const int n = n_soft(w), nv = w->nv, n_rows = w->n_rows;
+  const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;
   sides(w);
@@ -125,10 +130,13 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
   const double gap = sum_of(f->work, n) + sum_of(h->work, 4 * nv);
   const double soft_residual = largest_size(f->residual, n), hard_residual = largest_size(h->residual, 4 * nv);
   *primal = soft_residual > hard_residual ? soft_residual : hard_residual;
-  for (int r = 0; r < n_rows; r++) {
-    const double centre = 0.5 * (w->low[r] + w->high[r]);
-    w->row_force[r] = w->is_soft[r] * (f->lambda[r] - f->lambda[n_rows + r]) + w->square[r] * (w->value[r] - centre);
-    w->row_pivot[r] = w->is_soft[r] * (f->pivot[r] + f->pivot[n_rows + r]) + w->square[r];
+  for (int r = 0; r < w->n_rows; r++) {
+    w->row_force[r] = w->square[r] * (w->value[r] - 0.5 * (w->low[r] + w->high[r]));
+    w->row_pivot[r] = w->square[r];
+  }
+  for (int k = 0; k < n_rows; k++) {
+    w->row_force[w->soft_row[k]] += f->lambda[k] - f->lambda[n_rows + k];
+    w->row_pivot[w->soft_row[k]] += f->pivot[k] + f->pivot[n_rows + k];
   }
   for (int j = 0; j < nv; j++) {
     w->input_force[j] = h->lambda[2 * nv + j] - h->lambda[3 * nv + j];
@@ -144,7 +152,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
  * of the direction held now.
  * Returns the longest step that keeps everything positive, and the complementarity at its end. */
 static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
-  const int n = n_soft(w), nv = w->nv, n_rows = w->n_rows;
+  const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;
   for (int k = 0; k < n; k++) {
@@ -162,7 +170,8 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
     h->work[k] = h->pivot[k] * h->shift[k];
   }
   double *x = w->step;
-  for (int r = 0; r < n_rows; r++) w->row_force[r] = w->is_soft[r] * (f->work[n_rows + r] - f->work[r]);
+  for (int r = 0; r < w->n_rows; r++) w->row_force[r] = 0.0;
+  for (int k = 0; k < n_rows; k++) w->row_force[w->soft_row[k]] = f->work[n_rows + k] - f->work[k];
   for (int j = 0; j < nv; j++) {
     w->input_force[j] = h->work[3 * nv + j] - h->work[2 * nv + j];
     x[j] = h->work[nv + j] - h->work[j] - w->dual[j];
@@ -171,9 +180,9 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
   fsw_add_transposed(w, w->row_force, w->input_force, x);
   fsw_substitute(w, x);
   fsw_row_products(w, x, w->change, w->input_change);
-  for (int r = 0; r < n_rows; r++) {
-    f->work[r] = w->is_soft[r] * w->change[r];
-    f->work[n_rows + r] = -f->work[r];
+  for (int k = 0; k < n_rows; k++) {
+    f->work[k] = w->change[w->soft_row[k]];
+    f->work[n_rows + k] = -f->work[k];
   }
   for (int k = 0; k < w->n_moves; k++) f->work[2 * n_rows + k] = x[w->move[k]];
   for (int j = 0; j < nv; j++) {
@@ -235,7 +244,7 @@ static void advance(fsw_workspace *w, double alpha) {
 }
 
 /* Outputs of the linear model at the solution. */
-static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *depth, double *temp) {
+static void outputs(const fsw_model *m, const fsw_workspace *w, double *depth, double *temp) {
   for (int r = 0; r < 2 * m->n_out; r++) {
     const int is_temp = r >= m->n_out, i = is_temp ? r - m->n_out : r;
     const double value = w->output[r] + fsw_dot(w->by[r], w->z, is_temp ? m->temp_width[i] : m->depth_width[i]);
@@ -244,46 +253,44 @@ static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *dep
   }
 }
 
-int fsw_nmpc_solve(const fsw_nmpc_model *m, const fsw_nmpc_call *c, double *v, double *depth, double *temp,
-                   fsw_nmpc_result *result, void *workspace) {
-  fsw_workspace *w = workspace;
-  fsw_nmpc_result r = {FSW_FAILED, 0, 0.0, 0.0, 0.0, 0.0};
-  *result = r;
-  if (fsw_predict_into(m, c, v, w) != FSW_OK) return result->status;
-  fsw_build(m, c, v, w);
+int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_output *out) {
+  const fsw_model *m = &c->model;
+  const fsw_tuning *t = &c->tuning;
+  fsw_workspace *w = &c->workspace;
+  int fate = FSW_CAP, n = 0;
+  double gap = 0.0, primal = 0.0, dual = 0.0, cost = 0.0;
+  out->iterations = 0;
+  if (fsw_predict_into(m, &problem->start, v, w) != FSW_OK) return FSW_FAILED;
+  fsw_build(m, t, problem, v, w);
   start(w);
   const double pairs = 2.0 * n_soft(w) + 4.0 * w->nv;
-  r.status = FSW_CAP;
-  for (r.iterations = 0;; r.iterations++) {
-    r.gap = residuals(w, &r.primal_residual, &r.dual_residual);
-    r.cost = cost_of(w);
-    if (!is_finite(r.gap + r.cost)) { r.status = FSW_FAILED; break; }
+  for (;; n++) {
+    gap = residuals(w, &primal, &dual);
+    cost = cost_of(w);
+    if (!fsw_is_finite(gap + cost)) { fate = FSW_FAILED; break; }
     /* |z| <= 1, so a stationarity residual is worth at most nv times itself of cost */
-    const double loss = c->tolerance * (1.0 + fabs(r.cost)), stationary = loss / w->nv;
-    if (r.gap <= loss && r.primal_residual <= 1e-7 && r.dual_residual <= (stationary > 1e-6 ? stationary : 1e-6)) {
-      r.status = FSW_OK;
+    const double loss = t->tolerance * (1.0 + fabs(cost)), stationary = loss / w->nv;
+    if (gap <= loss && primal <= PRIMAL_TOLERANCE && dual <= (stationary > DUAL_TOLERANCE ? stationary : DUAL_TOLERANCE)) {
+      fate = FSW_OK;
       break;
     }
-    if (r.iterations >= c->max_iterations) break;
-    if (fsw_factorise(w) != FSW_OK) { r.status = FSW_FAILED; break; }
+    if (n >= t->max_iterations) break;
+    if (fsw_factorise(w) != FSW_OK) { fate = FSW_FAILED; break; }
     double reached;
     const double ahead = direction(w, 0.0, 0.0, &reached);
-    const double ratio = reached / r.gap, wanted = ratio * ratio * ratio * r.gap, least = 0.02 * loss;
+    const double ratio = reached / gap, wanted = ratio * ratio * ratio * gap, least = LEAST_SHARE * loss;
     /* full second-order terms of a short step would let it cycle; less complementarity than needed, lose rank */
     const double alpha = direction(w, (wanted > least ? wanted : least) / pairs, ahead > SHORT_STEP ? 1.0 : ahead, 0);
     advance(w, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
   }
-  if (r.status != FSW_FAILED) {
+  if (fate != FSW_FAILED) {
     for (int j = 0; j < w->nv; j++) v[j] = w->z[j] * w->scale[j];
     outputs(m, w, depth, temp);
   }
-  *result = r;
-  return r.status;
+  out->iterations = n;
+  out->gap = gap;
+  out->primal_residual = primal;
+  out->dual_residual = dual;
+  out->cost = cost;
+  return fate;
 }
-
-int fsw_nmpc_workspace_bytes(void) { return (int)sizeof(fsw_workspace); }
-
-#ifndef FSW_NMPC_ID
-#define FSW_NMPC_ID "unknown"
-#endif
-const char *fsw_nmpc_id(void) { return FSW_NMPC_ID; }

@@ -63,59 +63,59 @@ CASADI_SYMBOL_EXPORT int torque_casadi_int_size(void) { return (int) sizeof(casa
 CASADI_SYMBOL_EXPORT int torque_casadi_real_size(void) { return (int) sizeof(casadi_real); }
 
 static const casadi_int casadi_s0[3] = {1, 1, 1};
-static const casadi_int casadi_s1[3] = {5, 1, 1};
+static const casadi_int casadi_s1[3] = {6, 1, 1};
 static const casadi_int casadi_s2[3] = {3, 1, 1};
 
-/* fsw_torque_casadi:(i0,i1,i2[5])->(o0[3]) */
+/* fsw_torque_casadi:(i0,i1,i2[6])->(o0[3]) */
 static int casadi_f0(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {
   casadi_real a00, a01, a02, a03, a04, a05, a06, a07, a08, a09, a10, a11;
-  casadi_real a12, a13;
-  a00=arg[2]? arg[2][3] : 0;
-  a01=arg[2]? arg[2][4] : 0;
+  casadi_real a12, a13, a14;
+  a00=arg[2]? arg[2][0] : 0;
+  a01=arg[2]? arg[2][1] : 0;
   a02=1000.;
   a03=arg[0]? arg[0][0] : 0;
   a03=(a02*a03);
   a04=3.1415926535897931e+00;
-  a05=arg[2]? arg[2][0] : 0;
-  a05=(2.*a05);
-  a06=1.0000000000000000e-03;
-  a07=arg[1]? arg[1][0] : 0;
-  a07=(a06*a07);
-  a07=(a05*a07);
-  a08=arg[2]? arg[2][1] : 0;
+  a05=arg[2]? arg[2][2] : 0;
+  a06=arg[2]? arg[2][3] : 0;
+  a07=1.0000000000000000e-03;
+  a08=arg[1]? arg[1][0] : 0;
+  a08=(a07*a08);
+  a08=(a06*a08);
+  a08=(a05+a08);
   a09=casadi_sq(a08);
-  a10=(a07-a09);
-  a10=(a04*a10);
+  a10=(a04*a09);
   a03=(a03/a10);
   a11=(a01*a03);
   a00=(a00+a11);
-  a11=2.0943951023931953e+00;
-  a12=sqrt(a07);
-  a13=(a12*a07);
-  a08=(a08*a09);
-  a13=(a13-a08);
-  a13=(a11*a13);
-  a08=arg[2]? arg[2][2] : 0;
-  a13=(a13+a08);
-  a08=(a00*a13);
-  if (res[0]!=0) res[0][0]=a08;
-  a01=(a01*a13);
-  a13=(a01/a10);
-  a02=(a02*a13);
+  a11=arg[2]? arg[2][4] : 0;
+  a12=arg[2]? arg[2][5] : 0;
+  a13=(a08*a09);
+  a14=casadi_sq(a05);
+  a05=(a05*a14);
+  a13=(a13-a05);
+  a13=(a12*a13);
+  a11=(a11+a13);
+  a13=(a00*a11);
+  if (res[0]!=0) res[0][0]=a13;
+  a01=(a01*a11);
+  a11=(a01/a10);
+  a02=(a02*a11);
   if (res[0]!=0) res[0][1]=a02;
-  a11=(a11*a00);
-  a00=(a12*a11);
-  a07=(a07*a11);
-  a12=(2.*a12);
-  a07=(a07/a12);
-  a00=(a00+a07);
+  a12=(a12*a00);
+  a09=(a09*a12);
+  a00=(2.*a08);
+  a08=(a08*a12);
+  a08=(a00*a08);
+  a09=(a09+a08);
   a03=(a03/a10);
   a03=(a03*a01);
   a04=(a04*a03);
-  a00=(a00-a04);
-  a05=(a05*a00);
-  a06=(a06*a05);
-  if (res[0]!=0) res[0][2]=a06;
+  a00=(a00*a04);
+  a09=(a09-a00);
+  a06=(a06*a09);
+  a07=(a07*a06);
+  if (res[0]!=0) res[0][2]=a07;
   return 0;
 }
 

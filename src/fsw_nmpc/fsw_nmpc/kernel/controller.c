@@ -1,0 +1,289 @@
+/* One tick of the controller: estimate, pose the problem, solve it, accept the solution or fall back, keep the limits. */
+#include <math.h>
+
+#include "internal.h"
+
+/* a gap in the ticks that is too long to be predicted over: the estimator starts anew */
+#define LONGEST_GAP_S 3.0
+/* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
+#define ACCEPTED 1e-6
+/* share of the largest moves that an input outside its bounds must use to come back (as in rows.c) */
+#define RETURN_SHARE 0.98
+
+int fsw_controller_bytes(void) { return (int)sizeof(fsw_controller); }
+
+#ifndef FSW_CONTROLLER_ID
+#define FSW_CONTROLLER_ID "unknown"
+#endif
+const char *fsw_controller_id(void) { return FSW_CONTROLLER_ID; }
+
+static int rises_to(const int *values, int n, int most) {
+  for (int i = 0; i < n; i++)
+    if (values[i] < (i ? values[i - 1] : 0) || values[i] > most) return 0;
+  return 1;
+}
+
+/* Whether a model fits what this was compiled for, and its tables into each other. */
+static int fits(const fsw_model *m) {
+  const int n = m->n_blocks, nv = 2 * n;
+  if (n < 1 || n > FSW_MAX_BLOCKS || m->n_out < 1 || m->n_out > FSW_MAX_OUT || m->n_steps < 1) return 0;
+  if (m->n_steps > FSW_MAX_STEPS || m->n_history < 1 || m->n_history > FSW_MAX_HISTORY || m->n_weights < 0) return 0;
+  if (!rises_to(m->step_interval, m->n_steps, m->n_out - 1) || !rises_to(m->interval_block, m->n_out, n - 1)) return 0;
+  if (!rises_to(m->out_step, m->n_out, m->n_steps - 1) || !rises_to(m->depth_width, m->n_out, nv)) return 0;
+  if (!rises_to(m->temp_width, m->n_out, nv) || !rises_to(m->weight_start, m->n_steps + 1, m->n_weights)) return 0;
+  if (m->interval_block[m->n_out - 1] != n - 1 || m->weight_start[m->n_steps] != m->n_weights) return 0;
+  for (int i = 1; i < m->n_out; i++)
+    if (m->interval_block[i] > m->interval_block[i - 1] + 1) return 0;
+  for (int k = 0; k < m->n_steps; k++)
+    for (int e = m->weight_start[k]; e < m->weight_start[k + 1]; e++)
+      if (m->weight_segment[e] < 0 || m->weight_segment[e] >= m->n_history + k) return 0; /* known at step k */
+  return 1;
+}
+
+int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning) {
+  if (!fits(model)) return 1;
+  c->model = *model;
+  c->bad_cycles = 0;
+  fsw_controller_configure(c, tuning);
+  fsw_controller_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
+  return 0;
+}
+
+void fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning) { c->tuning = *tuning; }
+
+static void clear_plan(fsw_controller *c) {
+  for (int j = 0; j < 2 * c->model.n_blocks; j++) c->plan.moves[j] = c->plan.start[j] = 0.0;
+  c->plan.is_cold = 1;
+  c->plan.has_outputs = 0;
+}
+
+void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm) {
+  c->estimator.started = 0;
+  c->has_corridor = c->has_reference = 0;
+  c->bad_in_a_row = 0;
+  c->late_s = 0.0;
+  c->applied[0] = force_kn;
+  c->applied[1] = speed_rpm;
+  clear_plan(c);
+}
+
+/* Bring the estimator to this tick; 0 while there is nothing to start from. */
+static int estimate(fsw_controller *c, const fsw_input *in) {
+  const int is_gap = !(in->dt_s >= 0.0 && in->dt_s < LONGEST_GAP_S);
+  fsw_input now = *in;
+  now.applied_force_kn = c->applied[0];
+  now.applied_speed_rpm = c->applied[1];
+  c->late_s += is_gap ? LONGEST_GAP_S : in->dt_s;
+  int ticks = (int)(c->late_s / FSW_TICK_S + 0.5);
+  c->late_s -= ticks * FSW_TICK_S;
+  if (c->estimator.started && ticks * FSW_TICK_S < LONGEST_GAP_S) {
+    fsw_input nothing = now;
+    nothing.depth_fresh = nothing.torque_fresh = nothing.temperature_fresh = 0;
+    for (; ticks > 0; ticks--)
+      if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, ticks > 1 ? &nothing : &now)) break;
+    if (c->estimator.started) return 1;
+    clear_plan(c);
+  }
+  c->has_corridor = 0;
+  c->late_s = 0.0;
+  return fsw_estimator_start(&c->estimator, &c->model, &now);
+}
+
+static void pose(fsw_controller *c, const fsw_input *in) {
+  fsw_start *s = &c->problem.start;
+  const double *x = c->estimator.x;
+  for (int i = 0; i < 5; i++) s->x[i] = x[i];
+  for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
+  s->force_kn = c->applied[0];
+  s->speed_rpm = c->applied[1];
+  s->force_offset_kn = x[FSW_FORCE];
+  s->heat_offset_kw = x[FSW_HEAT];
+  s->torque_scale = x[FSW_SCALE];
+  s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
+  s->temp_offset_c = x[FSW_TEMP_OFFSET];
+  fsw_trajectories(c, in);
+}
+
+static void tell_estimates(const fsw_controller *c, fsw_output *out) {
+  const fsw_estimator *e = &c->estimator;
+  static const int told[5] = {FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET};
+  out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
+  out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
+  out->torque_nm = e->x[FSW_MOTOR];
+  for (int i = 0; i < 5; i++) {
+    out->disturbance[i] = e->x[told[i]];
+    out->deviation[i] = sqrt(e->p[told[i]][told[i]]);
+  }
+}
+
+int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out) {
+  if (fsw_is_finite(in->applied_force_kn) && fsw_is_finite(in->applied_speed_rpm)) {
+    c->applied[0] = in->applied_force_kn;
+    c->applied[1] = in->applied_speed_rpm;
+  }
+  if (fsw_is_finite(in->reference_depth_mm) && fsw_is_finite(in->reference_temperature_c)) {
+    c->reference[0] = in->reference_depth_mm;
+    c->reference[1] = in->reference_temperature_c;
+    c->has_reference = 1;
+  }
+  out->force_kn = c->applied[0];
+  out->speed_rpm = c->applied[1];
+  out->healthy = out->blind = out->has_plan = 0;
+  out->fate = FSW_UNSOLVED;
+  out->iterations = 0;
+  out->bad_cycles = c->bad_cycles;
+  out->bad_in_a_row = c->bad_in_a_row;
+  out->gap = out->primal_residual = out->dual_residual = out->cost = 0.0;
+  if (!estimate(c, in)) {
+    out->depth_mm = out->temperature_c = out->torque_nm = 0.0;
+    for (int i = 0; i < 5; i++) out->disturbance[i] = out->deviation[i] = 0.0;
+    out->reason = FSW_WAITING_FOR_SENSORS;
+    return 0;
+  }
+  tell_estimates(c, out);
+  out->reason = FSW_WAITING_FOR_REFERENCE;
+  if (!c->has_reference) return 0;
+  pose(c, in);
+  return 1;
+}
+
+/* Why a solution cannot be used: FSW_OK if it is finite and keeps all limits. */
+static int judge(const fsw_controller *c, const double *moves, const double *depth, const double *temp) {
+  const fsw_model *m = &c->model;
+  const fsw_tuning *t = &c->tuning;
+  double sum = 0.0;
+  for (int j = 0; j < 2 * m->n_blocks; j++) sum += moves[j];
+  for (int i = 0; i < m->n_out; i++) sum += depth[i] + temp[i];
+  if (!fsw_is_finite(sum)) return FSW_FAILED;
+  for (int q = 0; q < 2; q++) {
+    const double now = c->applied[q], slack = ACCEPTED * t->move_max[q];
+    const double low = t->input_min[q], high = t->input_max[q];
+    double input = now, reach = 0.0;
+    for (int i = 0; i < m->n_out; i++) {
+      const int b = m->interval_block[i];
+      const double move = moves[2 * b + q], most = t->move_max[q] * m->block_reach[b];
+      if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
+      input += move;
+      reach += RETURN_SHARE * most; /* an input outside its bounds must come back, as fast as it may */
+      if (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i]) continue;
+      if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_BEYOND;
+      if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_BEYOND;
+    }
+  }
+  return FSW_OK;
+}
+
+/* Outputs of the plan one tick later, along the horizon's points. */
+static void shift_outputs(fsw_controller *c) {
+  const double *time_s = c->model.time_s;
+  const int n = c->model.n_out;
+  for (int q = 0; q < 2; q++) {
+    double *y = c->plan.output[q];
+    for (int i = 0; i < n; i++) { /* each point between itself and its right neighbour: in place */
+      if (i + 1 == n) break;
+      const double share = FSW_TICK_S / (time_s[i + 1] - time_s[i]);
+      y[i] += (y[i + 1] - y[i]) * (share < 1.0 ? share : 1.0);
+    }
+  }
+}
+
+/* The plan one tick later: an interval does what it did, less the part that has come into the interval before it; a
+ * block does the mean of its intervals. */
+static void shift_plan(fsw_controller *c) {
+  const fsw_model *m = &c->model;
+  fsw_plan *p = &c->plan;
+  double sum[FSW_MAX_VARS];
+  int size[FSW_MAX_BLOCKS];
+  for (int b = 0; b < m->n_blocks; b++) {
+    sum[2 * b] = sum[2 * b + 1] = 0.0;
+    size[b] = 0;
+  }
+  for (int i = 0; i < m->n_out; i++) {
+    const int b = m->interval_block[i], next = i + 1 < m->n_out ? m->interval_block[i + 1] : b;
+    const double gone = 1.0 / m->interval_ticks[i], come = i + 1 < m->n_out ? 1.0 / m->interval_ticks[i + 1] : 0.0;
+    size[b]++;
+    for (int q = 0; q < 2; q++) sum[2 * b + q] += (1.0 - gone) * p->moves[2 * b + q] + come * p->moves[2 * next + q];
+  }
+  for (int j = 0; j < 2 * m->n_blocks; j++) {
+    p->moves[j] = sum[j] / size[j / 2];
+    p->start[j] = p->is_cold ? 0.0 : p->moves[j];
+  }
+  if (p->is_cold && p->has_outputs) shift_outputs(c);
+}
+
+static void tell_plan(const fsw_controller *c, fsw_output *out) {
+  const fsw_model *m = &c->model;
+  double force = c->applied[0], speed = c->applied[1];
+  out->has_plan = c->plan.has_outputs;
+  for (int i = 0; i < m->n_out; i++) {
+    force += c->plan.moves[2 * m->interval_block[i]];
+    speed += c->plan.moves[2 * m->interval_block[i] + 1];
+    out->plan_force_kn[i] = force;
+    out->plan_speed_rpm[i] = speed;
+    out->plan_depth_mm[i] = c->plan.output[0][i];
+    out->plan_temperature_c[i] = c->plan.output[1][i];
+  }
+}
+
+/* Nearest to `wanted` within the bounds and one step of what is applied; the step wins over the bounds. */
+static double limited(const fsw_controller *c, int q, double wanted) {
+  const fsw_tuning *t = &c->tuning;
+  const double bounded = fsw_clip(wanted, t->input_min[q], t->input_max[q]);
+  return fsw_clip(bounded, c->applied[q] - t->move_max[q], c->applied[q] + t->move_max[q]);
+}
+
+void fsw_controller_end(fsw_controller *c, const double *moves, const double *depth, const double *temp, int fate,
+                        fsw_output *out) {
+  const fsw_model *m = &c->model;
+  fsw_plan *p = &c->plan;
+  out->fate = fate == FSW_OK ? judge(c, moves, depth, temp) : fate;
+  out->healthy = 1;
+  out->reason = FSW_PROPOSING;
+  if (out->fate == FSW_OK) {
+    for (int j = 0; j < 2 * m->n_blocks; j++) p->moves[j] = moves[j];
+    for (int i = 0; i < m->n_out; i++) {
+      p->output[0][i] = depth[i];
+      p->output[1][i] = temp[i];
+    }
+    p->is_cold = 0;
+    p->has_outputs = 1;
+    c->bad_in_a_row = 0;
+  } else {
+    p->is_cold = 1; /* the start may have been the cause: a failed solve must not poison the next */
+    c->bad_in_a_row++;
+    c->bad_cycles++;
+    out->reason = FSW_SOLVER_FAILED;
+    out->healthy = c->bad_in_a_row <= c->tuning.plan_reuse;
+  }
+  for (int s = 0; s < 3; s++)
+    if (c->estimator.blind_s[s] > c->tuning.blind_limit_s + 1e-9) out->blind |= 1 << s;
+  if (out->blind) {
+    out->healthy = 0;
+    out->reason = FSW_BLIND;
+  }
+  out->bad_cycles = c->bad_cycles;
+  out->bad_in_a_row = c->bad_in_a_row;
+  out->force_kn = limited(c, 0, c->applied[0] + p->moves[0]);
+  out->speed_rpm = limited(c, 1, c->applied[1] + p->moves[1]);
+  tell_plan(c, out);
+  shift_plan(c);
+}
+
+void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out) {
+  double v[FSW_MAX_VARS], depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
+  if (!fsw_controller_begin(c, in, out)) return;
+  int fate = FSW_OK, iterations = 0;
+  for (int attempt = 0; attempt < 2; attempt++) {
+    int is_warm = 0;
+    for (int j = 0; j < 2 * c->model.n_blocks; j++) {
+      v[j] = attempt ? 0.0 : c->plan.start[j];
+      is_warm |= v[j] != 0.0;
+    }
+    fate = fsw_solve(c, &c->problem, v, depth, temp, out);
+    iterations += out->iterations;
+    if (fate == FSW_OK) fate = judge(c, v, depth, temp);
+    if (fate == FSW_OK || !is_warm) break;
+  }
+  out->iterations = iterations;
+  fsw_controller_end(c, v, depth, temp, fate, out);
+}

@@ -1,0 +1,288 @@
+/* State and disturbance estimation: an extended Kalman filter on the process model, with its dead time.
+ *
+ * Three disturbances integrate, one per sensor: of the axial force, of the heat, and of the torque's scale; so the
+ * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
+ * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
+ * minutes, so that every state stays detectable.
+ *
+ * A measurement far off its expectation is left out once, as a spike. The second in a row is a jump: its excess over the
+ * expected size widens the variances of what can have jumped, and the measurements tell which has. For the depth these
+ * are the offset and the depth itself, which the torque tells apart; the temperature of the process cannot jump. */
+#include <math.h>
+
+#include "internal.h"
+#include "torque.h"
+
+#define N FSW_STATES
+
+/* beyond these an estimate is not of this process */
+#define DEEPEST_MM 20.0
+#define LARGEST_DEVIATION_C 800.0
+#define LARGEST_OFFSET_KN 50.0
+#define LEAST_SCALE 0.4
+#define LARGEST_SCALE 2.5
+#define TORQUE_FACTOR 3.0 /* a torque sample further from its expectation is none */
+#define LEAST_TORQUE_NM 100.0
+/* keeps an update defined where noise and covariance are zero */
+#define LEAST_VARIANCE 1e-18
+/* share of the variance of a jump of the depth that is given to the sensor's offset; the tool's own depth gets the rest */
+#define OFFSET_SHARE 0.5
+/* The drive's own lag smears the inertia's peak over two ticks: so much of it counts as noise. */
+#define PEAK_NOISE_SHARE 0.3
+/* standard deviations at the start: creep, slow, copper, tool, motor, force, heat, scale, offsets */
+static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 5e-3, 1e-3, 0.15};
+
+enum { DEPTH, TORQUE, TEMPERATURE };
+
+fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm) {
+  double out[3];
+  const double *arg[3] = {&force_kn, &depth_mm, m->torque_par};
+  double *res[1] = {out};
+  fsw_torque_casadi(arg, res, 0, 0, 0);
+  fsw_torque t = {out[0], out[1], out[2]};
+  return t;
+}
+
+double fsw_friction(const fsw_model *m, double speed_rpm) {
+  return m->friction[0] + (m->friction[1] + m->friction[2] * speed_rpm) * speed_rpm;
+}
+
+static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
+
+/* Depth that the tool feels and, unless row is NULL, its derivative by the states. */
+double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[N]) {
+  const double *x = e->x;
+  const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
+  const double pushed = e->acting_force_kn + x[FSW_FORCE] - m->operating_force_kn;
+  const double moved = m->operating_depth_mm + x[FSW_CREEP] + x[FSW_SLOW] + m->fast_gain * pushed;
+  if (row) {
+    for (int i = 0; i < N; i++) row[i] = 0.0;
+    row[FSW_CREEP] = row[FSW_SLOW] = soft;
+    row[FSW_TOOL] = m->softening_per_c * moved;
+    row[FSW_FORCE] = soft * m->fast_gain;
+  }
+  return soft * moved;
+}
+
+/* Inputs that acted: as the drives report them, as commanded where they do not. */
+static void take_inputs(fsw_estimator *e, const fsw_input *in) {
+  e->acting_force_kn = fsw_is_finite(in->force_kn) ? in->force_kn : in->applied_force_kn;
+  e->acting_speed_rpm = fsw_is_finite(in->speed_rpm) ? in->speed_rpm : in->applied_speed_rpm;
+}
+
+static int plausible_depth(double depth_mm) { return depth_mm > 0.0 && depth_mm < DEEPEST_MM; }
+static int plausible_rise(double rise_c) { return rise_c > -LARGEST_DEVIATION_C && rise_c < LARGEST_DEVIATION_C; }
+
+/* Begin at rest at a measurement; 0 if a sensor that is needed is missing. */
+int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in) {
+  const double rise_c = in->temperature_c - m->operating_temperature_c;
+  if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
+  take_inputs(e, in);
+  const double torque = fsw_torque_at(m, e->acting_force_kn, in->depth_mm).value;
+  const double friction = fsw_friction(m, e->acting_speed_rpm);
+  double scale = 1.0;
+  if (in->torque_fresh && fsw_is_finite(in->torque_nm))
+    scale = fsw_clip((in->torque_nm - friction) / torque, LEAST_SCALE, LARGEST_SCALE);
+  const double power = scale * torque * e->acting_speed_rpm * FSW_KW_PER_NM_RPM - m->operating_power_kw;
+  const double pushed = e->acting_force_kn - m->operating_force_kn;
+  double *x = e->x;
+  x[FSW_CREEP] = in->depth_mm / (1.0 + m->softening_per_c * rise_c) - m->operating_depth_mm - m->fast_gain * pushed;
+  x[FSW_SLOW] = 0.0;
+  x[FSW_COPPER] = x[FSW_TOOL] = rise_c;
+  x[FSW_MOTOR] = scale * torque + friction;
+  x[FSW_FORCE] = x[FSW_DEPTH_OFFSET] = x[FSW_TEMP_OFFSET] = 0.0;
+  x[FSW_HEAT] = rise_c / m->thermal_gain_c_per_kw - power;
+  x[FSW_SCALE] = scale;
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) e->p[i][j] = i == j ? START_DEVIATION[i] * START_DEVIATION[i] : 0.0;
+  for (int k = 0; k < m->n_history; k++) {
+    e->history[3 * k] = power;
+    e->history[3 * k + 1] = e->history[3 * k + 2] = 0.0;
+  }
+  for (int s = 0; s < 3; s++) {
+    e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
+    e->suspect[s] = 0;
+  }
+  e->last_speed_rpm = e->acting_speed_rpm;
+  e->started = 1;
+  return 1;
+}
+
+/* Rows of a[] that do not change while it runs. */
+static void constant_rows(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t) {
+  const double *mode = m->modes;
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) e->a[i][j] = i == j ? 1.0 : 0.0;
+  e->a[FSW_CREEP][FSW_FORCE] = mode[0];
+  e->a[FSW_SLOW][FSW_SLOW] = mode[1];
+  e->a[FSW_SLOW][FSW_FORCE] = mode[2];
+  e->a[FSW_COPPER][FSW_COPPER] = mode[5];
+  e->a[FSW_TOOL][FSW_COPPER] = mode[6];
+  e->a[FSW_TOOL][FSW_TOOL] = mode[7];
+  e->a[FSW_COPPER][FSW_HEAT] = mode[8];
+  e->a[FSW_TOOL][FSW_HEAT] = mode[9];
+  e->a[FSW_DEPTH_OFFSET][FSW_DEPTH_OFFSET] = e->a[FSW_TEMP_OFFSET][FSW_TEMP_OFFSET] = t->offset_keep;
+}
+
+/* p = a p a' + walk */
+static void predict_covariance(fsw_estimator *e, const fsw_tuning *t) {
+  double ap[N][N];
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) {
+      double sum = 0.0;
+      for (int k = 0; k < N; k++) sum += e->a[i][k] * e->p[k][j];
+      ap[i][j] = sum;
+    }
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j <= i; j++) {
+      double sum = i == j ? t->walk[i] * t->walk[i] : 0.0;
+      for (int k = 0; k < N; k++) sum += ap[i][k] * e->a[j][k];
+      e->p[i][j] = e->p[j][i] = sum;
+    }
+}
+
+/* One tick of the model, as in predict.c, and of the covariance. */
+static void predict(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t) {
+  const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
+  double *x = e->x, left_row[N], right_row[N];
+  const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
+  const double scale = x[FSW_SCALE], settled = m->operating_depth_mm + m->fast_gain * pushed;
+
+  constant_rows(e, m, t);
+  const double before = fsw_contact_depth(e, m, left_row);
+  const fsw_torque left = fsw_torque_at(m, force, deeper_than_zero(before));
+  for (int i = 0; i < N; i++) left_row[i] *= scale * left.by_depth;
+  left_row[FSW_FORCE] += scale * left.by_force;
+  left_row[FSW_SCALE] = left.value;
+
+  double copper = mode[5] * x[FSW_COPPER] + mode[8] * x[FSW_HEAT];
+  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * x[FSW_HEAT];
+  for (int k = m->weight_start[0]; k < m->weight_start[1]; k++) {
+    const double *g = m->weight + 6 * k, *power = e->history + 3 * m->weight_segment[k];
+    copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+    tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
+  }
+  x[FSW_CREEP] += mode[0] * pushed;
+  x[FSW_SLOW] = mode[1] * x[FSW_SLOW] + mode[2] * pushed;
+  x[FSW_COPPER] = copper;
+  x[FSW_TOOL] = tool;
+  const double soft = 1.0 + m->softening_per_c * tool, moved = settled + x[FSW_CREEP] + x[FSW_SLOW];
+  const fsw_torque right = fsw_torque_at(m, force, deeper_than_zero(soft * moved));
+  for (int i = 0; i < N; i++)
+    right_row[i] = scale * right.by_depth *
+                   (soft * (e->a[FSW_CREEP][i] + e->a[FSW_SLOW][i]) + m->softening_per_c * moved * e->a[FSW_TOOL][i]);
+  right_row[FSW_FORCE] += scale * (right.by_force + right.by_depth * soft * m->fast_gain);
+  right_row[FSW_SCALE] += right.value;
+
+  const double friction = fsw_friction(m, e->acting_speed_rpm), kw = FSW_KW_PER_NM_RPM * e->acting_speed_rpm;
+  const double rise = scale * (right.value - left.value), begin = scale * left.value - lag * rise;
+  const double rest = x[FSW_MOTOR] - friction - begin;
+  for (int i = 0; i < N; i++) {
+    const double row_rise = right_row[i] - left_row[i];
+    e->a[FSW_MOTOR][i] = (1.0 - motor_decay) * (left_row[i] - lag * row_rise) + row_rise;
+  }
+  e->a[FSW_MOTOR][FSW_MOTOR] = motor_decay;
+  x[FSW_MOTOR] = begin + rise + friction + motor_decay * rest;
+  x[FSW_DEPTH_OFFSET] *= t->offset_keep;
+  x[FSW_TEMP_OFFSET] *= t->offset_keep;
+  for (int k = 0; k < 3 * (m->n_history - 1); k++) e->history[k] = e->history[k + 3];
+  double *newest = e->history + 3 * (m->n_history - 1);
+  newest[0] = kw * begin - m->operating_power_kw;
+  newest[1] = kw * rise;
+  newest[2] = kw * rest;
+  predict_covariance(e, t);
+}
+
+/* p row', and the variance of what the row measures */
+static double spread(const fsw_estimator *e, const double row[N], double cross[N]) {
+  double variance = 0.0;
+  for (int i = 0; i < N; i++) {
+    double sum = 0.0;
+    for (int j = 0; j < N; j++) sum += e->p[i][j] * row[j];
+    cross[i] = sum;
+    variance += row[i] * sum;
+  }
+  return variance;
+}
+
+/* Scalar Kalman update with the measurement's linearisation `row`, unless the measurement is a spike. A jump widens the
+ * variances of the states in `jumping`, by the squares of their shares. */
+static void update(fsw_estimator *e, const fsw_tuning *t, int sensor, const double row[N], double innovation, double noise,
+                   const double jumping[N]) {
+  double cross[N];
+  double expected = spread(e, row, cross) + noise * noise + LEAST_VARIANCE;
+  const double excess = innovation * innovation - t->jump_sigmas * t->jump_sigmas * expected;
+  const int is_far = t->jump_sigmas > 0.0 && excess > 0.0, was_far = e->suspect[sensor];
+  e->innovation[sensor] = innovation;
+  e->expected[sensor] = expected;
+  e->suspect[sensor] = is_far;
+  if (is_far && !was_far) return;
+  if (is_far) {
+    for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
+    expected = spread(e, row, cross) + noise * noise;
+  }
+  for (int i = 0; i < N; i++) e->x[i] += cross[i] / expected * innovation;
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) e->p[i][j] -= cross[i] * cross[j] / expected;
+}
+
+static void clear_row(double row[N]) {
+  for (int i = 0; i < N; i++) row[i] = 0.0;
+}
+
+static int seen(fsw_estimator *e, int sensor, int is_valid) {
+  e->blind_s[sensor] = is_valid ? 0.0 : e->blind_s[sensor] + FSW_TICK_S;
+  return is_valid;
+}
+
+static void correct(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
+  double row[N], jumping[N];
+  for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
+
+  const double peak = m->inertia_nm_s_per_rpm * (e->acting_speed_rpm - e->last_speed_rpm) / FSW_TICK_S;
+  const double torque = in->torque_nm - peak, expected = e->x[FSW_MOTOR];
+  if (seen(e, TORQUE, in->torque_fresh && torque > expected / TORQUE_FACTOR && torque < expected * TORQUE_FACTOR)) {
+    clear_row(row);
+    clear_row(jumping);
+    row[FSW_MOTOR] = 1.0;
+    jumping[FSW_SCALE] = 1.0 / (expected > LEAST_TORQUE_NM ? expected : LEAST_TORQUE_NM);
+    update(e, t, TORQUE, row, torque - expected, t->noise[TORQUE] + PEAK_NOISE_SHARE * fabs(peak), jumping);
+  }
+  if (seen(e, DEPTH, in->depth_fresh && plausible_depth(in->depth_mm))) {
+    const double shown = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
+    clear_row(jumping);
+    row[FSW_DEPTH_OFFSET] = 1.0;
+    jumping[FSW_DEPTH_OFFSET] = sqrt(OFFSET_SHARE);
+    jumping[FSW_CREEP] = sqrt(1.0 - OFFSET_SHARE);
+    update(e, t, DEPTH, row, in->depth_mm - shown, t->noise[DEPTH], jumping);
+  }
+  const double rise_c = in->temperature_c - m->operating_temperature_c;
+  if (seen(e, TEMPERATURE, in->temperature_fresh && plausible_rise(rise_c))) {
+    clear_row(row);
+    clear_row(jumping);
+    row[FSW_TOOL] = row[FSW_TEMP_OFFSET] = jumping[FSW_TEMP_OFFSET] = 1.0;
+    update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
+  }
+  e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
+}
+
+/* Whether states and variances are finite and where a weld can be. */
+static int is_sound(const fsw_estimator *e, const fsw_model *m) {
+  double sum = 0.0;
+  for (int i = 0; i < N; i++) {
+    if (!(e->p[i][i] >= 0.0)) return 0;
+    sum += e->x[i] + e->p[i][i];
+  }
+  return fsw_is_finite(sum) && plausible_depth(fsw_contact_depth(e, m, 0)) && plausible_rise(e->x[FSW_TOOL]) &&
+         fabs(e->x[FSW_FORCE]) < LARGEST_OFFSET_KN;
+}
+
+/* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
+ * the estimate is sound; if it is not, it has ended and must be started anew. */
+int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
+  take_inputs(e, in);
+  predict(e, m, t);
+  correct(e, m, t, in);
+  e->last_speed_rpm = e->acting_speed_rpm;
+  return e->started = is_sound(e, m);
+}

@@ -1,0 +1,228 @@
+/* Where the outputs shall go over the horizon.
+ *
+ * FSW_APPROACH: from where an output is, and how fast it moves, it goes to its set-point as a system of second order
+ * with two time constants near it; from further away it comes as fast as it can still brake. Rate and acceleration are
+ * limited by what force and speed can do together. The temperature begins one dead time ahead, where the prediction
+ * arrives whatever is done now, and what is steered is the copper, which the tool follows with its lag. So a disturbance
+ * is met as a set-point is, and the loop has the margins of internal model control with the tuning's time constants as
+ * its filter. Set-points that are known beforehand are approached so early that the output is half way in time.
+ *
+ * The paper's corridors (32), (33) are of first order. The text does not say where they start in each cycle; its tool
+ * offers FSW_CONSTANT (at the set-point), FSW_COLD_START (at the output once, then on by themselves) and FSW_RECENTRED
+ * (at the output in every cycle). */
+#include <math.h>
+
+#include "internal.h"
+
+/* Faster time constants near the set-point: some ticks, in which force and power get to where the approach wants them. */
+#define FORCE_TIME_S 0.4
+#define POWER_TIME_S 0.4
+/* Distance within which the time constants hold, mm and degC. */
+#define NEAR_MM 0.02
+#define NEAR_C 0.5
+/* Depth accelerates faster than the speed can keep the power, by what the lags of the temperature smooth out. */
+#define SMOOTHED 1.3
+/* Share of the acceleration with which an approach counts on braking; of the largest rate of the temperature. */
+#define BRAKE_SHARE 0.7
+#define RATE_SHARE 0.8
+/* A plant that cannot move gets at least so much: kN about the force that holds, degC/s. */
+#define LEAST_FORCE_KN 1.0
+#define LEAST_RATE_C_S 0.1
+#define LEAST_POWER_KW 1.0
+/* an approach is at its end within this share of `near` */
+#define AT_REST 1e-4
+#define LONGEST_LEAD_S 30.0
+
+typedef struct {
+  double slow_s, fast_s, near, acceleration, least_rate, top_rate;
+  double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
+} approach;
+
+typedef struct { double at_s, value; } target; /* a set-point from at_s on */
+
+typedef struct { double steered, rate, output; } motion;
+
+/* One step of an approach to `goal`. */
+static void advance(const approach *a, motion *now, double goal, double dt_s) {
+  const double distance = now->steered - goal, size = fabs(distance), before = now->steered, last = now->rate;
+  const double ends = a->near / a->slow_s;
+  const double speed =
+      size <= a->near ? size / a->slow_s : sqrt(ends * ends + 2.0 * BRAKE_SHARE * a->acceleration * (size - a->near));
+  const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
+  const double change = (wanted - last) / a->fast_s - (size <= a->near ? last / a->slow_s : 0.0);
+  now->rate += fsw_clip(change, -a->acceleration, a->acceleration) * dt_s;
+  now->steered += 0.5 * (last + now->rate) * dt_s;
+  if (a->lag_s > 0.0) /* trapezoidal */
+    now->output += (0.5 * (before + now->steered) - now->output) * dt_s / (a->lag_s + 0.5 * dt_s);
+  else
+    now->output = now->steered;
+}
+
+static int is_at_rest(const approach *a, const motion *now, double goal) {
+  const double size = AT_REST * a->near;
+  return fabs(now->steered - goal) < size && fabs(now->output - goal) < size && fabs(now->rate) * a->slow_s < size;
+}
+
+/* Output at the points time_s[first ... n), from `begin_s` on. */
+static void follow(const approach *a, motion now, double begin_s, const target *targets, int n_targets,
+                   const double *time_s, int first, int n, double *path) {
+  double now_s = begin_s;
+  int k = 0;
+  for (int i = first; i < n; i++) {
+    while (now_s < time_s[i] - 1e-9) {
+      const double left_s = time_s[i] - now_s, dt_s = left_s < FSW_TICK_S ? left_s : FSW_TICK_S;
+      while (k + 1 < n_targets && targets[k + 1].at_s <= now_s + 1e-9) k++;
+      if (is_at_rest(a, &now, targets[k].value)) {
+        now.steered = now.output = targets[k].value;
+        now.rate = 0.0;
+        if (k + 1 == n_targets) break;
+      } else {
+        advance(a, &now, targets[k].value, dt_s);
+      }
+      now_s += dt_s;
+    }
+    now_s = time_s[i];
+    path[i] = now.output;
+  }
+}
+
+/* Time in which an approach comes half way to a set-point that is `size` away. */
+static double half_time_s(const approach *a, double size) {
+  motion now = {0.0, 0.0, 0.0};
+  double time_s = 0.0;
+  while (fabs(now.output) < 0.5 * fabs(size) && time_s < LONGEST_LEAD_S) {
+    advance(a, &now, size, FSW_TICK_S);
+    time_s += FSW_TICK_S;
+  }
+  return time_s;
+}
+
+/* Targets of output q: the set-point now, and those to come, each as early as it has to be begun. */
+static int targets_of(const approach *a, const fsw_controller *c, const fsw_input *in, int q, target *targets) {
+  int n = 1;
+  targets[0].at_s = -1e9;
+  targets[0].value = c->reference[q];
+  const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
+  for (int i = 0; i < n_changes; i++) {
+    const double value = q == 0 ? in->change[i].depth_mm : in->change[i].temperature_c;
+    const double size = value - targets[n - 1].value;
+    if (size == 0.0 || !fsw_is_finite(value) || !(in->change[i].at_s > 0.0)) continue;
+    const double at_s = in->change[i].at_s - half_time_s(a, size);
+    targets[n].at_s = at_s > targets[n - 1].at_s ? at_s : targets[n - 1].at_s;
+    targets[n++].value = value;
+  }
+  return n;
+}
+
+/* What force and speed can do together, about the present state. */
+static void authority(const fsw_controller *c, approach *depth, approach *temp) {
+  const fsw_model *m = &c->model;
+  const fsw_tuning *t = &c->tuning;
+  const double *x = c->estimator.x;
+  const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
+  const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
+  double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT]; /* that holds */
+  if (!(power > LEAST_POWER_KW)) power = LEAST_POWER_KW;
+  const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
+  double low = t->input_min[0], high = t->input_max[0], force_rate = t->move_max[0] / FSW_TICK_S;
+  const double speed_rate = t->move_max[1] / FSW_TICK_S;
+  if (by_force > 0.0 && t->input_min[1] > 0.0) { /* forces at which the fastest and the slowest speed give the power */
+    const double by_fastest = m->operating_force_kn + (nm_rpm / t->input_max[1] - torque) / by_force;
+    const double by_slowest = m->operating_force_kn + (nm_rpm / t->input_min[1] - torque) / by_force;
+    low = low > by_fastest ? low : by_fastest;
+    high = high < by_slowest ? high : by_slowest;
+    const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
+    force_rate = force_rate < followed ? force_rate : followed;
+  }
+  const double gain = m->depth_gain[0] + m->depth_gain[1], centre = m->operating_force_kn - x[FSW_FORCE];
+  depth->least_rate = gain * (low - centre < -LEAST_FORCE_KN ? low - centre : -LEAST_FORCE_KN);
+  depth->top_rate = gain * (high - centre > LEAST_FORCE_KN ? high - centre : LEAST_FORCE_KN);
+  depth->acceleration = SMOOTHED * gain * force_rate;
+  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
+  const double slowest = RATE_SHARE * heating * (t->input_min[1] * kw_per_rpm - power);
+  const double fastest = RATE_SHARE * heating * (t->input_max[1] * kw_per_rpm - power);
+  temp->least_rate = slowest < -LEAST_RATE_C_S ? slowest : -LEAST_RATE_C_S;
+  temp->top_rate = fastest > LEAST_RATE_C_S ? fastest : LEAST_RATE_C_S;
+  temp->acceleration = heating * kw_per_rpm * speed_rate;
+}
+
+/* Rate of the depth under the inputs that act. */
+static motion depth_now(const fsw_controller *c) {
+  const fsw_model *m = &c->model;
+  const fsw_estimator *e = &c->estimator;
+  double row[FSW_STATES];
+  motion now;
+  now.output = now.steered = fsw_contact_depth(e, m, row) + e->x[FSW_DEPTH_OFFSET];
+  const double pushed = e->acting_force_kn + e->x[FSW_FORCE] - m->operating_force_kn;
+  const double own = (m->depth_gain[0] + m->depth_gain[1]) * pushed + m->slow_pole * e->x[FSW_SLOW];
+  now.rate = row[FSW_CREEP] * own + row[FSW_TOOL] * (e->x[FSW_COPPER] - e->x[FSW_TOOL]) / m->tool_lag_s;
+  return now;
+}
+
+/* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate then under the power
+ * that goes in now: nothing that is done now changes them. */
+static motion temperature_ahead(const fsw_controller *c) {
+  const fsw_model *m = &c->model;
+  const fsw_estimator *e = &c->estimator;
+  const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
+  const int n = 3 * m->n_history;
+  double copper = mode[5] * x[FSW_COPPER] + mode[8] * x[FSW_HEAT];
+  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * x[FSW_HEAT];
+  for (int k = 0; k < n; k++) {
+    copper += m->ahead_power[k] * e->history[k];
+    tool += m->ahead_power[n + k] * e->history[k];
+  }
+  const double power = newest[0] + newest[1] + newest[2] * m->modes[3] + x[FSW_HEAT];
+  const double shown = m->operating_temperature_c + x[FSW_TEMP_OFFSET];
+  motion ahead = {shown + copper, (m->thermal_gain_c_per_kw * power - copper) / m->copper_lag_s, shown + tool};
+  return ahead;
+}
+
+static void approaches(fsw_controller *c, const fsw_input *in, double *depth, double *temp) {
+  const fsw_model *m = &c->model;
+  const fsw_tuning *t = &c->tuning;
+  approach to_depth = {t->time_s[0], FORCE_TIME_S, NEAR_MM, 0.0, 0.0, 0.0, 0.0};
+  approach to_temp = {t->time_s[1], POWER_TIME_S, NEAR_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  target targets[FSW_MAX_CHANGES + 1];
+  authority(c, &to_depth, &to_temp);
+  int n = targets_of(&to_depth, c, in, 0, targets);
+  follow(&to_depth, depth_now(c), 0.0, targets, n, m->time_s, 0, m->n_out, depth);
+
+  const motion ahead = temperature_ahead(c);
+  int first = 0;
+  while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
+  n = targets_of(&to_temp, c, in, 1, targets);
+  follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
+}
+
+/* Centre of the corridor of output q, now and over the horizon. */
+static void corridor(fsw_controller *c, int q, double output, double *path) {
+  const fsw_tuning *t = &c->tuning;
+  const double goal = c->reference[q];
+  if (t->trajectory == FSW_CONSTANT) c->corridor[q] = goal;
+  else if (t->trajectory == FSW_RECENTRED || !c->has_corridor) c->corridor[q] = output;
+  else c->corridor[q] = goal + (c->corridor[q] - goal) * t->corridor_decay[q];
+  double left = c->corridor[q] - goal, now_s = 0.0;
+  for (int i = 0; i < c->model.n_out; i++) {
+    for (; now_s < c->model.time_s[i] - 0.5 * FSW_TICK_S; now_s += FSW_TICK_S) left *= t->corridor_decay[q];
+    path[i] = goal + left;
+  }
+}
+
+/* Dead-bands about the trajectories of this tick, into c->problem. */
+void fsw_trajectories(fsw_controller *c, const fsw_input *in) {
+  double path[2][FSW_MAX_OUT];
+  if (c->tuning.trajectory == FSW_APPROACH) {
+    approaches(c, in, path[0], path[1]);
+  } else {
+    const double *x = c->estimator.x;
+    corridor(c, 0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
+    corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
+    c->has_corridor = 1;
+  }
+  for (int q = 0; q < 2; q++)
+    for (int i = 0; i < c->model.n_out; i++) {
+      c->problem.low[q][i] = path[q][i] - c->tuning.dead_band[q];
+      c->problem.high[q][i] = path[q][i] + c->tuning.dead_band[q];
+    }
+}

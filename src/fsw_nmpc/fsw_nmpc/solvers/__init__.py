@@ -1,1 +1,0 @@
-"""Solvers of the NMPC's problem, one interface."""

@@ -1,0 +1,210 @@
+"""What the estimator makes of noise, jumps, spikes, held values and another process, and that it knows how well."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fsw_model import ProcessModel, nominal
+from fsw_nmpc.tuning import PAPER, EstimatorTuning, Tuning
+from fsw_test_support.nmpc_problems import LIMITS, make_library
+
+P = nominal()
+NOISE = (2e-3, 2.0, 0.1)  # depth mm, torque N m, temperature degC: the emulator's sensors
+FORCE, HEAT, SCALE, DEPTH, TEMPERATURE = range(5)  # of the library's disturbances
+NAN = float("nan")
+
+
+class Watch:
+    """An estimator that watches a process under constant inputs."""
+
+    def __init__(self, process=None, tuning=None, noise=False, start=(2.66, 816.4), seed=0, **actual):
+        self.library = make_library(20, tuning=tuning)
+        self.model = ProcessModel(process or P)
+        at = self.model.equilibrium(*start)
+        self.state, self.force, self.speed = at.state.copy(), at.force_kn, at.speed_rpm
+        self.actual_force = self.force + actual.get("unmeasured_kn", 0.0)
+        self.rng = np.random.default_rng(seed) if noise else None
+        self.library.reset(self.force, self.speed)
+        self.innovations = []
+
+    def shown(self):
+        out = self.model.outputs(self.state, self.actual_force, self.speed)
+        return np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c])
+
+    def run(self, ticks, offset=(0.0, 0.0, 0.0), fresh=(True, True, True), drives=False):
+        given, estimator = self.library.input, self.library.state.estimator
+        for _ in range(ticks):
+            values = self.shown() + offset
+            if self.rng is not None:
+                values = values + self.rng.normal(0.0, NOISE)
+            given.depth_mm, given.torque_nm, given.temperature_c = values
+            given.depth_fresh, given.torque_fresh, given.temperature_fresh = fresh
+            given.force_kn = given.applied_force_kn = self.force
+            given.speed_rpm = given.applied_speed_rpm = self.speed
+            if not drives:
+                given.force_kn = given.speed_rpm = NAN
+            given.reference_depth_mm = given.reference_temperature_c = NAN  # only estimate
+            given.dt_s = 0.1
+            assert not self.library.begin()
+            assert estimator.started
+            self.innovations.append([*estimator.innovation, *estimator.expected])
+            self.model.step(self.state, self.actual_force, self.speed)
+        return self.library.output
+
+    @property
+    def x(self):
+        return np.array(self.library.state.estimator.x)
+
+
+def test_rests_where_the_process_rests():
+    watch = Watch(start=(2.8, 830.0))
+    told = watch.run(300)
+    assert (told.depth_mm, told.temperature_c) == pytest.approx((2.8, 830.0), abs=1e-9)
+    assert list(told.disturbance) == pytest.approx([0.0, 0.0, 1.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_jump_of_the_depth_sensor_is_no_jump_of_the_tool():
+    told = (watch := Watch(noise=True)).run(600)
+    told = watch.run(30, offset=(0.1, 0.0, 0.0))
+    assert told.depth_mm == pytest.approx(2.76, abs=3e-3)
+    assert abs(told.disturbance[DEPTH] - 0.1) < 3.0 * told.deviation[DEPTH] < 0.03
+
+
+def test_a_jump_under_the_tool_is_no_jump_of_the_sensor():
+    watch = Watch(noise=True)
+    watch.run(600)
+    creep, *rest = watch.state.x
+    watch.state.x = (creep + 0.1, *rest)
+    told = watch.run(30)
+    assert told.depth_mm == pytest.approx(watch.shown()[0], abs=3e-3)
+    assert abs(told.disturbance[DEPTH]) < 3.0 * told.deviation[DEPTH] < 0.03
+
+
+def test_a_jump_of_the_temperature_is_an_offset():
+    watch = Watch()
+    watch.run(50)
+    told = watch.run(100, offset=(0.0, 0.0, -5.0))
+    assert told.temperature_c == pytest.approx(811.4, abs=0.02)
+    assert told.disturbance[TEMPERATURE] == pytest.approx(-5.0, abs=0.2)
+    assert told.disturbance[HEAT] == pytest.approx(0.0, abs=0.05)
+
+
+def test_one_spike_is_left_out_and_two_are_a_jump():
+    watch = Watch()
+    watch.run(50)
+    before = watch.x
+    watch.run(1, offset=(0.3, 100.0, 20.0))
+    assert watch.x[[0, 3, 4]] == pytest.approx(before[[0, 3, 4]], abs=1e-3)
+    told = watch.run(1, offset=(0.3, 0.0, 20.0))
+    assert told.depth_mm == pytest.approx(2.96, abs=5e-3)
+    assert told.temperature_c == pytest.approx(836.4, abs=0.2)
+
+
+def test_what_is_not_fresh_is_not_taken():
+    watch = Watch()
+    watch.run(50)
+    sure = watch.library.output.deviation[DEPTH]
+    told = watch.run(20, offset=(0.5, 300.0, 50.0), fresh=(False, False, False))
+    assert (told.depth_mm, told.temperature_c) == pytest.approx((2.66, 816.4), abs=1e-6)
+    assert told.deviation[DEPTH] > sure
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.1])
+def test_another_torque_is_a_scale(factor):
+    watch = Watch(P.scaled(sticking_stress_pa=factor, sliding_friction=factor))
+    told = watch.run(600)
+    assert told.disturbance[SCALE] == pytest.approx(factor, abs=1e-3)
+    assert (told.disturbance[DEPTH], told.disturbance[HEAT]) == pytest.approx((0.0, 0.0), abs=1e-2)
+
+
+def test_another_thermal_gain_is_a_heat():
+    watch = Watch(P.scaled(thermal_gain_c_per_kw=1.2), start=(2.66, 840.0))
+    told = watch.run(600)
+    assert told.disturbance[HEAT] == pytest.approx((840.0 - 816.4) * (1 / 18.1 - 1 / (1.2 * 18.1)), rel=0.02)
+    assert told.temperature_c == pytest.approx(840.0, abs=1e-3)
+
+
+def test_a_force_that_nobody_measures_is_found_by_its_creep():
+    told = Watch(unmeasured_kn=0.5).run(3000)
+    assert told.disturbance[FORCE] == pytest.approx(0.5, abs=0.05)
+
+
+def test_measured_drives_come_before_the_command():
+    watch = Watch(unmeasured_kn=0.5)
+    watch.force = watch.actual_force
+    told = watch.run(600, drives=True)
+    assert told.disturbance[FORCE] == pytest.approx(0.0, abs=0.01)
+
+
+def visibility(tuning):
+    """Least singular value of the PBH matrices of all eigenvalues near or on the unit circle, in usual sizes."""
+    watch = Watch(tuning=tuning)
+    watch.run(20)
+    a = np.array(watch.library.state.estimator.a)
+    c = np.zeros((3, 10))
+    c[0, [0, 1, 3, 8]] = 1.0, 1.0, P.softening_per_c * 2.66, 1.0
+    c[1, 4] = c[2, 3] = c[2, 9] = 1.0
+    sizes = np.array([1e-2, 1e-2, 1.0, 1.0, 10.0, 1.0, 0.5, 0.01, 1e-2, 1.0])
+    values = np.linalg.eigvals(a)
+    matrices = (
+        np.vstack([(v * np.eye(10) - a) * sizes / sizes[:, None], c * sizes / np.array(NOISE)[:, None]])
+        for v in values[np.abs(values) > 0.99]
+    )
+    return min(np.linalg.svd(m, compute_uv=False)[-1] for m in matrices), values
+
+
+@pytest.mark.parametrize(
+    "tuning", [Tuning(), PAPER, Tuning().with_knobs(calmness=3.0)], ids=["default", "paper", "calm"]
+)
+def test_every_state_is_detectable(tuning):
+    """PBH: no eigenvector of an eigenvalue near or on the unit circle is invisible to the three sensors."""
+    least, values = visibility(tuning)
+    assert least > 1e-6
+    assert sum(np.abs(values) > 1.0 - 1e-9) == 4  # creep, which the process has, and one per sensor
+    unleaking = replace(tuning, estimator=replace(tuning.estimator, offset_memory_s=1e12))
+    assert visibility(unleaking)[0] < 1e-10  # what the leak is for
+
+
+def test_eight_hours_of_rest():
+    """Deviations settle, and what is told of the disturbances stays true."""
+    watch = Watch(noise=True)
+    told = watch.run(36_000)
+    hour = np.array(told.deviation)
+    for _ in range(7):
+        told = watch.run(36_000)
+        off = np.abs(np.array(told.disturbance) - [0.0, 0.0, 1.0, 0.0, 0.0])
+        assert (off < 4.0 * np.array(told.deviation)).all(), off / told.deviation
+    assert list(told.deviation) == pytest.approx(hour, rel=0.02)
+    assert hour[DEPTH] < 0.01 and hour[TEMPERATURE] < 2.5
+
+
+def test_innovations_have_the_expected_size():
+    """Normalised innovations under nominal noise: about one, neither boastful nor timid, and no jumps are seen."""
+    watch = Watch(noise=True)
+    watch.run(6000)
+    values = np.array(watch.innovations[1000:])
+    ratio = (values[:, :3] ** 2 / values[:, 3:]).mean(axis=0)
+    assert (ratio > 0.7).all() and (ratio < 1.1).all(), ratio
+    white = [np.corrcoef(column[:-1], column[1:])[0, 1] for column in values[:, :3].T]
+    assert np.abs(white).max() < 0.25, white
+
+
+def test_deviations_are_honest():
+    """Over many noisy runs from wrong starts, the errors are as large as the told deviations say."""
+    ratios = []
+    for seed in range(30):
+        watch = Watch(noise=True, seed=seed)
+        told = watch.run(300)
+        error = np.array([told.disturbance[i] - (1.0 if i == SCALE else 0.0) for i in range(5)])
+        ratios.append(error / np.array(told.deviation))
+    assert (np.array(ratios).std(axis=0) < 1.2).all(), np.array(ratios).std(axis=0)
+
+
+def test_tuning_changes_at_runtime():
+    watch = Watch(noise=True)
+    watch.run(200)
+    before = watch.x
+    watch.library.configure(Tuning(estimator=EstimatorTuning(depth_noise_mm=0.01)).struct(LIMITS))
+    watch.run(1)
+    assert watch.x[[0, 2, 3]] == pytest.approx(before[[0, 2, 3]], abs=0.05)

@@ -1,0 +1,214 @@
+"""The C library by itself: strict C99, sanitizers, sizes, builds."""
+
+import ctypes
+import subprocess
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from fsw_model import nominal
+from fsw_nmpc import kernel_build
+from fsw_nmpc.horizon import horizon_of, make_horizon
+from fsw_nmpc.library import Input, Library, Output, Tables
+from fsw_nmpc.tuning import Tuning
+from fsw_test_support.nmpc_problems import LIMITS, make_library
+
+P = nominal()
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-Wno-unused-parameter"]
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
+
+DRIVER = r"""
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include "fsw_controller.h"
+#include "tables.h"
+static double draw(double low, double high) { return low + (high - low) * (rand() / (double)RAND_MAX); }
+static double sample(double low, double high) {
+  const int kind = rand() % 40;
+  return kind == 0 ? NAN : kind == 1 ? INFINITY : kind == 2 ? -1e300 : kind == 3 ? 0.0 : draw(low, high);
+}
+int main(void) {
+  fsw_controller *c = malloc(sizeof(fsw_controller)); /* exactly as long as asked for */
+  int proposed = 0, solved = 0;
+  if (fsw_controller_init(c, &model, &tuning)) { free(c); return 2; }
+  double force = 78.4, speed = 407.6;
+  for (int k = 0; k < TICKS; k++) {
+    fsw_input in = {draw(2.4, 2.9), draw(900, 1200), draw(806, 826), 1, 1, 1, NAN, NAN, force, speed, 2.7, 820.0, 0.1,
+                    0, {{0.0, 0.0, 0.0}}};
+    if (k % 3 == 0) { /* everything may be wrong */
+      in.depth_mm = sample(0, 5); in.torque_nm = sample(0, 3000); in.temperature_c = sample(0, 1500);
+      in.depth_fresh = rand() % 2; in.torque_fresh = rand() % 2; in.temperature_fresh = rand() % 2;
+      in.force_kn = sample(50, 100); in.speed_rpm = sample(250, 550);
+      in.applied_force_kn = sample(50, 100); in.applied_speed_rpm = sample(250, 550);
+      in.reference_depth_mm = sample(1, 4); in.reference_temperature_c = sample(700, 950);
+      in.dt_s = sample(-1, 5); in.n_changes = rand() % 20 - 4;
+      for (int i = 0; i < FSW_MAX_CHANGES; i++) {
+        in.change[i].at_s = sample(-5, 40); in.change[i].depth_mm = sample(1, 4);
+        in.change[i].temperature_c = sample(700, 950);
+      }
+    }
+    if (k % 150 == 149) fsw_controller_reset(c, sample(60, 95), sample(300, 500));
+    if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_controller_configure(c, &tuning); }
+    fsw_output out;
+    fsw_controller_step(c, &in, &out);
+    if (out.iterations > 2 * tuning.max_iterations) { free(c); return 3; }
+    const double f = c->applied[0], n = c->applied[1]; /* never further than a step from what is applied */
+    const int near = fabs(out.force_kn - f) <= 1 + 1e-9 * fabs(f) && fabs(out.speed_rpm - n) <= 3 + 1e-9 * fabs(n);
+    if (!near) { free(c); return 4; }
+    proposed += out.healthy;
+    force = out.force_kn > 60 && out.force_kn < 95 ? out.force_kn : 80;
+    speed = out.speed_rpm > 300 && out.speed_rpm < 500 ? out.speed_rpm : 400;
+    solved += out.fate == FSW_OK;
+  }
+  free(c);
+  printf("%d proposed, %d solved\n", proposed, solved);
+  return proposed > TICKS / 2 && solved > TICKS / 2 ? 0 : 5;
+}
+"""
+
+
+def tables_of(library):
+    """The model's tables and the tuning as C text."""
+    model, tuning, lines = library._tables.model, library.state.tuning, []
+    lengths = {
+        "step_interval": model.n_steps, "interval_block": model.n_out, "interval_ticks": model.n_out,
+        "block_reach": model.n_blocks, "out_step": model.n_out,
+        "depth_width": model.n_out, "temp_width": model.n_out, "time_s": model.n_out, "modes": 10 * model.n_steps,
+        "weight_start": model.n_steps + 1, "weight_segment": model.n_weights, "weight": 6 * model.n_weights,
+        "ahead_power": 6 * model.n_history, "torque_par": 6,
+    }  # fmt: skip
+
+    def text(value, name):
+        if name in lengths:
+            return name
+        return "{" + ", ".join(repr(v) for v in value) + "}" if hasattr(value, "__len__") else repr(value)
+
+    for name, length in lengths.items():
+        values = getattr(model, name)[:length]
+        kind = "int" if isinstance(values[0], int) else "double"
+        lines.append(f"static const {kind} {name}[] = {{{', '.join(map(repr, values))}}};")
+    for kind, name, struct in (("const fsw_model", "model", model), ("fsw_tuning", "tuning", tuning)):
+        fields = ", ".join(text(getattr(struct, field), field) for field, _ in struct._fields_ if name == "model")
+        if name == "tuning":
+            fields = ", ".join(
+                text(list(v) if hasattr(v := getattr(struct, field), "__len__") else v, "")
+                for field, _ in struct._fields_
+            )
+        lines.append(f"static {kind} {name} = {{{fields}}};")
+    return "\n".join(lines) + "\n"
+
+
+def compile_c(arguments, **options):
+    command = [*kernel_build.compiler(), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+@pytest.mark.parametrize("blocks", [20, 54])
+def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
+    (tmp_path / "tables.h").write_text(tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8")
+    (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")
+    (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
+    if compile_c([*SANITIZE, str(tmp_path / "probe.c"), "-o", str(tmp_path / "probe")]).returncode:
+        pytest.skip("this compiler has no sanitizers")
+    sources = [str(kernel_build.FOLDER / name) for name in kernel_build.SOURCES]
+    include = ["-I", str(kernel_build.FOLDER), "-I", str(tmp_path)]
+    program = str(tmp_path / "driver")
+    built = compile_c(
+        [
+            "-std=c99",
+            *SANITIZE,
+            f"-DFSW_MAX_BLOCKS={blocks}",
+            f"-DTICKS={2000 if blocks == 20 else 400}",
+            *include,
+            str(tmp_path / "driver.c"),
+            *sources,
+            "-o",
+            program,
+            "-lm",
+        ]
+    )
+    assert built.returncode == 0, built.stderr
+    ran = subprocess.run([program], capture_output=True, text=True, check=False, timeout=100)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize("source", kernel_build.SOURCES)
+def test_strict_c99_without_a_warning(source, tmp_path):
+    done = compile_c([*STRICT, "-c", str(kernel_build.FOLDER / source), "-o", str(tmp_path / "o")])
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "horizon",
+    [
+        make_horizon(P, longest_step_s=0.8),  # 81 steps
+        make_horizon(P, tuple(0.1 * k for k in range(60)), (1,) * 59),  # 59 intervals
+        replace(horizon_of(P, 20), interval_block=np.arange(54, dtype=np.int32)[::-1].copy()),
+        replace(horizon_of(P, 20), weight_segment=horizon_of(P, 20).weight_segment + np.int32(100)),
+        replace(horizon_of(P, 20), depth_width=horizon_of(P, 20).depth_width + np.int32(100)),
+    ],
+    ids=["steps", "intervals", "blocks", "segments", "widths"],
+)
+def test_every_size_is_checked(horizon):
+    with pytest.raises(ValueError, match="more than the controller library was compiled for"):
+        make_library(horizon=horizon)
+
+
+def test_structs_are_those_of_the_header(tmp_path):
+    """Sizes in Python and in C are equal, field by field offsets too."""
+    structs = {"fsw_input": Input, "fsw_output": Output, "fsw_model": Tables(P, horizon_of(P, 20)).model.__class__}
+    lines = ["#include <stddef.h>", "#include <stdio.h>", '#include "fsw_controller.h"', "int main(void) {"]
+    for name, kind in structs.items():
+        lines += [f'printf("%zu\\n", offsetof({name}, {field}));' for field, _ in kind._fields_]
+        lines.append(f'printf("%zu\\n", sizeof({name}));')
+    (tmp_path / "sizes.c").write_text("\n".join([*lines, "return 0; }"]), encoding="utf-8")
+    program = str(tmp_path / "sizes")
+    built = compile_c(["-std=c99", "-I", str(kernel_build.FOLDER), str(tmp_path / "sizes.c"), "-o", program])
+    assert built.returncode == 0, built.stderr
+    told = [int(word) for word in subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()]
+    expected = []
+    for kind in structs.values():
+        expected += [getattr(kind, field).offset for field, _ in kind._fields_] + [ctypes.sizeof(kind)]
+    assert told == expected
+
+
+def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    built = kernel_build.build()
+    assert built.is_relative_to(tmp_path)
+    assert kernel_build.is_usable(built)
+    assert kernel_build.find() == built
+    (tmp_path / "broken.so").write_bytes(b"no library")
+    assert not kernel_build.is_usable(tmp_path / "broken.so")
+
+
+def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(kernel_build, "compiler", lambda: None)
+    with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
+        kernel_build.build()
+    monkeypatch.setattr(kernel_build, "compiler", lambda: ["false"])
+    with pytest.raises(RuntimeError, match="did not compile with false"):
+        kernel_build.build()
+
+
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
+def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    built = kernel_build.build(tmp_path / "zig.so")
+    usual, zig = make_library(20), Library(built, P, horizon_of(P, 20), Tuning().struct(LIMITS))
+    for library in (usual, zig):
+        library.configure(Tuning().struct(LIMITS))
+        given = library.input
+        given.depth_mm, given.torque_nm, given.temperature_c = 2.66, 1052.86, 816.4
+        given.depth_fresh = given.torque_fresh = given.temperature_fresh = True
+        given.applied_force_kn, given.applied_speed_rpm, given.dt_s = 78.4, 407.576, 0.1
+        given.reference_depth_mm, given.reference_temperature_c = 2.8, 820.0
+        for _ in range(20):
+            library.step()
+            given.applied_force_kn, given.applied_speed_rpm = library.output.force_kn, library.output.speed_rpm
+    assert bytes(usual.output) == bytes(zig.output)

@@ -1,0 +1,108 @@
+"""Reference trajectories: feasible, consistent in time, early where set-points are known; and the paper's corridors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fsw_nmpc.library import Change
+from fsw_nmpc.tuning import PAPER, Tuning
+from fsw_test_support.nmpc_problems import LIMITS, make_library
+
+NAN = float("nan")
+
+
+@pytest.fixture(scope="module")
+def library():
+    return make_library(20)
+
+
+def trajectories(library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks=1, changes=()):
+    """Depth and temperature over the horizon at rest at the operating point, for set-points."""
+    library.configure((tuning or Tuning()).struct(LIMITS))
+    library.reset(78.4, 407.57607824382967)
+    given_, h = library.input, library.horizon
+    given_.depth_mm, given_.torque_nm, given_.temperature_c = 2.66, 1052.8585402958927, 816.4
+    given_.depth_fresh = given_.torque_fresh = given_.temperature_fresh = True
+    given_.force_kn = given_.speed_rpm = NAN
+    given_.applied_force_kn, given_.applied_speed_rpm, given_.dt_s = 78.4, 407.57607824382967, 0.1
+    given_.reference_depth_mm, given_.reference_temperature_c = depth_mm, temperature_c
+    given_.n_changes = len(changes)
+    for i, change in enumerate(changes):
+        given_.change[i] = Change(*change)
+    for _ in range(ticks):
+        assert library.begin()
+    given_.n_changes = 0
+    problem = library.state.problem
+    bands = np.array(problem.low)[:, : h.n_out], np.array(problem.high)[:, : h.n_out]
+    return h.time_s, 0.5 * (bands[0] + bands[1]), bands[1] - bands[0]
+
+
+def test_at_rest_nothing_moves(library):
+    _, (depth, temperature), width = trajectories(library)
+    assert depth == pytest.approx(2.66, abs=1e-9)
+    assert temperature == pytest.approx(816.4, abs=1e-9)
+    assert not width.any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(depth_step=st.floats(-0.5, 0.5), temperature_step=st.floats(-50.0, 50.0))
+def test_outputs_come_without_overshoot_as_fast_as_inputs_allow(library, depth_step, temperature_step):
+    time_s, (depth, temperature), _ = trajectories(library, 2.66 + depth_step, 816.4 + temperature_step)
+    for path, start, step, most in ((depth, 2.66, depth_step, 0.06), (temperature, 816.4, temperature_step, 7.0)):
+        share = (path - start) * np.sign(step)
+        assert share.min() >= -1e-9 and share.max() <= abs(step) * 1.02 + 1e-6
+        assert np.abs(np.diff(path) / np.diff(time_s)).max() <= most
+        assert share[-1] == pytest.approx(abs(step), abs=0.02 * abs(step) + 1e-6)
+    fine = time_s < 5.0
+    rate = np.diff(depth[fine]) / 0.1
+    assert np.abs(np.diff(rate) / 0.1).max() < 0.035  # 10 kN/s move the depth with 0.032 mm/s^2
+    assert temperature[time_s < 2.75] == pytest.approx(816.4, abs=1e-9)  # the dead time
+
+
+def test_aggressiveness_is_the_time_constant_near_the_set_point(library):
+    for slow_s in (0.5, 1.1, 3.0):
+        time_s, (depth, _), _ = trajectories(library, 2.661, tuning=Tuning(depth_time_s=slow_s))
+        left = 2.661 - depth
+        inside = (left < 0.5e-3) & (left > 0.02e-3) & (time_s < 5.0)
+        if inside.sum() > 4:
+            slope = np.polyfit(time_s[inside], np.log(left[inside]), 1)[0]
+            assert -1.0 / slope == pytest.approx(max(slow_s, 0.4), rel=0.25)
+
+
+def test_known_set_points_are_approached_early(library):
+    """Half way when the set-point changes, and then on to the next."""
+    time_s, (depth, temperature), _ = trajectories(library, changes=[(7.0, 2.76, 824.4)])
+    at = np.searchsorted(time_s, 7.0 - 1e-9)
+    assert depth[at] == pytest.approx(2.71, abs=0.01)
+    assert temperature[at] == pytest.approx(820.4, abs=1.0)
+    assert depth[-1] == pytest.approx(2.76, abs=1e-3)
+    time_s, (depth, _), _ = trajectories(library, changes=[(3.0, 2.70, 816.4), (8.0, 2.66, 816.4)])
+    assert depth.max() == pytest.approx(2.70, abs=4e-3)
+    assert depth[-1] == pytest.approx(2.66, abs=1e-3)
+
+
+@pytest.mark.parametrize("changes", [[(-1.0, 2.9, 850.0)], [(3.0, NAN, NAN)], [(NAN, 2.9, 850.0)], [(1e9, 2.9, 850.0)]])
+def test_changes_that_make_no_sense_change_nothing(library, changes):
+    _, (depth, temperature), _ = trajectories(library, changes=changes)
+    assert depth == pytest.approx(2.66, abs=1e-9)
+    assert temperature == pytest.approx(816.4, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ticks", "first"),
+    [
+        ("constant", 1, 2.76),
+        ("recentred", 20, 2.76 - 0.1 * np.exp(-0.1 / 5.0)),
+        ("cold_start", 20, 2.76 - 0.1 * np.exp(-2.0 / 5.0)),
+    ],
+)
+def test_corridors_of_the_paper(library, kind, ticks, first):
+    tuning = replace(PAPER, trajectory=kind)
+    time_s, (depth, _), width = trajectories(library, 2.76, tuning=tuning, ticks=ticks)
+    assert depth[0] == pytest.approx(first, abs=1e-6)
+    assert width[0] == pytest.approx(0.004) and width[1] == pytest.approx(0.2)
+    if kind != "constant":
+        assert (2.76 - depth) / (2.76 - depth[0]) == pytest.approx(np.exp(-(time_s - 0.1) / 5.0), rel=1e-6)
