@@ -1,4 +1,4 @@
-"""Recorder, replayer, salvage and analysis of weld bags."""
+"""Records, plays back, reads and recovers bags."""
 
 from fsw_recorder.errors import BagError
 

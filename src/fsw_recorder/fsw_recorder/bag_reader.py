@@ -1,4 +1,4 @@
-"""Opens bags of any kind and state: rosbag2 directories, single files, cut or damaged recordings."""
+"""Opens bags of any kind and state: rosbag2 folders, single files, cut off or damaged recordings."""
 
 from __future__ import annotations
 
@@ -9,21 +9,30 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import zstandard
+from mcap.records import Attachment
+from rosbags.rosbag2 import Reader
 
-from fsw_recorder.bag_metadata import BagMetadata, OfferedQos, parse_qos, read_metadata
+from fsw_recorder.bag_metadata import BagMetadata, read_metadata
+from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
-from fsw_recorder.mcap_scan import Attachment, Channel, McapScan, messages_in_time, scan_mcap
-from fsw_recorder.message_decoder import DecodeHook, SchemaDecoder, installed_decoder
-from fsw_recorder.sqlite_bag import SqliteBag
-from fsw_recorder.tick_gaps import TickCounter, TickGaps
+from fsw_recorder.interface_text import interface_definition
+from fsw_recorder.mcap_file import McapFile
+from fsw_recorder.qos import read_qos
+from fsw_recorder.topic import RecordedTopic
 
 FOREVER_NS = 2**64
-MAX_DECOMPRESSED_FILE_BYTES = 16 * 1024**3
-MAX_MESSAGE_BYTES = 256 * 1024 * 1024
 SUFFIXES = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd")
+_MOST_FILE_BYTES = 16 * 1024**3
+_MOST_MESSAGE_BYTES = 256 * 1024 * 1024
+_WINDOW_BYTES = 2**27
+_BLOCK_BYTES = 2**20
+#: sqlite3 holds signed numbers
+_MOST_SQLITE = 2**63 - 1
+#: progress is told every so many messages
+_PROGRESS_STEP = 8192
 
 
 class BagRecord(NamedTuple):
@@ -50,42 +59,41 @@ class BagRecord(NamedTuple):
 
 
 @dataclass(slots=True)
-class TopicInfo:
-    """What the bag says of one topic."""
-
-    name: str
-    type_name: str
-    encoding: str = "cdr"
-    type_hash: str = ""
-    schema_encoding: str = ""
-    schema_text: str = ""
-    qos: list[OfferedQos] = field(default_factory=list)
-    count: int = 0
-
-
-@dataclass(slots=True)
 class BagInfo:
-    """Summary of a bag, counted from its messages, not believed from its metadata."""
+    """Summary of a bag, counted from its messages, not believed from its metadata.
+
+    Attributes
+    ----------
+    topics : list of RecordedTopic
+        By name.
+    counts : dict of str to int
+        Messages by topic.
+    start_ns, end_ns : int
+        Log times of the first and the last message; 0 without messages.
+    """
 
     path: Path
     storage: str
     files: list[str]
     size_bytes: int
-    message_count: int
     start_ns: int
     end_ns: int
-    topics: list[TopicInfo]
+    topics: list[RecordedTopic]
+    counts: dict[str, int]
     attachments: list[Attachment]
-    custom_data: dict[str, str]
-    ros_distro: str
-    problems: list[str]
-    #: ticks missing per topic, of the topics of a weld
-    tick_gaps: dict[str, TickGaps] = field(default_factory=dict)
+    custom_data: dict[str, str] = field(default_factory=dict)
+    ros_distro: str = ""
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages."""
+        return sum(self.counts.values())
 
     @property
     def duration_s(self) -> float:
         """From the first message to the last [s]."""
-        return (self.end_ns - self.start_ns) * 1e-9 if self.message_count else 0.0
+        return (self.end_ns - self.start_ns) * 1e-9
 
 
 class BagReader:
@@ -94,122 +102,104 @@ class BagReader:
     Parameters
     ----------
     path : Path or str
-        A rosbag2 directory (with or without ``metadata.yaml``) or one storage file: ``.mcap``, ``.mcap.zstd``,
-        ``.db3``, ``.db3.zstd``.
-    decode : DecodeHook, optional
-        ``(type name, bytes) -> message``; by default the installed message classes, and where those are missing or
-        fail, the definition inside the bag.
+        A rosbag2 folder (with or without ``metadata.yaml``) or one storage file: ``.mcap``, ``.mcap.zstd``, ``.db3``,
+        ``.db3.zstd``.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong with the bag, as far as it was read: a recording that was never finished (kill -9, power failure,
+        full disk) is read up to its end, damaged places are passed over.
 
     Raises
     ------
     BagError
         There is no bag at ``path``, or nothing of it can be read.
-
-    Notes
-    -----
-    A recording that was never finished (kill -9, power failure, full disk) is read up to its end, a damaged chunk is
-    skipped; `problems` says so.
     """
 
-    def __init__(self, path: Path | str, decode: DecodeHook | None = None) -> None:
+    def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.problems: list[str] = []
-        self.metadata: BagMetadata | None = None
-        self._decode = decode if decode is not None else installed_decoder()
-        self._schema_decoder = SchemaDecoder()
+        self.metadata = BagMetadata()
+        self._definitions = Definitions()
+        self._definition_of: dict[str, str] = {}
         self._stack = ExitStack()
-        self._parts: list[_McapPart | SqliteBag] = []
-        self._topics: dict[str, TopicInfo] = {}
+        self._parts: list[_McapPart | _SqlitePart] = []
+        self._info: BagInfo | None = None
         try:
-            self._open()
+            self.files = self._find_files()
+            failures: list[str] = []
+            for file in self.files:
+                try:
+                    self._parts.append(self._open_file(file))
+                except (BagError, OSError) as error:
+                    text = str(error) if isinstance(error, BagError) else f"{file}: cannot be read: {error.strerror}"
+                    failures.append(text)
+            if not self._parts:
+                raise BagError("; ".join(failures))
+            self.problems += failures
         except BaseException:
             self.close()
             raise
 
-    def _open(self) -> None:
-        self.files = self._find_files()
-        failures: list[str] = []
-        for file in self.files:
-            try:
-                self._parts.append(self._open_file(file))
-            except BagError as error:
-                failures.append(str(error))
-            except OSError as error:
-                failures.append(f"{file}: cannot be read: {error.strerror or error}")
-        if not self._parts:
-            raise BagError("; ".join(failures))
-        self.problems += failures
-
     def _find_files(self) -> list[Path]:
         try:
             is_folder, is_file = self.path.is_dir(), self.path.is_file()
+            if is_file and self.path.name.endswith(SUFFIXES):
+                return [self.path]
+            if is_file:
+                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {', '.join(SUFFIXES)}")
+            if not is_folder:
+                raise BagError(f"{self.path}: there is no such bag")
+            present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
         except (OSError, ValueError) as error:
             raise BagError(f"{self.path}: cannot be read: {error}") from None
-        if is_file:
-            if not self.path.name.endswith(SUFFIXES):
-                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {', '.join(SUFFIXES)}")
-            return [self.path]
-        if not is_folder:
-            raise BagError(f"{self.path}: there is no such bag")
+        listed: list[str] = []
         try:
-            present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
-        except OSError as error:
-            raise BagError(f"{self.path}: cannot be read: {error.strerror}") from None
-        try:
-            self.metadata = read_metadata(self.path)
+            metadata = read_metadata(self.path)
+            if metadata is not None:
+                self.metadata, listed = metadata, metadata.files
+                self.problems += [f"{self.path}: {name} is missing" for name in listed if name not in present]
+            elif present:
+                self.problems.append(f"{self.path}: metadata.yaml is missing; the files of the folder are read instead")
         except BagError as error:
             if not present:
                 raise
             self.problems.append(f"{error}; the files of the folder are read instead")
-        listed: list[str] = []
-        if self.metadata is None:
-            if present and not self.problems:
-                self.problems.append(f"{self.path}: metadata.yaml is missing; the files of the folder are read instead")
-        else:
-            listed = [Path(name).name for name in self.metadata.stored_paths]
-            self.problems += [f"{self.path}: {name} is missing" for name in listed if name not in present]
-        for name in [name for name in present if name.removesuffix(".zstd") in present and name.endswith(".zstd")]:
+        for name in [name for name in present if name.endswith(".zstd") and name.removesuffix(".zstd") in present]:
             if name not in listed:
-                del present[name]  # the compressor was stopped half-way; the file it started from is still there
+                del present[name]  # compressing was stopped half-way; the file it started from is still there
         order = [name for name in listed if name in present]
         order += sorted((name for name in present if name not in listed), key=_natural)
         if not order:
             raise BagError(f"{self.path}: no bag in this folder (no file that ends in {', '.join(SUFFIXES)})")
         return [present[name] for name in order]
 
-    def _open_file(self, file: Path) -> _McapPart | SqliteBag:
-        stream: BinaryIO = self._stack.enter_context(file.open("rb"))
-        name = file.name
-        if name.endswith(".zstd"):
-            stream = self._decompressed(stream, file)
-            name = name.removesuffix(".zstd")
-        if name.endswith(".db3"):
-            source = Path(stream.name) if name != file.name else file
-            part = SqliteBag(source, file.name)
-            self._stack.callback(part.close)
-            return part
-        return _McapPart(scan_mcap(stream, str(file)), stream)
+    def _open_file(self, file: Path) -> _McapPart | _SqlitePart:
+        source = self._decompressed(file) if file.name.endswith(".zstd") else file
+        kind = _SqlitePart if file.name.removesuffix(".zstd").endswith(".db3") else _McapPart
+        part = kind(source, str(file))
+        self._stack.callback(part.close)
+        return part
 
-    def _decompressed(self, stream: BinaryIO, file: Path) -> BinaryIO:
+    def _decompressed(self, file: Path) -> Path:
+        """A temporary copy of a compressed file; of a damaged one what comes before the damage."""
         target = self._stack.enter_context(tempfile.NamedTemporaryFile(prefix="fsw_bag_", suffix=".db3"))  # noqa: SIM115
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES)
         written = 0
         try:
-            with zstandard.ZstdDecompressor(max_window_size=2**27).stream_reader(stream, closefd=False) as source:
-                while block := source.read(1 << 20):
+            with file.open("rb") as stream, decompressor.stream_reader(stream) as source:
+                while block := source.read(_BLOCK_BYTES):
                     written += len(block)
-                    if written > MAX_DECOMPRESSED_FILE_BYTES:
-                        raise BagError(
-                            f"{file}: larger than {MAX_DECOMPRESSED_FILE_BYTES} bytes uncompressed, not read"
-                        )
+                    if written > _MOST_FILE_BYTES:
+                        raise BagError(f"{file}: larger than {_MOST_FILE_BYTES} bytes uncompressed, not read")
                     target.write(block)
         except zstandard.ZstdError as error:
             if not written:
                 raise BagError(f"{file}: not a zstd file, or damaged: {error}") from None
             self.problems.append(f"{file}: zstd stream damaged after {written} bytes: {error}")
-        except OSError as error:
-            raise BagError(f"{file}: cannot be decompressed into {tempfile.gettempdir()}: {error.strerror}") from None
         target.flush()
-        return target  # type: ignore[return-value]
+        return Path(target.name)
 
     # ------------------------------------------------------------------ reading
 
@@ -231,101 +221,92 @@ class BagReader:
         progress : callable, optional
             Called now and then with the fraction read, 0 to 1.
         """
-        per_message = self.metadata is not None and self.metadata.compression_mode == "message"
+        per_message = self.metadata.compression_mode == "message"
         for position, part in enumerate(self._parts):
             for count, record in enumerate(part.records(topics, start_ns, stop_ns)):
-                if per_message:
-                    record = record._replace(data=_decompress_message(record.data, record.topic))
-                yield record
-                if progress is not None and count % 8192 == 0:
-                    progress((position + part.fraction()) / len(self._parts))
-            for problem in part.problems():
-                if problem not in self.problems:
-                    self.problems.append(problem)
+                yield _decompressed_record(record) if per_message else record
+                if progress is not None and count % _PROGRESS_STEP == 0:
+                    progress((position + part.fraction) / len(self._parts))
+            self.problems += [problem for problem in part.problems if problem not in self.problems]
         if progress is not None:
             progress(1.0)
 
-    def topics(self) -> dict[str, TopicInfo]:
-        """Topics with their types, definitions, QoS and number of messages (counted: reads the bag once)."""
-        if not self._topics:
-            self.info()
-        return self._topics
-
-    def known_topics(self) -> list[TopicInfo]:
-        """Topics met so far (all of them once the bag was read), without counts."""
-        topics: dict[str, TopicInfo] = {}
-        for part in self._parts:
-            for topic in part.topics():
-                topics.setdefault(topic.name, topic)
-        return list(topics.values())
-
-    def info(self, progress: Callable[[float], None] | None = None) -> BagInfo:
+    def info(
+        self, progress: Callable[[float], None] | None = None, note: Callable[[BagRecord], object] | None = None
+    ) -> BagInfo:
         """Summary of the bag; reads it once.
 
         Parameters
         ----------
         progress : callable, optional
             Called now and then with the fraction read, 0 to 1.
+        note : callable, optional
+            Called with every message.
         """
         counts: dict[str, int] = {}
-        ticks = TickCounter()
         start, end = FOREVER_NS, 0
         for record in self.records(progress=progress):
-            ticks.note(record.topic, record.data)
             counts[record.topic] = counts.get(record.topic, 0) + 1
-            if record.log_time_ns < start:
-                start = record.log_time_ns
-            if record.log_time_ns > end:
-                end = record.log_time_ns
-        topics = {topic.name: topic for topic in self.known_topics()}
-        for name, topic in topics.items():
-            topic.count = counts.get(name, 0)
-        self._topics = topics
-        total = sum(counts.values())
-        return BagInfo(
+            start, end = min(start, record.log_time_ns), max(end, record.log_time_ns)
+            if note is not None:
+                note(record)
+        self._info = BagInfo(
             path=self.path,
-            storage="sqlite3" if isinstance(self._parts[0], SqliteBag) else "mcap",
+            storage=self._parts[0].storage,
             files=[file.name for file in self.files],
             size_bytes=sum(file.stat().st_size for file in self.files),
-            message_count=total,
-            start_ns=start if total else 0,
+            start_ns=start if counts else 0,
             end_ns=end,
-            topics=sorted(topics.values(), key=lambda topic: topic.name),
+            topics=sorted(self.known_topics(), key=lambda topic: topic.name),
+            counts=counts,
             attachments=self.attachments(),
-            custom_data=dict(self.metadata.custom_data) if self.metadata else {},
-            ros_distro=self.metadata.ros_distro if self.metadata else "",
+            custom_data=dict(self.metadata.custom_data),
+            ros_distro=self.metadata.ros_distro,
             problems=list(self.problems),
-            tick_gaps=ticks.gaps(),
         )
+        return self._info
+
+    def topics(self) -> dict[str, RecordedTopic]:
+        """Topics of the bag (reads it once, because a damaged file tells them only on the way)."""
+        info = self._info or self.info()
+        return {topic.name: topic for topic in info.topics}
+
+    def counts(self) -> dict[str, int]:
+        """Messages by topic (reads the bag once)."""
+        return (self._info or self.info()).counts
+
+    def known_topics(self) -> list[RecordedTopic]:
+        """Topics met so far; all of them once the bag was read."""
+        topics: dict[str, RecordedTopic] = {}
+        for part in self._parts:
+            for topic in part.topics():
+                topics.setdefault(topic.name, topic)
+        return list(topics.values())
 
     def attachments(self) -> list[Attachment]:
-        """Attachments of all files; of several with one name the first."""
+        """Files inside the bag; of several with one name the first."""
         found: dict[str, Attachment] = {}
         for part in self._parts:
-            if isinstance(part, _McapPart):
-                for attachment in part.scan.attachments:
-                    found.setdefault(attachment.name, attachment)
+            for attachment in part.attachments:
+                found.setdefault(attachment.name, attachment)
         return list(found.values())
 
     def decode(self, record: BagRecord) -> Any:
-        """Message object of a record.
+        """Message of a record, with its fields as attributes.
 
         Raises
         ------
         BagError
             The data is damaged, or no definition of its type can be found.
         """
-        failure: object = None
-        if self._decode is not None:
-            try:
-                return self._decode(record.type_name, record.data)
-            except (MemoryError, Exception) as error:  # whatever the hook raises, the bag's own definition is next
-                failure = error
-        topic = self.topics().get(record.topic)
-        if topic is not None and topic.schema_encoding == "ros2msg":
-            return self._schema_decoder.decode(record.type_name, topic.schema_text, record.data)
-        reason = f": {failure}" if failure else ": neither installed nor defined in the bag"
-        raise BagError(f"{record.topic}: {record.type_name} cannot be decoded{reason}")
+        if record.topic not in self._definition_of:
+            self._definition_of |= {
+                one.name: one.definition for one in self.known_topics() if one.definition_encoding == "ros2msg"
+            }
+        definition = self._definition_of.get(record.topic) or interface_definition(record.type_name)
+        if not definition:
+            raise BagError(f"{record.topic}: {record.type_name} is neither defined in the bag nor installed")
+        return self._definitions.decode(record.type_name, definition, record.data)
 
     def close(self) -> None:
         """Close the files; reading is no longer possible."""
@@ -344,64 +325,123 @@ class BagReader:
 class _McapPart:
     """One MCAP file of a bag."""
 
-    def __init__(self, scan: McapScan, stream: BinaryIO) -> None:
-        self.scan = scan
-        self._stream = stream
-        self._size = max(stream.seek(0, 2), 1)
+    storage = "mcap"
 
-    def problems(self) -> list[str]:
-        return self.scan.problems
+    def __init__(self, path: Path, name: str) -> None:
+        self._file = McapFile(path, name)
+        self.problems, self.attachments = self._file.problems, self._file.attachments
+        self.close = self._file.close
 
+    @property
     def fraction(self) -> float:
-        return min(self._stream.tell() / self._size, 1.0)
+        return self._file.fraction
 
     def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
-        scan = self.scan
+        file = self._file
         wanted: dict[int, tuple[str, str] | None] = {}
-        seen: dict[int, Channel] = {}
-        for log_time, channel_id, sequence, publish_time, data in messages_in_time(
-            scan, self._stream, start_ns, stop_ns
-        ):
-            channel = scan.channels.get(channel_id)
-            if channel is None:
-                problem = f"{scan.name}: messages of channel {channel_id}, which is not defined, are left out"
-                if problem not in scan.problems:
-                    scan.problems.append(problem)
-                continue
-            if seen.get(channel_id) is not channel:
-                seen[channel_id] = channel
-                schema = scan.schemas.get(channel.schema_id)
+        for log_time, channel_id, sequence, publish_time, data in file.messages(start_ns, stop_ns):
+            if channel_id not in wanted:
+                channel = file.channels.get(channel_id)
+                if channel is None:
+                    file.complain(f"messages of channel {channel_id}, which is not defined, are left out")
+                    continue
+                schema = file.schemas.get(channel.schema_id)
                 keep = topics is None or channel.topic in topics
                 wanted[channel_id] = (channel.topic, schema.name if schema else "") if keep else None
             target = wanted[channel_id]
             if target is not None:
-                yield BagRecord(target[0], target[1], log_time, publish_time, data, sequence)
+                yield BagRecord(*target, log_time, publish_time, data, sequence)
 
-    def topics(self) -> list[TopicInfo]:
-        result: list[TopicInfo] = []
-        for channel in self.scan.channels.values():
-            schema = self.scan.schemas.get(channel.schema_id)
+    def topics(self) -> list[RecordedTopic]:
+        result = []
+        for channel in self._file.channels.values():
+            schema = self._file.schemas.get(channel.schema_id)
             result.append(
-                TopicInfo(
-                    name=channel.topic,
-                    type_name=schema.name if schema else "",
-                    encoding=channel.encoding,
-                    type_hash=channel.metadata.get("topic_type_hash", ""),
-                    schema_encoding=schema.encoding if schema else "",
-                    schema_text=schema.text.decode("utf-8", "replace") if schema else "",
-                    qos=parse_qos(channel.metadata.get("offered_qos_profiles", "")),
+                RecordedTopic(
+                    channel.topic,
+                    schema.name if schema else "",
+                    schema.data.decode("utf-8", "replace") if schema else "",
+                    channel.metadata.get("topic_type_hash", ""),
+                    tuple(read_qos(channel.metadata.get("offered_qos_profiles", ""))),
+                    channel.message_encoding,
+                    schema.encoding if schema else "",
                 )
             )
         return result
 
 
-def _decompress_message(data: bytes, topic: str) -> bytes:
+class _SqlitePart:
+    """One sqlite3 file of a bag, read by ``rosbags``."""
+
+    storage = "sqlite3"
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.problems: list[str] = []
+        self.attachments: list[Attachment] = []
+        self.fraction = 0.0
+        self._name = name
+        if not path.stat().st_size:
+            raise BagError(f"{name}: the file is empty")
+        try:
+            self._reader: Any = Reader(path)
+            self._reader.open()
+            self._connections = list(self._reader.connections)
+            if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
+                raise ValueError("its table of topics holds something else")
+        except Exception as error:  # rosbags and apsw raise many kinds on damaged files
+            raise BagError(f"{name}: not a sqlite3 bag, or damaged: {error}") from None
+
+    def close(self) -> None:
+        if self._reader.is_open:
+            self._reader.close()
+
+    def _complain(self, problem: str) -> None:
+        if f"{self._name}: {problem}" not in self.problems:
+            self.problems.append(f"{self._name}: {problem}")
+
+    def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
+        wanted = [one for one in self._connections if topics is None or one.topic in topics]
+        total = max(int(self._reader.message_count), 1)
+        count = 0
+        source = self._reader.messages(wanted, min(start_ns, _MOST_SQLITE), min(stop_ns, _MOST_SQLITE))
+        while wanted:
+            try:
+                connection, time_ns, data = next(source)
+            except StopIteration:
+                return
+            except Exception as error:  # apsw raises many kinds on damaged pages
+                self._complain(f"damaged after {count} messages: {error}")
+                return
+            count += 1
+            self.fraction = min(count / total, 1.0)
+            if not isinstance(time_ns, int) or not 0 <= time_ns <= _MOST_SQLITE or not isinstance(data, bytes):
+                self._complain("damaged: rows that are no messages are left out")
+                continue
+            yield BagRecord(connection.topic, connection.msgtype, time_ns, time_ns, data, 0)
+
+    def topics(self) -> list[RecordedTopic]:
+        return [
+            RecordedTopic(
+                one.topic,
+                one.msgtype,
+                one.msgdef.data or "",
+                one.digest,
+                tuple(one.ext.offered_qos_profiles),
+                one.ext.serialization_format,
+                "ros2msg" if one.msgdef.data and one.msgdef.format.name == "MSG" else "",
+            )
+            for one in self._connections
+        ]
+
+
+def _decompressed_record(record: BagRecord) -> BagRecord:
     try:
-        if zstandard.get_frame_parameters(data).content_size > MAX_MESSAGE_BYTES:
-            raise BagError(f"{topic}: a compressed message is larger than {MAX_MESSAGE_BYTES} bytes, not read")
-        return zstandard.ZstdDecompressor(max_window_size=2**27).decompress(data)
+        if zstandard.get_frame_parameters(record.data).content_size > _MOST_MESSAGE_BYTES:
+            raise BagError(f"{record.topic}: a compressed message is larger than {_MOST_MESSAGE_BYTES} bytes, not read")
+        data = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES).decompress(record.data)
     except zstandard.ZstdError as error:
-        raise BagError(f"{topic}: a compressed message is damaged: {error}") from None
+        raise BagError(f"{record.topic}: a compressed message is damaged: {error}") from None
+    return record._replace(data=data)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

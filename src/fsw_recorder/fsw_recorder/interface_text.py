@@ -1,11 +1,13 @@
-"""Definition and hash of an interface, as bags store them, on ROS 2 and on the embedded runtime."""
+"""Definition, hash and class of an interface, on ROS 2 and on the embedded runtime."""
 
 from __future__ import annotations
 
-import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+from fsw_recorder.definitions import Definitions
 
 _SEPARATOR = "=" * 80
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+", re.MULTILINE)
@@ -15,6 +17,7 @@ _PRIMITIVES = frozenset(
 )
 
 
+@cache
 def interface_definition(type_name: str) -> str:
     """``ros2msg`` text of a message with all nested definitions, as rosbag2 writes it; empty when unknown.
 
@@ -23,29 +26,17 @@ def interface_definition(type_name: str) -> str:
     type_name : str
         E.g. ``fsw_msgs/msg/ShoulderDepth``.
     """
-    try:
-        from ament_index_python.packages import get_package_share_directory
-    except ImportError:
-        return _embedded_definition(type_name)
-    try:
-        return _installed_definition(type_name, get_package_share_directory)
-    except (LookupError, OSError, ValueError):
-        return _embedded_definition(type_name)  # launch's Python packages may be there without any interfaces
+    return _definition(type_name) or ""
 
 
+@cache
 def interface_hash(type_name: str) -> str:
     """``RIHS01_...`` hash of an interface; empty when unknown."""
+    definition = _definition(type_name)
     try:
-        from ament_index_python.packages import get_package_share_directory
-    except ImportError:
-        return _embedded_hash(type_name)
-    try:
-        package, kind, name = type_name.split("/")
-        text = (Path(get_package_share_directory(package)) / kind / f"{name}.json").read_text(encoding="utf-8")
-        hashes = {one["type_name"]: one["hash_string"] for one in json.loads(text)["type_hashes"]}
-        return str(hashes.get(type_name, ""))
-    except (LookupError, OSError, ValueError, TypeError):
-        return _embedded_hash(type_name)
+        return "" if definition is None else str(Definitions().typestore(type_name, definition).hash_rihs01(type_name))
+    except Exception:  # of a kind that rosbags cannot describe
+        return ""
 
 
 def message_class(type_name: str) -> Any:
@@ -63,42 +54,35 @@ def message_class(type_name: str) -> Any:
     return get_message(type_name)
 
 
+def _definition(type_name: str) -> str | None:
+    for source in (_installed_definition, _embedded_definition):
+        try:
+            return source(type_name)
+        except Exception:  # an unknown type raises different errors; its messages are recorded without a definition
+            continue
+    return None
+
+
 def _embedded_definition(type_name: str) -> str:
-    try:
-        from rosidl_embedded.typesupport import interface_definition as embedded
+    from rosidl_embedded.typesupport import interface_definition as embedded
 
-        return str(embedded(type_name))
-    except Exception:  # unknown types raise different errors; the message is recorded without a definition
-        return ""
+    return str(embedded(type_name))
 
 
-def _embedded_hash(type_name: str) -> str:
-    try:
-        from rosidl_embedded.typesupport import type_hash
+def _installed_definition(type_name: str) -> str:
+    from ament_index_python.packages import get_package_share_directory
 
-        return str(type_hash(type_name))
-    except Exception:  # unknown types raise different errors; the message is recorded without a hash
-        return ""
-
-
-def _installed_definition(type_name: str, share_directory: Any) -> str:
-    seen = {_short(type_name)}
+    package, *_, message = type_name.split("/")
+    seen = {f"{package}/{message}"}
 
     def text_of(short_name: str) -> str:
         package, name = short_name.split("/")
-        text = (Path(share_directory(package)) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+        text = (Path(get_package_share_directory(package)) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
         for match in _FIELD.finditer(re.sub(r"#.*", "", text)):
-            if match[1] in _PRIMITIVES:
-                continue
             nested = match[1] if "/" in match[1] else f"{package}/{match[1]}"
-            if nested not in seen:
+            if match[1] not in _PRIMITIVES and nested not in seen:
                 seen.add(nested)
                 text += f"\n{_SEPARATOR}\nMSG: {nested}\n{text_of(nested)}"
         return text
 
-    return text_of(_short(type_name))
-
-
-def _short(type_name: str) -> str:
-    package, *_, name = type_name.split("/")
-    return f"{package}/{name}"
+    return text_of(f"{package}/{message}")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.paced_reader import PacedReader
+from fsw_recorder.qos import is_latched
+from fsw_recorder.weld_clock import WeldClockReader
 
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 
@@ -18,16 +19,16 @@ class PlayOptions:
 
     Attributes
     ----------
-    topics : frozenset[str] or None
+    topics : frozenset of str or None
         Only these; None: all.
     rate : float
         1 plays as recorded, 2 twice as fast.
     start_offset_s, duration_s : float
         Part of the bag to play [s]; a duration of 0 means to the end.
     loop : bool
-        Begin anew at the end.
+        Start again at the end.
     paused : bool
-        Begin paused.
+        Start paused.
     """
 
     topics: frozenset[str] | None = None
@@ -43,7 +44,7 @@ class Player:
 
     Parameters
     ----------
-    reader : BagReader or PacedReader
+    reader : BagReader or WeldClockReader
         The bag; owned by the caller. Its log times are the time that is played.
     options : PlayOptions
     now_ns : int
@@ -55,16 +56,16 @@ class Player:
         The bag has nothing to play, or an option is out of range.
     """
 
-    def __init__(self, reader: BagReader | PacedReader, options: PlayOptions, now_ns: int) -> None:
+    def __init__(self, reader: BagReader | WeldClockReader, options: PlayOptions, now_ns: int) -> None:
         check_rate(options.rate)
         self._reader = reader
         self._topics: Collection[str] | None = options.topics
         info = reader.info()
-        played = [one for one in info.topics if one.count and (self._topics is None or one.name in self._topics)]
-        if not played:
+        taken = info.counts.keys() if options.topics is None else info.counts.keys() & options.topics
+        self.topics = [one for one in info.topics if one.name in taken]
+        if not self.topics:
             wanted = f" on {', '.join(sorted(options.topics))}" if options.topics else ""
             raise BagError(f"{reader.path}: nothing to play: no messages{wanted}")
-        self.topics = played
         self.start_ns = info.start_ns + round(options.start_offset_s * 1e9)
         self.end_ns = info.end_ns
         if not info.start_ns <= self.start_ns <= self.end_ns:
@@ -79,7 +80,6 @@ class Player:
         self._rate = options.rate
         self.is_paused = options.paused
         self.finished = False
-        self.loops = 0
         self._source: Iterator[BagRecord] = iter(())
         self._next: BagRecord | None = None
         self._anchor_bag_ns = self._anchor_now_ns = 0
@@ -92,7 +92,7 @@ class Player:
 
     def latched_before_start(self) -> list[BagRecord]:
         """Last message before the start of every latched topic; to be published first."""
-        names = {one.name for one in self.topics if any(qos.durability == "transient_local" for qos in one.qos)}
+        names = {one.name for one in self.topics if any(map(is_latched, one.qos))}
         last: dict[str, BagRecord] = {}
         if names and self.start_ns > self._bag_start_ns:
             for record in self._reader.records(names, stop_ns=self.start_ns):
@@ -101,9 +101,7 @@ class Player:
 
     def bag_time_ns(self, now_ns: int) -> int:
         """Time in the bag at a time of the clock; never beyond the end."""
-        if self.is_paused:
-            return min(self._anchor_bag_ns, self.end_ns)
-        elapsed = round((now_ns - self._anchor_now_ns) * self._rate)
+        elapsed = 0 if self.is_paused else round((now_ns - self._anchor_now_ns) * self._rate)
         return min(self._anchor_bag_ns + elapsed, self.end_ns)
 
     def take_due(self, now_ns: int, most: int = 1000) -> list[BagRecord]:
@@ -117,17 +115,10 @@ class Player:
             self._advance()
         if self._next is None:
             if self._loop:
-                self.loops += 1
                 self._go_to(self.start_ns, now_ns)
             else:
                 self.finished = True
         return due
-
-    def next_due_ns(self) -> int | None:
-        """Clock time at which the next message is due; None while paused or finished."""
-        if self.is_paused or self.finished or self._next is None:
-            return None
-        return self._anchor_now_ns + max(round((self._next.log_time_ns - self._anchor_bag_ns) / self._rate), 0)
 
     def hold_back(self, lost_ns: int) -> None:
         """Do not catch up on ``lost_ns`` of the clock, in which nothing could be played: go on from where it was.
@@ -139,7 +130,7 @@ class Player:
 
     def pause(self, now_ns: int) -> None:
         """Stand still."""
-        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
+        self._anchor(now_ns)
         self.is_paused = True
 
     def resume(self, now_ns: int) -> None:
@@ -152,7 +143,7 @@ class Player:
         """Change the rate from now on; False when it is not positive or absurd."""
         if not MIN_RATE <= rate <= MAX_RATE:
             return False
-        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
+        self._anchor(now_ns)
         self._rate = rate
         return True
 
@@ -173,6 +164,9 @@ class Player:
         self._advance()
         return record
 
+    def _anchor(self, now_ns: int) -> None:
+        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
+
     def _go_to(self, bag_time_ns: int, now_ns: int) -> None:
         self._source = self._reader.records(self._topics, start_ns=bag_time_ns, stop_ns=self.end_ns + 1)
         self._anchor_bag_ns, self._anchor_now_ns = bag_time_ns, now_ns
@@ -188,6 +182,7 @@ def check_rate(rate: float) -> None:
     Raises
     ------
     BagError
+        It is not positive, or absurd.
     """
     if not MIN_RATE <= rate <= MAX_RATE:
         raise BagError(f"rate {rate:g} is outside {MIN_RATE:g} to {MAX_RATE:g}")

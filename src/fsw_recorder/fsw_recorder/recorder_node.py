@@ -15,14 +15,15 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rosbag2_interfaces.msg import WriteSplitEvent
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
+from rosbags.interfaces import Qos
 
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
-from fsw_recorder.bag_metadata import OfferedQos
-from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
+from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
     custom_entries,
@@ -32,9 +33,13 @@ from fsw_recorder.recording import (
     read_attachment,
     versions_text,
 )
-from fsw_recorder.sequence_gaps import SequenceGaps
-from fsw_recorder.topic_selection import TopicSelection
+from fsw_recorder.services_ros import serve
+from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
+
+#: how long a service waits for the disk
+_SPLIT_S, _SNAPSHOT_S = 2.0, 5.0
+_REPORT_PERIOD_S = 1.0
 
 
 class RecorderNode(Node):  # type: ignore[misc]
@@ -85,16 +90,16 @@ class RecorderNode(Node):  # type: ignore[misc]
             self.writer.attach(name, media_type(name), data)
         if values["start_paused"]:
             self.writer.pause()
-        self._gaps = SequenceGaps()
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._files = 1
+        self.failure_told = False
         self._make_services(options.snapshot)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
         self.create_timer(values["discovery_period"], self._discover, clock=steady)
-        self.create_timer(1.0, self._report, clock=steady)
+        self.create_timer(_REPORT_PERIOD_S, self._report, clock=steady)
         self._discover()
         self.get_logger().info(f"recording to {self.writer.folder}")
 
@@ -107,43 +112,36 @@ class RecorderNode(Node):  # type: ignore[misc]
         writer, logger = self.writer, self.get_logger()
         self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
 
-        def pause(_: Any, response: Any) -> Any:
+        def pause(_: Any) -> None:
             writer.pause()
             logger.info("paused")
-            return response
 
-        def resume(_: Any, response: Any) -> Any:
+        def resume(_: Any) -> None:
             writer.resume()
             logger.info("resumed")
-            return response
 
-        def is_paused(_: Any, response: Any) -> Any:
-            response.paused = writer.is_paused
-            return response
-
-        def split(_: Any, response: Any) -> Any:
+        def split(_: Any) -> None:
             writer.split()
-            writer.flush(2.0)
+            writer.flush(_SPLIT_S)
             self._announce_split()
-            return response
 
-        def take_snapshot(_: Any, response: Any) -> Any:
+        def take_snapshot(_: Any) -> dict[str, Any]:
             writer.take_snapshot()
-            response.success = writer.flush(5.0)
-            return response
+            return {"success": writer.flush(_SNAPSHOT_S)}
 
-        self.create_service(Pause, "~/pause", pause)
-        self.create_service(Resume, "~/resume", resume)
-        self.create_service(IsPaused, "~/is_paused", is_paused)
-        self.create_service(SplitBagfile, "~/split_bagfile", split)
+        serve(self, Pause, "~/pause", pause)
+        serve(self, Resume, "~/resume", resume)
+        serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
+        serve(self, SplitBagfile, "~/split_bagfile", split)
         if snapshot:
-            self.create_service(Snapshot, "~/snapshot", take_snapshot)
+            serve(self, Snapshot, "~/snapshot", take_snapshot)
 
     # ------------------------------------------------------------------ topics
 
     def _discover(self) -> None:
         if self.failed:
             self.get_logger().fatal(str(self.writer.error))
+            self.failure_told = True
             self._report()
             rclpy.try_shutdown()
             return
@@ -156,15 +154,14 @@ class RecorderNode(Node):  # type: ignore[misc]
             if known is not None:
                 if known.update(offers):
                     weaker = known.requests[-1]
-                    self.get_logger().info(
-                        f"subscribed to {name} once more, for a publisher that offers only "
-                        f"{weaker.reliability}, {weaker.durability}"
-                    )
+                    offered = "reliable" if is_reliable(weaker) else "best effort"
+                    offered += ", transient local" if is_latched(weaker) else ", volatile"
+                    self.get_logger().info(f"subscribed to {name} again, for a publisher that is only {offered}")
             elif offers:
                 self._subscribe(name, types, offers)
         self._announce_split()
 
-    def _subscribe(self, name: str, types: Sequence[str], offers: tuple[OfferedQos, ...]) -> None:
+    def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Qos, ...]) -> None:
         if len(types) != 1:
             self._leave_out(name, f"publishers disagree about its type: {', '.join(types)}")
             return
@@ -176,7 +173,7 @@ class RecorderNode(Node):  # type: ignore[misc]
             return
         topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
         self.writer.add_topic(topic)
-        subscription = TopicSubscription(self, name, kind, self._depth, self.writer.write, self._gaps)
+        subscription = TopicSubscription(self, name, kind, self._depth, self.writer.write)
         subscription.update(offers)
         self._subscriptions_by_topic[name] = subscription
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
@@ -204,9 +201,9 @@ class RecorderNode(Node):  # type: ignore[misc]
     def _report(self) -> None:
         if self._snapshots is not None and not self.failed:
             self._snapshots.look_for_nodes()
-        counters = self.writer.statistics()
+        counters, lost = self.writer.statistics(), self._lost()
         level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
-        if self._gaps.total or counters.dropped or self._left_out:
+        if lost or counters.dropped or self._left_out:
             level, text = DiagnosticStatus.WARN, "recording, but not everything is in the bag"
         if self.writer.error is not None:
             level, text = DiagnosticStatus.ERROR, str(self.writer.error)
@@ -216,13 +213,12 @@ class RecorderNode(Node):  # type: ignore[misc]
             "received": str(counters.received),
             "written": str(counters.written),
             "dropped": str(counters.dropped),
-            "lost": str(self._gaps.total),
+            "lost": str(sum(lost.values())),
             "files": str(counters.files),
             "bytes": str(counters.bytes),
             "pending_bytes": str(counters.pending_bytes),
-            "longest_write_s": f"{counters.longest_write_s:.3f}",
         }
-        values |= {f"lost {topic}": str(count) for topic, count in self._gaps.lost.items()}
+        values |= {f"lost {topic}": str(count) for topic, count in lost.items()}
         values |= {f"left out {topic}": reason for topic, reason in self._left_out.items()}
         status = DiagnosticStatus(level=level, name=f"{self.get_name()}: recording", message=text)
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
@@ -230,14 +226,19 @@ class RecorderNode(Node):  # type: ignore[misc]
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
+    def _lost(self) -> dict[str, int]:
+        """Messages that the middleware says it lost, by topic."""
+        return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
+
     def destroy_node(self) -> None:
         """Finish the bag and leave the graph."""
-        self.writer.custom_data["lost_messages"] = str(self._gaps.total)
-        self.writer.custom_data |= {f"lost_messages {topic}": str(n) for topic, n in self._gaps.lost.items()}
+        lost = self._lost()
+        self.writer.custom_data["lost_messages"] = str(sum(lost.values()))
+        self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
         self.writer.close()
         counters = self.writer.statistics()
         if not self.failed:
-            missing = f"{self._gaps.total} lost, {counters.dropped} dropped"
+            missing = f"{sum(lost.values())} lost, {counters.dropped} dropped"
             # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
             logger = get_logger(f"{self.get_logger().name}.bag")
             logger.info(f"{counters.written} messages in {self.writer.folder} ({missing})")
@@ -256,7 +257,11 @@ def main(args: Sequence[str] | None = None) -> int:
         return nodes[0]
 
     code = run(make, args)
-    return 1 if code == 0 and nodes and nodes[0].failed else code
+    if code != 0 or not nodes or not nodes[0].failed:
+        return code
+    if not nodes[0].failure_told:  # it came with the end of the recording
+        print(f"error: {nodes[0].writer.error}", file=sys.stderr)
+    return 1
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosbag2_interfaces.srv import (
@@ -32,14 +33,18 @@ from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_hash, message_class
-from fsw_recorder.paced_reader import PacedReader, weld_times
 from fsw_recorder.player import Player, PlayOptions
+from fsw_recorder.qos import replayed_qos
 from fsw_recorder.qos_ros import profile_of
-from fsw_recorder.topic_selection import TopicSelection, replayed_qos
+from fsw_recorder.services_ros import serve
+from fsw_recorder.topic import TopicSelection
+from fsw_recorder.weld_clock import on_weld_clock
 
 _PERIOD_S = 0.002
 #: what a pause of this process may catch up on at once
 _STALL_NS = 50_000_000
+#: how long the last messages may take to arrive
+_DELIVERY_S = 2.0
 
 
 class ReplayNode(Node):  # type: ignore[misc]
@@ -70,11 +75,12 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._reader = BagReader(Path(values["bag"]).expanduser())
         for problem in self._reader.problems:
             self.get_logger().warning(problem)
-        recorded_clock = "/clock" in self._reader.topics()
+        topics = self._reader.topics()
+        recorded_clock = "/clock" in topics
         own_clock = values["clock"] == "bag_time" or (values["clock"] == "auto" and not recorded_clock)
         if values["clock"] == "recorded" and not recorded_clock:
             raise BagError(f"{values['bag']}: clock is 'recorded' but the bag has no /clock")
-        names = {name for name in self._reader.topics() if selection.takes(name)}
+        names = {name for name in topics if selection.takes(name)}
         if own_clock or values["clock"] == "none":
             names.discard("/clock")
         elif recorded_clock:
@@ -87,7 +93,8 @@ class ReplayNode(Node):  # type: ignore[misc]
             loop=values["loop"],
             paused=values["start_paused"],
         )
-        self.player = Player(self._paced(values["pace"]), options, time.monotonic_ns())
+        played = self._reader if values["pace"] == "received" else on_weld_clock(self._reader)
+        self.player = Player(played, options, time.monotonic_ns())
         self.published = 0
         self._publishers_by_topic = self._make_publishers()
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
@@ -100,12 +107,6 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._playing = False
         self._make_services()
         self.create_timer(_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _paced(self, pace: str) -> BagReader | PacedReader:
-        times = weld_times(self._reader) if pace != "received" else None
-        if times is None and pace == "weld":
-            self.get_logger().info("the stamps of this bag are its receive times, or it has none")
-        return self._reader if times is None else PacedReader(self._reader, times)
 
     def _make_publishers(self) -> dict[str, Any]:
         publishers: dict[str, Any] = {}
@@ -151,7 +152,8 @@ class ReplayNode(Node):  # type: ignore[misc]
             self._last_clock_ns = now_ns
         if self.player.finished and self._exit_at_end:
             self.get_logger().info(f"played {self.published} messages")
-            self._wait_for_delivery()
+            for publisher in self._publishers_by_topic.values():
+                publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_S))
             rclpy.try_shutdown()
 
     def _subscribers_ready(self) -> bool:
@@ -161,7 +163,8 @@ class ReplayNode(Node):  # type: ignore[misc]
         missing = [
             name
             for name, publisher in self._publishers_by_topic.items()
-            if publisher.get_subscription_count() < max(self.count_subscribers(name), self._wait_for.count(name))
+            if publisher.get_subscription_count()
+            < max(self.count_subscribers(publisher.topic_name), self._wait_for.count(name))
         ]
         missing += [name for name in self._wait_for if name not in self._publishers_by_topic]
         if missing and now < self._waits_until:
@@ -185,71 +188,33 @@ class ReplayNode(Node):  # type: ignore[misc]
         if self._clock_publisher is not None:
             self._clock_publisher.publish(message)
 
-    def _wait_for_delivery(self) -> None:
-        from rclpy.duration import Duration
-
-        for publisher in self._publishers_by_topic.values():
-            publisher.wait_for_all_acked(Duration(seconds=2.0))
-
     # ------------------------------------------------------------------ services
 
     def _make_services(self) -> None:
         player, now = self.player, time.monotonic_ns
 
-        def pause(_: Any, response: Any) -> Any:
-            player.pause(now())
-            return response
-
-        def resume(_: Any, response: Any) -> Any:
-            player.resume(now())
-            return response
-
-        def toggle(_: Any, response: Any) -> Any:
-            (player.resume if player.is_paused else player.pause)(now())
-            return response
-
-        def is_paused(_: Any, response: Any) -> Any:
-            response.paused = player.is_paused
-            return response
-
-        def get_rate(_: Any, response: Any) -> Any:
-            response.rate = player.rate
-            return response
-
-        def set_rate(request: Any, response: Any) -> Any:
-            response.success = player.set_rate(request.rate, now())
-            return response
-
-        def play_next(_: Any, response: Any) -> Any:
-            response.success = self._step() == 1
-            return response
-
-        def burst(request: Any, response: Any) -> Any:
-            response.actually_burst = self._step(request.num_messages)
-            return response
-
-        def seek(request: Any, response: Any) -> Any:
-            response.success = player.seek(request.time.sec * 1_000_000_000 + request.time.nanosec, now())
-            return response
-
-        def stop(_: Any, response: Any) -> Any:
+        def stop(_: Any) -> None:
             player.pause(now())
             player.finished = True
-            return response
 
-        for kind, name, answer in (
-            (Pause, "pause", pause),
-            (Resume, "resume", resume),
-            (TogglePaused, "toggle_paused", toggle),
-            (IsPaused, "is_paused", is_paused),
-            (GetRate, "get_rate", get_rate),
-            (SetRate, "set_rate", set_rate),
-            (PlayNext, "play_next", play_next),
-            (Burst, "burst", burst),
-            (Seek, "seek", seek),
-            (Stop, "stop", stop),
-        ):
-            self.create_service(kind, f"~/{name}", answer)
+        def seek(request: Any) -> dict[str, Any]:
+            return {"success": player.seek(request.time.sec * 1_000_000_000 + request.time.nanosec, now())}
+
+        serve(self, Pause, "~/pause", lambda _: player.pause(now()))
+        serve(self, Resume, "~/resume", lambda _: player.resume(now()))
+        serve(
+            self,
+            TogglePaused,
+            "~/toggle_paused",
+            lambda _: (player.resume if player.is_paused else player.pause)(now()),
+        )
+        serve(self, IsPaused, "~/is_paused", lambda _: {"paused": player.is_paused})
+        serve(self, GetRate, "~/get_rate", lambda _: {"rate": player.rate})
+        serve(self, SetRate, "~/set_rate", lambda request: {"success": player.set_rate(request.rate, now())})
+        serve(self, PlayNext, "~/play_next", lambda _: {"success": self._step() == 1})
+        serve(self, Burst, "~/burst", lambda request: {"actually_burst": self._step(request.num_messages)})
+        serve(self, Seek, "~/seek", seek)
+        serve(self, Stop, "~/stop", stop)
 
     def _step(self, most: int = 1) -> int:
         """Publish the next messages while paused; ``most`` 0 means all."""

@@ -3,22 +3,48 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rosbags.interfaces import Qos
 
-from fsw_recorder.bag_metadata import OfferedQos
+from fsw_recorder.qos import hears, requested_qos, strongest_first
 from fsw_recorder.qos_ros import profile_of
-from fsw_recorder.repeats import Repeats
-from fsw_recorder.sequence_gaps import SequenceGaps
-from fsw_recorder.topic_selection import hears, requested_qos, strongest_first
 
-_NO_SEQUENCE = 2**64 - 1
+#: how many messages of a topic are remembered to recognise one that comes twice
+_REMEMBERED = 4096
 
-#: topic, message, receive time, publish time, sequence number
-Write = Callable[[str, bytes, int, int, int], bool]
+#: topic, message, receive time, publish time
+Write = Callable[[str, bytes, int, int], bool]
+
+
+class Repeats:
+    """The latest messages of a topic by the time of their publication and their content.
+
+    Parameters
+    ----------
+    kept : int
+        How many are remembered.
+    """
+
+    def __init__(self, kept: int = _REMEMBERED) -> None:
+        self._order: deque[tuple[int, int]] = deque()
+        self._known: set[tuple[int, int]] = set()
+        self._kept = kept
+
+    def seen(self, published_ns: int, data: bytes) -> bool:
+        """Whether this message came before; it is remembered from now on."""
+        key = (published_ns, hash(data))
+        if key in self._known:
+            return True
+        self._known.add(key)
+        self._order.append(key)
+        if len(self._order) > self._kept:
+            self._known.discard(self._order.popleft())
+        return False
 
 
 class TopicSubscription:
@@ -40,41 +66,37 @@ class TopicSubscription:
         Of the queue.
     write : callable
         Gets every message.
-    gaps : SequenceGaps
-        Gets the sequence numbers, and what the middleware reports as lost.
+
+    Attributes
+    ----------
+    lost : int
+        Messages that the middleware reports as lost before they were received.
     """
 
-    def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write, gaps: SequenceGaps) -> None:
+    def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
         self._node, self._name, self._kind, self._depth = node, name, kind, depth
-        self._write, self._gaps = write, gaps
-        self._requests: list[OfferedQos] = []
+        self._write = write
+        self.requests: list[Qos] = []
+        self.lost = 0
         self._subscriptions: list[Any] = []
-        self._publishers: tuple[OfferedQos, ...] = ()
+        self._publishers: list[Qos] = []
         self._repeats: Repeats | None = None
 
-    @property
-    def requests(self) -> list[OfferedQos]:
-        """What the subscriptions ask for."""
-        return list(self._requests)
-
-    def update(self, publishers: Sequence[OfferedQos]) -> bool:
+    def update(self, publishers: Sequence[Qos]) -> bool:
         """Subscribe to what the present publishers offer and no subscription hears; True when one was added."""
-        found = tuple(strongest_first(publishers))
-        if len(found) <= len(self._publishers):  # nobody new whose numbers would look like a gap
-            self._gaps.confirm(self._name)
+        found = strongest_first(publishers)
         if found == self._publishers:
             return False
         self._publishers = found
-        self._gaps.forget(self._name)
-        before = len(self._requests)
+        before = len(self.requests)
         for offer in found:
-            if not any(hears(request, offer) for request in self._requests):
+            if not any(hears(request, offer) for request in self.requests):
                 self._add(requested_qos([offer], self._depth))
-        return len(self._requests) > before
+        return len(self.requests) > before
 
-    def _add(self, request: OfferedQos) -> None:
-        self._requests.append(request)
-        if len(self._requests) > 1 and self._repeats is None:
+    def _add(self, request: Qos) -> None:
+        self.requests.append(request)
+        if len(self.requests) > 1 and self._repeats is None:
             self._repeats = Repeats()
         self._subscriptions.append(
             self._node.create_subscription(
@@ -83,7 +105,7 @@ class TopicSubscription:
                 self._receive,
                 profile_of(request),
                 raw=True,
-                event_callbacks=SubscriptionEventCallbacks(message_lost=self._lost),
+                event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
             )
         )
 
@@ -93,15 +115,10 @@ class TopicSubscription:
         content = bytes(data)
         if self._repeats is not None and published != received and self._repeats.seen(published, content):
             return
-        sequence = info.get("publication_sequence_number")
-        if sequence is None or sequence == _NO_SEQUENCE:
-            sequence = 0
-        elif len(self._publishers) <= 1:  # the numbers of several interleave
-            self._gaps.note(self._name, sequence)
-        self._write(self._name, content, received, published, sequence)
+        self._write(self._name, content, received, published)
 
-    def _lost(self, status: Any) -> None:
-        self._gaps.report(self._name, status.total_count_change)
+    def _on_lost(self, status: Any) -> None:
+        self.lost += status.total_count_change
         self._node.get_logger().warning(
             f"{self._name}: {status.total_count_change} messages lost before they were received"
         )

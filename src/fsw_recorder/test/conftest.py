@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,30 +14,9 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from fsw_control.free_domain import free_domain
-from fsw_recorder.sample_weld import write_sample_weld
+from fsw_test_support.bags import genuine, genuine_bag, weld_bag
 
-DATA = Path(__file__).parent / "data"
-GENUINE = ("mcap_default", "mcap_filezstd", "mcap_split", "mcap_zstd", "sqlite3")
-
-
-@pytest.fixture(params=GENUINE)
-def genuine_bag(request: pytest.FixtureRequest) -> Path:
-    """Folder of a bag that genuine ``ros2 bag record`` made."""
-    return DATA / request.param
-
-
-@pytest.fixture(scope="session")
-def genuine() -> Path:
-    """Folder of all genuine bags."""
-    return DATA
-
-
-@pytest.fixture(scope="session")
-def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Bag of a made-up weld of 300 ticks; not to be changed."""
-    folder = tmp_path_factory.mktemp("weld") / "weld"
-    write_sample_weld(folder, 300)
-    return folder
+__all__ = ["genuine", "genuine_bag", "weld_bag"]
 
 
 @pytest.fixture

@@ -16,15 +16,14 @@ from hypothesis import strategies as st
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.bag_writer import WriterOptions
-from fsw_recorder.mcap_scan import MAGIC
-from fsw_recorder.sample_weld import write_sample_weld
-from fsw_recorder.signals import load_weld
+from fsw_recorder.mcap_file import MAGIC
+from fsw_test_support.bags import GENUINE
+from fsw_test_support.sample_weld import write_sample_weld
 
-DATA = Path(__file__).parent / "data"
-MCAP = (DATA / "mcap_default" / "mcap_default_0.mcap").read_bytes()
-CHUNKED = (DATA / "mcap_zstd" / "mcap_zstd_0.mcap").read_bytes()
-FILE_ZSTD = (DATA / "mcap_filezstd" / "mcap_filezstd_0.mcap.zstd").read_bytes()
-SQLITE = (DATA / "sqlite3" / "sqlite3_0.db3").read_bytes()
+MCAP = (GENUINE / "mcap_default" / "mcap_default_0.mcap").read_bytes()
+CHUNKED = (GENUINE / "mcap_zstd" / "mcap_zstd_0.mcap").read_bytes()
+FILE_ZSTD = (GENUINE / "mcap_filezstd" / "mcap_filezstd_0.mcap.zstd").read_bytes()
+SQLITE = (GENUINE / "sqlite3" / "sqlite3_0.db3").read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def split_weld(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "weld_0.mcap").read_bytes()
 
 
-fuzz = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+fuzz = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @contextmanager
@@ -61,7 +60,6 @@ def read(path: Path, content: bytes) -> list[BagRecord] | None:
                     reader.decode(record)
                 except BagError as error:
                     assert str(error)
-        load_weld(path)
         return records
     except BagError as error:
         assert path.name in str(error)
@@ -118,7 +116,7 @@ def test_damaged_compressed_file(tmp_path: Path, position: int, value: int, cut:
 @fuzz
 @given(cut=st.integers(0, len(MCAP)))
 def test_cut_bag_is_identical_up_to_the_cut(tmp_path: Path, cut: int) -> None:
-    with BagReader(DATA / "mcap_default" / "mcap_default_0.mcap") as reader:
+    with BagReader(GENUINE / "mcap_default" / "mcap_default_0.mcap") as reader:
         whole = list(reader.records())
     rest = read(tmp_path / "cut.mcap", MCAP[:cut]) or []
     assert rest == whole[: len(rest)]
@@ -134,7 +132,7 @@ def chunk_of(content: bytes, announced: int, compression: bytes = b"zstd") -> by
     return MAGIC + struct.pack("<BQ", 6, len(body)) + body
 
 
-@pytest.mark.parametrize("announced", [10, 100 * 1024 * 1024, 2**40])
+@pytest.mark.parametrize("announced", [10, 2**40])
 def test_chunk_that_expands_without_end(tmp_path: Path, announced: int) -> None:
     bomb = zstandard.compress(bytes(600 * 1024 * 1024))
     with bounded_memory(400 * 1024 * 1024):
@@ -167,18 +165,15 @@ def test_damaged_chunk_is_skipped_and_told(split_weld: bytes, tmp_path: Path) ->
     assert [record for record in whole if record in set(rest)] == rest
 
 
-def test_chunks_behind_a_damaged_place_are_found_through_the_summary(split_weld: bytes, tmp_path: Path) -> None:
+def test_damaged_head_of_a_chunk_costs_nothing(split_weld: bytes, tmp_path: Path) -> None:
     whole = read(tmp_path / "whole.mcap", split_weld)
-    chunks = chunks_of(split_weld)
     content = bytearray(split_weld)
-    content[chunks[1]] = 0x11  # the record's type becomes one that does not exist
+    content[chunks_of(split_weld)[1]] = 0x11  # the record's type becomes one that does not exist
     path = tmp_path / "a.mcap"
     path.write_bytes(bytes(content))
     with BagReader(path) as reader:
-        rest = list(reader.records())
+        assert list(reader.records()) == whole
         assert any("damaged" in problem for problem in reader.problems)
-    assert whole is not None and len(chunks) >= 3
-    assert rest[0] == whole[0] and rest[-1] == whole[-1] and len(rest) < len(whole)
 
 
 def _is_chunk(content: bytes, at: int) -> bool:

@@ -17,9 +17,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from fsw_recorder import BagError
-from fsw_recorder.bag_metadata import OfferedQos
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.qos import profile
 
 HASH = "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
 TOPIC = RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH)
@@ -45,9 +45,7 @@ def values_of(bag: Path) -> list[float]:
 @pytest.mark.parametrize("compression", ["", "zstd"])
 def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
     bag = tmp_path / "bag"
-    latched = RecordedTopic(
-        "/latched", "std_msgs/msg/String", "string data\n", qos=(OfferedQos(durability="transient_local", depth=1),)
-    )
+    latched = RecordedTopic("/latched", "std_msgs/msg/String", "string data\n", qos=(profile(latched=True, depth=1),))
     with BagWriter(bag, WriterOptions(compression=compression, chunk_bytes=500), {"who": 'me: "x" \\ #1'}) as writer:
         writer.add_topic(latched)
         writer.write("/latched", b"\0\1\0\0\3\0\0\0hi\0", START_NS, START_NS)
@@ -88,9 +86,7 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
     bag = tmp_path / "mcap_default"
     with BagReader(source) as reader, BagWriter(bag) as writer:
         for topic in reader.topics().values():
-            writer.add_topic(
-                RecordedTopic(topic.name, topic.type_name, topic.schema_text, topic.type_hash, tuple(topic.qos))
-            )
+            writer.add_topic(topic)
         for record in reader.records():
             writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence)
 
@@ -244,7 +240,7 @@ def fail_while_writing(
 def test_full_disk_leaves_a_readable_bag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, compression: str
 ) -> None:
-    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", FullDisk(room))
+    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", FullDisk(room))
     bag = tmp_path / "bag"
     writer, errors = fail_while_writing(bag, WriterOptions(compression=compression, chunk_bytes=300))
     monkeypatch.undo()
@@ -259,14 +255,14 @@ def test_full_disk_leaves_a_readable_bag(
 def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The failed chunk is larger than the summary, so that there is room for the latter."""
     disk = FullDisk(70_000)
-    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", disk)
+    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", disk)
     original = os.ftruncate
 
     def truncate(descriptor: int, size: int) -> None:
         disk.room += os.fstat(descriptor).st_size - size
         original(descriptor, size)
 
-    monkeypatch.setattr("fsw_recorder.mcap_output.os.ftruncate", truncate)
+    monkeypatch.setattr("fsw_recorder.bag_writer.os.ftruncate", truncate)
     fail_while_writing(tmp_path / "bag", WriterOptions(chunk_bytes=40_000, chunk_period_s=100.0), 5000, batch=500)
     monkeypatch.undo()
     with Reader(tmp_path / "bag") as reader:
@@ -310,13 +306,45 @@ def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatc
 
     writer = BagWriter(tmp_path / "bag", WriterOptions(max_pending_bytes=1200, chunk_bytes=100))
     writer.add_topic(TOPIC)
-    monkeypatch.setattr("fsw_recorder.mcap_output.os.write", stuck)
+    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", stuck)
     taken = [writer.write("/x", cdr(index), START_NS + index, START_NS) for index in range(1000)]
     assert taken[0] and not taken[-1]
     release.set()
     writer.close()
     assert values_of(tmp_path / "bag") == [index for index, ok in enumerate(taken) if ok]
     assert writer.statistics().dropped == taken.count(False)
+
+
+def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        fill(writer, 3)
+        for publish_ns in (-1, 2**64):
+            assert writer.write("/x", cdr(9.0), START_NS + 10**9, publish_ns)
+        assert not writer.write("/x", cdr(9.0), -1, START_NS)
+    assert writer.error is None and writer.statistics().dropped == 1
+    with BagReader(tmp_path / "bag") as reader:
+        assert [record.publish_time_ns for record in reader.records()][-2:] == [START_NS + 10**9] * 2
+
+
+def test_any_failure_is_told_and_the_bag_is_left_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    errors: list[BagError] = []
+    writer = BagWriter(tmp_path / "bag", on_error=errors.append)
+    fill(writer, 10)
+    assert writer.flush()
+
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("nobody expected this")
+
+    monkeypatch.setattr("mcap.writer.Writer.add_message", broken)
+    writer.write("/x", cdr(10.0), START_NS + 10**9, START_NS)
+    assert not writer.flush()
+    monkeypatch.undo()
+    assert not writer.write("/x", cdr(11.0), START_NS + 10**9, START_NS)
+    writer.close()
+    assert len(errors) == 1 and "RuntimeError: nobody expected this" in str(errors[0])
+    assert writer.statistics().written == 10 and writer.statistics().dropped == 2
+    with Reader(tmp_path / "bag") as reader:
+        assert len(list(reader.messages())) == 10
 
 
 def test_closing_twice_is_harmless_and_later_messages_are_refused(tmp_path: Path) -> None:
@@ -339,7 +367,7 @@ def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         fill(writer, 5)
         assert writer.flush()
-        writer.add_topic(RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH, (OfferedQos(depth=3),)))
+        writer.add_topic(RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH, (profile(depth=3),)))
         for index in range(5, 8):
             writer.write("/x", cdr(index), START_NS + index * 10**6, START_NS)
     with Reader(tmp_path / "bag") as reader:

@@ -37,22 +37,12 @@ def test_rate(reader: BagReader, rate: float) -> None:
         assert -1 <= now - wanted <= 10_000_001
 
 
-def test_next_due_is_when_it_is_taken(reader: BagReader) -> None:
-    player = Player(reader, PlayOptions(rate=2.0), 0)
-    count = 0
-    while (due := player.next_due_ns()) is not None:
-        assert player.take_due(due - 2) == []
-        count += len(player.take_due(due + 1))
-    player.take_due(10 * S)
-    assert count == 177 and player.finished
-
-
 def test_pause_resume_and_change_of_rate(reader: BagReader) -> None:
     player = Player(reader, PlayOptions(), 0)
     first = played(player, S)
     player.pause(S)
     at = player.bag_time_ns(S)
-    assert played(player, 3 * S, start_ns=S) == [] and player.bag_time_ns(3 * S) == at and player.next_due_ns() is None
+    assert played(player, 3 * S, start_ns=S) == [] and player.bag_time_ns(3 * S) == at
     player.resume(3 * S)
     assert player.set_rate(10.0, 3 * S) and not player.set_rate(0.0, 3 * S) and not player.set_rate(-1.0, 3 * S)
     rest = played(player, 4 * S, start_ns=3 * S)
@@ -91,7 +81,7 @@ def test_offset_duration_and_latched(reader: BagReader) -> None:
 def test_loop(reader: BagReader) -> None:
     player = Player(reader, PlayOptions(loop=True, rate=100.0), 0)
     assert len(played(player, S // 2)) >= 3 * 177
-    assert player.loops >= 3 and not player.finished
+    assert not player.finished
 
 
 def test_topics(reader: BagReader) -> None:

@@ -1,4 +1,4 @@
-"""Topic selection, QoS rules, sequence gaps, attachments."""
+"""Topic selection, QoS rules, repeated messages, attachments."""
 
 from datetime import datetime
 from pathlib import Path
@@ -7,27 +7,38 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fsw_recorder import BagError
-from fsw_recorder.bag_metadata import OfferedQos, parse_qos, qos_text
+from fsw_recorder.qos import (
+    hears,
+    is_latched,
+    is_reliable,
+    profile,
+    qos_text,
+    read_qos,
+    replayed_qos,
+    requested_qos,
+    strongest_first,
+)
 from fsw_recorder.recording import custom_entries, free_sibling, media_type, output_folder, read_attachment, versions
-from fsw_recorder.repeats import Repeats
-from fsw_recorder.sequence_gaps import SequenceGaps
-from fsw_recorder.topic_selection import TopicSelection, hears, replayed_qos, requested_qos, strongest_first
+from fsw_recorder.topic import TopicSelection
+from fsw_recorder.topic_subscription_ros import Repeats
 
-BEST_EFFORT = OfferedQos(reliability="best_effort", depth=5)
-LATCHED = OfferedQos(durability="transient_local", depth=1)
-durations = st.tuples(st.integers(0, 2**31), st.integers(1, 999_999_999))
+BEST_EFFORT = profile(reliable=False, depth=5)
+LATCHED = profile(latched=True, depth=1)
+durations = st.builds(QosTime, st.integers(0, 2**31), st.integers(1, 999_999_999))
 profiles = st.builds(
-    OfferedQos,
-    st.sampled_from(["reliable", "best_effort"]),
-    st.sampled_from(["volatile", "transient_local"]),
-    st.sampled_from(["keep_last", "keep_all"]),
+    Qos,
+    st.sampled_from([QosHistory.KEEP_LAST, QosHistory.KEEP_ALL]),
     st.integers(0, 1000),
+    st.sampled_from([QosReliability.RELIABLE, QosReliability.BEST_EFFORT]),
+    st.sampled_from([QosDurability.VOLATILE, QosDurability.TRANSIENT_LOCAL]),
     durations,
     durations,
-    st.sampled_from(["automatic", "manual_by_topic"]),
+    st.sampled_from([QosLiveliness.AUTOMATIC, QosLiveliness.MANUAL_BY_TOPIC]),
     durations,
+    st.just(False),
 )
 
 
@@ -55,22 +66,22 @@ def test_broken_expression() -> None:
 
 
 def test_request_hears_every_publisher() -> None:
-    assert requested_qos([OfferedQos()], 1000) == OfferedQos(depth=1000)
-    assert requested_qos([OfferedQos(), BEST_EFFORT], 10).reliability == "best_effort"
-    assert requested_qos([LATCHED], 10) == OfferedQos(durability="transient_local", depth=10)
-    assert requested_qos([LATCHED, OfferedQos()], 10).durability == "volatile"
-    assert requested_qos([OfferedQos(durability="transient_local", depth=5000)], 10).depth == 5000
-    assert requested_qos([], 10).reliability == "best_effort"
+    assert requested_qos([profile()], 1000) == profile(depth=1000)
+    assert not is_reliable(requested_qos([profile(), BEST_EFFORT], 10))
+    assert requested_qos([LATCHED], 10) == profile(latched=True, depth=10)
+    assert not is_latched(requested_qos([LATCHED, profile()], 10))
+    assert requested_qos([profile(latched=True, depth=5000)], 10).depth == 5000
+    assert not is_reliable(requested_qos([], 10))
 
 
 @given(profiles, profiles)
-def test_a_request_for_the_weakest_hears_both(first: OfferedQos, second: OfferedQos) -> None:
+def test_a_request_for_the_weakest_hears_both(first: Qos, second: Qos) -> None:
     request = requested_qos([first, second], 10)
     assert hears(request, first) and hears(request, second)
 
 
 def test_who_hears_whom() -> None:
-    reliable, unreliable = OfferedQos(), BEST_EFFORT
+    reliable, unreliable = profile(), BEST_EFFORT
     assert hears(unreliable, reliable) and not hears(reliable, unreliable)
     assert hears(reliable, LATCHED) and not hears(LATCHED, reliable)
     assert strongest_first([unreliable, LATCHED, reliable]) in (
@@ -91,55 +102,30 @@ def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
 
 
 def test_replay_offers_what_any_publisher_offered() -> None:
-    assert replayed_qos([]) == OfferedQos()
-    assert replayed_qos([BEST_EFFORT]).reliability == "best_effort"
-    assert replayed_qos([BEST_EFFORT, LATCHED]) == OfferedQos(durability="transient_local", depth=5)
+    assert replayed_qos([]) == profile()
+    assert not is_reliable(replayed_qos([BEST_EFFORT]))
+    assert replayed_qos([BEST_EFFORT, LATCHED]) == profile(latched=True, depth=5)
 
 
 @given(st.lists(profiles, max_size=3))
-def test_qos_text_and_back(offers: list[OfferedQos]) -> None:
-    assert parse_qos(qos_text(offers)) == offers
+def test_qos_text_and_back(offers: list[Qos]) -> None:
+    assert read_qos(qos_text(offers)) == offers
     assert isinstance(yaml.safe_load(qos_text(offers) or "[]"), list)
 
 
 @given(st.text(max_size=50))
 def test_any_qos_text_is_understood_or_left(text: str) -> None:
-    assert isinstance(parse_qos(text), list)
+    assert isinstance(read_qos(text), list)
 
 
 def test_numbers_of_older_bags() -> None:
-    text = "- history: 1\n  depth: 7\n  reliability: 2\n  durability: 1\n  deadline:\n    sec: 0\n    nsec: 0"
-    assert parse_qos(text) == [OfferedQos(reliability="best_effort", durability="transient_local", depth=7)]
-
-
-def test_sequence_gaps() -> None:
-    gaps = SequenceGaps()
-    assert [gaps.note("/a", number) for number in (5, 6, 9, 10, 2, 3)] == [0, 0, 2, 0, 0, 0]
-    gaps.note("/b", 1)
-    gaps.forget("/b")
-    assert gaps.note("/b", 100) == 0
-    gaps.report("/b", 4)
-    assert gaps.lost == {"/a": 2, "/b": 4} and gaps.total == 6
-
-
-def test_numbers_of_a_new_publisher_are_no_gap() -> None:
-    gaps = SequenceGaps()
-    for number in (500, 503):
-        gaps.note("/a", number)
-    gaps.confirm("/a")
-    for number in (1, 504):
-        gaps.note("/a", number)
-    assert gaps.lost == {"/a": 504}
-    gaps.forget("/a")
-    assert gaps.lost == {"/a": 2}
-
-
-@given(st.sets(st.integers(0, 200), min_size=1))
-def test_gaps_are_what_is_missing(received: set[int]) -> None:
-    gaps = SequenceGaps()
-    for number in sorted(received):
-        gaps.note("/a", number)
-    assert gaps.total == max(received) - min(received) + 1 - len(received)
+    time = "{sec: 0, nsec: 0}"
+    text = (
+        f"- {{history: 1, depth: 7, reliability: 2, durability: 1, deadline: {time}, lifespan: {time}, liveliness: 1, "
+    )
+    text += f"liveliness_lease_duration: {time}, avoid_ros_namespace_conventions: false}}"
+    (qos,) = read_qos(text)
+    assert qos.depth == 7 and not is_reliable(qos) and is_latched(qos)
 
 
 def test_attachments(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""Finds in the signals of a weld the moments at which something was asked of the controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.weld import TICK_S
+
+#: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
+_GROUP_TICKS = 10
+#: smaller steps are rounding
+_SMALLEST_STEP = 1e-9
+#: stamps below this are of simulated time, which begins at 0
+_SIMULATED_S = 1e8
+#: what a tick may be late of the scenario's end
+_LATE_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One quantity starts to change.
+
+    Attributes
+    ----------
+    quantity : str
+        ``depth_reference``, ``temperature_reference``, ``depth_disturbance`` or ``temperature_disturbance``.
+    begin, end : int
+        First and last tick of the change; equal for a step.
+    size : float
+        New minus old value; of a lasting change (ramp, sine) the largest excursion, with its sign.
+    """
+
+    quantity: str
+    begin: int
+    end: int
+    size: float
+
+    @property
+    def is_step(self) -> bool:
+        """Whether the whole change happened at one tick."""
+        return self.begin == self.end
+
+
+def changes(signals: WeldSignals) -> list[Change]:
+    """All changes of set-points and output disturbances, in order of time."""
+    series = {
+        "depth_reference": signals.reference_depth_mm,
+        "temperature_reference": signals.reference_temperature_c,
+    }
+    if signals.truth is not None:
+        series["depth_disturbance"] = signals.truth.depth_disturbance_mm
+        series["temperature_disturbance"] = signals.truth.temperature_disturbance_c
+    found = [change for quantity, values in series.items() for change in _changes(quantity, values)]
+    return sorted(found, key=lambda change: change.begin)
+
+
+def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
+    if values.size < 2:
+        return []
+    steps = np.diff(values)
+    ticks = np.flatnonzero(np.abs(steps) > _SMALLEST_STEP) + 1  # NaN compares false: what appears is no change
+    found: list[Change] = []
+    for group in np.split(ticks, np.flatnonzero(np.diff(ticks) > _GROUP_TICKS) + 1):
+        if not group.size:
+            continue
+        begin, end = int(group[0]), int(group[-1])
+        excursion = values[begin : end + 1] - values[begin - 1]
+        found.append(Change(quantity, begin, end, float(excursion[np.argmax(np.abs(excursion))])))
+    return found
+
+
+def experiment_time_s(signals: WeldSignals) -> npt.NDArray[np.float64]:
+    """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
+    if not signals.n_ticks:
+        return signals.time_s
+    first_s = float(signals.stamp_ns[0]) * 1e-9
+    return signals.time_s + (first_s if first_s < _SIMULATED_S else TICK_S)
+
+
+def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
+    """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
+    text = signals.attachments.get("scenario.yaml")
+    try:
+        content = yaml.safe_load(text) if text else None
+        last_s = float(content["duration_s"]) if isinstance(content, dict) else float("inf")
+    except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        return signals
+    n = int(np.searchsorted(experiment_time_s(signals), last_s + _LATE_S, side="right"))
+    return signals if n >= signals.n_ticks else _head(signals, n)
+
+
+def _head(record: Any, n: int) -> Any:
+    """A copy of signals with the first ``n`` ticks of every array."""
+    values: dict[str, Any] = {}
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if isinstance(value, np.ndarray):
+            value = value[:n]
+        elif is_dataclass(value):
+            value = _head(value, n)
+        elif isinstance(value, dict) and item.name in ("proposals", "statuses"):
+            value = {name: _head(inner, n) for name, inner in value.items()}
+        elif isinstance(value, dict) and item.name == "disturbances":
+            value = {name: inner[:n] for name, inner in value.items()}
+        values[item.name] = value
+    return type(record)(**values)

@@ -1,0 +1,64 @@
+"""Writes aligned signals as a table (CSV)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_recorder.errors import BagError
+
+Column = npt.NDArray[Any]
+
+
+def weld_table(signals: WeldSignals) -> dict[str, Column]:
+    """All signals as columns of one table; every array has shape (n_ticks,).
+
+    Names are those of `WeldSignals`; what belongs to the drives' feedback begins with ``drives_``, to the plant's truth
+    with ``truth_``, to a controller with ``<controller>_proposal_`` or ``<controller>_status_``.
+    """
+    groups: list[tuple[str, Any]] = [("", signals), ("drives_", signals.drives), ("truth_", signals.truth)]
+    groups += [(f"{name}_proposal_", proposal) for name, proposal in signals.proposals.items()]
+    groups += [(f"{name}_status_", status) for name, status in signals.statuses.items()]
+    table: dict[str, Column] = {}
+    for prefix, group in groups:
+        values = {one.name: getattr(group, one.name) for one in fields(group)} if group is not None else {}
+        table |= {prefix + name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        table |= {f"{prefix}disturbance {name}": value for name, value in values.get("disturbances", {}).items()}
+    return table
+
+
+def export_weld(signals: WeldSignals, target: Path) -> int:
+    """Write the table to a CSV file; returns the number of rows.
+
+    A missing number is an empty cell; numbers are written with all their digits.
+
+    Raises
+    ------
+    BagError
+        The name does not end in ``.csv``, or the file cannot be written.
+    """
+    if target.suffix.lower() != ".csv":
+        raise BagError(f"{target}: only tables in CSV are written; end the name in .csv")
+    table = weld_table(signals)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with target.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(table)
+            writer.writerows(zip(*map(_cells, table.values()), strict=True))
+    except OSError as error:
+        raise BagError(f"{target}: cannot be written: {error.strerror or error}") from None
+    return signals.n_ticks
+
+
+def _cells(values: Column) -> list[Any]:
+    if values.dtype.kind == "f":
+        return ["" if math.isnan(value) else repr(value) for value in values.tolist()]
+    return list(values.tolist())

@@ -1,0 +1,306 @@
+"""The paper's figures from the signals of one or more welds, as PNG files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fsw_analysis.changes import experiment_time_s
+from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.contract import Limits
+
+COLOURS = ("#0b62a4", "#d1495b", "#2e8540", "#8d5fd3", "#e08214", "#444444")
+_STYLE = {
+    "font.size": 10.0,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.dpi": 110,
+    "lines.linewidth": 1.4,
+    "axes.axisbelow": True,
+}
+_REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
+_LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
+_SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."}
+_MOST_SWAPS = 20
+#: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
+_WIDTH, _PANEL, _TITLE, _LEGEND_ROW = 9.0, 2.25, 0.6, 0.3
+_LEGEND_COLUMNS = 5
+#: share of the data's span that is left free above and below
+_MARGIN = 0.07
+#: a limit is drawn when it is nearer to the data than this share of their span
+_NEAR = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A weld to draw, under the name that the legend gives it."""
+
+    label: str
+    signals: WeldSignals
+
+
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """One axis: the quantity, and what belongs into its picture besides."""
+
+    title: str
+    ylabel: str
+    quantity: str
+    reference: str = ""
+    limits: tuple[float, float] | None = None
+    smallest_span: float = 0.0
+    sensor: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _ErrorPanel:
+    """One axis: the error of an output, at a scale at which the dead-band is visible."""
+
+    title: str
+    ylabel: str
+    quantity: str
+    reference: str
+    band: float
+    span: float
+    factor: float = 1.0
+
+
+_LIMITS = Limits()
+_DEPTH = _Panel("Shoulder depth", "depth [mm]", "depth_mm", "reference_depth_mm", smallest_span=0.02, sensor="depth_mm")
+_TEMPERATURE = _Panel(
+    "Stir-zone temperature",
+    "temperature [°C]",
+    "temperature_c",
+    "reference_temperature_c",
+    smallest_span=1.0,
+    sensor="temperature_c",
+)
+_DEPTH_ERROR = _ErrorPanel(
+    "Depth error, close up", "error [µm]", "depth_mm", "reference_depth_mm", DEAD_BAND_DEPTH_MM, 20.0, 1e3
+)
+_TEMPERATURE_ERROR = _ErrorPanel(
+    "Temperature error, close up",
+    "error [°C]",
+    "temperature_c",
+    "reference_temperature_c",
+    DEAD_BAND_TEMPERATURE_C,
+    1.0,
+)
+_FREE = tuple(replace(panel, reference="") for panel in (_DEPTH, _TEMPERATURE))
+_FORCE = _Panel(
+    "Axial force", "force [kN]", "force_kn", limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn), smallest_span=0.5
+)
+_SPEED = _Panel(
+    "Spindle speed",
+    "speed [rpm]",
+    "speed_rpm",
+    limits=(_LIMITS.speed_min_rpm, _LIMITS.speed_max_rpm),
+    smallest_span=2.0,
+)
+_TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", smallest_span=10.0, sensor="torque_nm")
+_POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", smallest_span=0.5)
+_OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
+#: as the paper draws open-loop experiments: the response above, force and speed below
+_OPEN_LOOP = (_FREE[0], _TORQUE, _FREE[1], _FORCE, _SPEED)
+_FIGURES: dict[int, tuple[str, tuple[_Panel | _ErrorPanel, ...]]] = {
+    4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
+    5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
+    6: ("Fig. 6: reference tracking, controlled outputs", _OUTPUTS),
+    7: ("Fig. 7: reference tracking, manipulated variables", (_FORCE, _SPEED, _POWER)),
+    8: ("Fig. 8: output disturbances, controlled outputs", _OUTPUTS),
+    9: ("Fig. 9: output disturbances, manipulated variables", (_FORCE, _SPEED, _POWER)),
+}
+_OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
+
+
+def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
+    """Draw figures of the paper and an overview of everything.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Welds to overlay; the references of the first are drawn.
+    numbers : sequence of int
+        Which of the figures 4 to 9.
+    folder : Path
+        Where to write ``fig<number>.png`` and ``overview.png``; must exist.
+    name : str
+        Of the scenario: goes into the titles and before the files' names.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to draw or a figure's number is unknown.
+    """
+    if not runs:
+        raise ValueError("figures: no run to draw")
+    unknown = [number for number in numbers if number not in _FIGURES]
+    if unknown:
+        raise ValueError(f"figures: there is no figure {unknown[0]}; known: {', '.join(map(str, _FIGURES))}")
+    prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
+    pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
+    pages.append((f"{prefix}overview.png", "Overview", _OVERVIEW, 2))
+    paths: list[Path] = []
+    with matplotlib.rc_context(_STYLE):
+        for file, title, panels, columns in pages:
+            figure, axes = _page(title + suffix, len(panels), columns)
+            for axis, panel in zip(axes, panels, strict=False):
+                _draw_panel(axis, panel, runs)
+            if len(runs) == 1:
+                _mark_swaps(axes, runs[0].signals)
+            _finish(figure, axes, folder / file)
+            paths.append(folder / file)
+    return paths
+
+
+def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
+    """Draw the bare process in open loop like the paper's Figs. 4 and 5.
+
+    Parameters
+    ----------
+    columns : mapping of str to FloatArray
+        ``time_s``, ``depth_mm``, ``motor_torque_nm``, ``temperature_c``, ``force_kn`` and ``speed_rpm``, each (n,).
+    title : str
+    path : Path
+        PNG file to write.
+    """
+    with matplotlib.rc_context(_STYLE):
+        figure, axes = _page(title, len(_OPEN_LOOP), 1)
+        for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
+            _label(axis, panel)
+            held = panel.quantity in ("force_kn", "speed_rpm")
+            style = "steps-post" if held else "default"
+            axis.plot(columns["time_s"], columns[panel.quantity], color=COLOURS[int(held)], drawstyle=style)
+            _scale(axis, replace(panel, limits=None), [columns[panel.quantity]])
+        _finish(figure, axes, path)
+
+
+def _page(title: str, panels: int, columns: int) -> tuple[Figure, list[Axes]]:
+    rows = -(-panels // columns)
+    width = _WIDTH * (1.35 if columns > 1 else 1.0)
+    figure = Figure(figsize=(width, _TITLE + _LEGEND_ROW + _PANEL * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for axis in grid[-1]:
+        axis.set_xlabel("time [s]")
+    figure.suptitle(title, fontsize=12.0, fontweight="bold")
+    return figure, list(grid.flat)
+
+
+def _finish(figure: Figure, axes: Sequence[Axes], path: Path) -> None:
+    """Add one legend for all axes, below them, and write the file."""
+    named: dict[str, Any] = {}
+    for axis in axes:
+        named |= {label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    if named:
+        # matplotlib before 3.7 cannot place a legend outside by itself
+        below = _LEGEND_ROW * -(-len(named) // _LEGEND_COLUMNS) / figure.get_figheight()
+        figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
+        columns = min(len(named), _LEGEND_COLUMNS)
+        figure.legend(named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False)
+    figure.savefig(path, format="png")
+
+
+def _label(axis: Axes, panel: _Panel | _ErrorPanel) -> None:
+    axis.set_title(panel.title, loc="left", fontsize=10.0)
+    axis.set_ylabel(panel.ylabel)
+
+
+def _draw_panel(axis: Axes, panel: _Panel | _ErrorPanel, runs: Sequence[Run]) -> None:
+    _label(axis, panel)
+    if isinstance(panel, _ErrorPanel):
+        _draw_error(axis, panel, runs)
+        return
+    shown: list[FloatArray] = []
+    reference = getattr(runs[0].signals, panel.reference) if panel.reference else np.empty(0)
+    if np.isfinite(reference).any():
+        time_s = experiment_time_s(runs[0].signals)
+        axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
+        shown.append(reference)
+    for i, run in enumerate(runs):
+        colour = COLOURS[i % len(COLOURS)]
+        true, time_s = _values(run.signals, panel.quantity), experiment_time_s(run.signals)
+        sensed = getattr(run.signals, panel.sensor) if panel.sensor else None
+        if sensed is not None and true is None:
+            axis.plot(time_s, sensed, color=colour, label=run.label)
+            shown.append(sensed)
+        elif sensed is not None and len(runs) == 1:
+            axis.plot(time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
+            shown.append(sensed)
+        if true is not None:
+            held = panel.quantity in ("force_kn", "speed_rpm")
+            axis.plot(time_s, true, color=colour, label=run.label, drawstyle="steps-post" if held else "default")
+            shown.append(true)
+    _scale(axis, panel, shown)
+
+
+def _draw_error(axis: Axes, panel: _ErrorPanel, runs: Sequence[Run]) -> None:
+    for i, run in enumerate(runs):
+        values = _values(run.signals, panel.quantity)
+        values = getattr(run.signals, panel.quantity) if values is None else values
+        error = panel.factor * (values - getattr(run.signals, panel.reference))
+        axis.plot(experiment_time_s(run.signals), error, color=COLOURS[i % len(COLOURS)], label=run.label)
+    band = panel.factor * panel.band
+    axis.axhspan(-band, band, color="black", alpha=0.15, linewidth=0.0, label="dead-band (±2 µm, ±0.1 °C)")
+    axis.set_ylim(-panel.span, panel.span)
+    axis.margins(x=0.01)
+
+
+def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
+    """Lines where the command's source changes, with its name on the first axis."""
+    source, time_s = signals.command_source, experiment_time_s(signals)
+    changes = np.flatnonzero(source[1:] != source[:-1]) + 1
+    if not changes.size or changes.size > _MOST_SWAPS:
+        return
+    for axis in axes:
+        for tick in changes:
+            axis.axvline(time_s[tick], label="other source of the command", **_SWAP)
+    top = axes[0].get_xaxis_transform()
+    for tick in (0, *changes):
+        axes[0].text(
+            time_s[tick], 0.98, source[tick], transform=top, va="top", rotation=90, fontsize=8.0, color="dimgray"
+        )
+
+
+def _values(signals: WeldSignals, quantity: str) -> FloatArray | None:
+    """True values where the bag has them, the applied command for the manipulated variables, else None."""
+    if quantity in ("force_kn", "speed_rpm"):
+        values: FloatArray = getattr(signals, quantity)
+        return values
+    values = getattr(signals.truth, quantity) if signals.truth is not None else np.empty(0)
+    return values if np.isfinite(values).any() else None
+
+
+def _scale(axis: Axes, panel: _Panel, shown: list[FloatArray]) -> None:
+    """Scale to the data, but never so far that noise fills the picture; limits are drawn where they are near."""
+    known = np.concatenate([values[np.isfinite(values)] for values in shown]) if shown else np.empty(0)
+    if not known.size:
+        axis.text(0.5, 0.5, "not in this bag", transform=axis.transAxes, ha="center", va="center", color="gray")
+        return
+    span = max(float(np.ptp(known)), panel.smallest_span)
+    middle = 0.5 * float(known.min() + known.max())
+    low, high = middle - (0.5 + _MARGIN) * span, middle + (0.5 + _MARGIN) * span
+    axis.ticklabel_format(axis="y", useOffset=False)
+    for limit in panel.limits or ():
+        if low - _NEAR * span <= limit <= high + _NEAR * span:
+            axis.axhline(limit, label="limit", **_LIMIT)
+            low, high = min(low, limit - _MARGIN * span), max(high, limit + _MARGIN * span)
+    if panel.limits and not any(low <= limit <= high for limit in panel.limits):
+        text = f"limits {panel.limits[0]:g} and {panel.limits[1]:g} out of view"
+        axis.set_title(text, loc="right", fontsize=8.0, color="firebrick")
+    axis.set_ylim(low, high)
+    axis.margins(x=0.01)

@@ -1,0 +1,179 @@
+"""Figures of merit of a weld, from its signals alone: the same for a simulation, a graph run and an old bag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fsw_analysis.changes import Change, changes, experiment_time_s
+from fsw_analysis.weld_signals import WeldSignals
+
+#: Dead-bands of the paper's controller, section IV.
+DEAD_BAND_DEPTH_MM = 0.002
+DEAD_BAND_TEMPERATURE_C = 0.1
+#: An output has settled when its error stays within this share of the step (at least within the dead-band).
+SETTLED_SHARE = 0.05
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class KpiError(ValueError):
+    """The signals are not enough to compute figures of merit."""
+
+
+def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
+    """Figures of merit of one run.
+
+    Errors are those of the true outputs (disturbances included, sensor noise not) where the bag has the emulator's
+    truth, else of the measured ones; ``outputs`` says which.
+
+    Parameters
+    ----------
+    signals : WeldSignals
+    label : str
+        Name of the run in tables; its folder's name by default.
+
+    Returns
+    -------
+    dict
+        Ready for JSON: numbers under flat keys with their unit in the name, None where a figure does not exist in
+        this run, and ``events``, a list with the figures of each change of a set-point or a disturbance.
+
+    Raises
+    ------
+    KpiError
+        With fewer than two ticks.
+    """
+    if signals.n_ticks < 2:
+        raise KpiError(f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2")
+    dt = np.diff(signals.time_s, prepend=signals.time_s[0] - float(np.median(np.diff(signals.time_s))))
+    truth = signals.truth if signals.truth is not None and np.isfinite(signals.truth.depth_mm).any() else None
+    depth = signals.depth_mm if truth is None else truth.depth_mm
+    temperature = signals.temperature_c if truth is None else truth.temperature_c
+    depth_error = depth - signals.reference_depth_mm
+    temperature_error = temperature - signals.reference_temperature_c
+    selected = [name for name in dict.fromkeys(signals.command_source) if name]
+    found = changes(signals)
+    result: dict[str, Any] = {
+        "label": label or signals.path.name,
+        "controllers": selected,
+        "outputs": "measured" if truth is None else "truth",
+        "duration_s": round(signals.duration_s, 9),
+        "ticks": signals.n_ticks,
+        "ticks_without_output": int(np.sum(~np.isfinite(depth) | ~np.isfinite(temperature))),
+        "ticks_without_command": int(np.sum(~np.isfinite(signals.force_kn))),
+        "iae_depth_mm_s": _integral(np.abs(depth_error), dt),
+        "iae_temperature_c_s": _integral(np.abs(temperature_error), dt),
+        "ise_depth_mm2_s": _integral(depth_error**2, dt),
+        "ise_temperature_c2_s": _integral(temperature_error**2, dt),
+        "in_dead_band_depth_share": _share(np.abs(depth_error), DEAD_BAND_DEPTH_MM),
+        "in_dead_band_temperature_share": _share(np.abs(temperature_error), DEAD_BAND_TEMPERATURE_C),
+        "total_variation_force_kn": _variation(signals.force_kn),
+        "total_variation_speed_rpm": _variation(signals.speed_rpm),
+    }
+    events = _events(found, depth_error, temperature_error, experiment_time_s(signals), dt)
+    result |= _peaks(events)
+    for name, status in signals.statuses.items():
+        times = status.solve_time_s[np.isfinite(status.solve_time_s) & (status.solve_time_s > 0.0)] * 1e3
+        if times.size:
+            result[f"solve_time_{name}_p50_ms"] = float(np.percentile(times, 50))
+            result[f"solve_time_{name}_p99_ms"] = float(np.percentile(times, 99))
+            result[f"solve_time_{name}_max_ms"] = float(times.max())
+    result["events"] = events
+    return result
+
+
+def _integral(values: FloatArray, dt: FloatArray) -> float | None:
+    known = np.isfinite(values)
+    return float(np.sum(values[known] * dt[known])) if known.any() else None
+
+
+def _share(error: FloatArray, band: float) -> float | None:
+    known = error[np.isfinite(error)]
+    return float(np.mean(known <= band)) if known.size else None
+
+
+def _variation(values: FloatArray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.sum(np.abs(np.diff(known)))) if known.size else None
+
+
+def _peak(error: FloatArray) -> float | None:
+    known = np.abs(error[np.isfinite(error)])
+    return float(known.max()) if known.size else None
+
+
+def _events(
+    found: list[Change], depth_error: FloatArray, temperature_error: FloatArray, time_s: FloatArray, dt: FloatArray
+) -> list[dict[str, Any]]:
+    """Figures of each change, in the window until the next change begins."""
+    begins = [*sorted({change.begin for change in found}), len(time_s)]
+    events: list[dict[str, Any]] = []
+    for change in found:
+        window = slice(change.begin, next(begin for begin in begins if begin > change.begin))
+        of_depth = change.quantity.startswith("depth")
+        error = depth_error[window] if of_depth else temperature_error[window]
+        unit, band = ("mm", DEAD_BAND_DEPTH_MM) if of_depth else ("c", DEAD_BAND_TEMPERATURE_C)
+        alone = sum(other.begin == change.begin for other in found) == 1
+        entry: dict[str, Any] = {
+            "time_s": round(float(time_s[change.begin]), 9),
+            "quantity": change.quantity,
+            "kind": "step" if change.is_step else "lasting",
+            f"size_{unit}": change.size,
+            "until_s": round(float(time_s[window.stop - 1] + dt[-1]), 9),
+            "alone": alone,
+            "iae_depth_mm_s": _integral(np.abs(depth_error[window]), dt[window]),
+            "iae_temperature_c_s": _integral(np.abs(temperature_error[window]), dt[window]),
+            "peak_depth_error_mm": _peak(depth_error[window]),
+            "peak_temperature_error_c": _peak(temperature_error[window]),
+        }
+        if change.is_step and np.isfinite(error).any():
+            entry["settling_s"] = _settling(error, max(SETTLED_SHARE * abs(change.size), band), time_s[window])
+            # a set-point's overshoot is an error along the step, a disturbance's is one against it
+            direction = np.sign(change.size) * (1.0 if change.quantity.endswith("reference") else -1.0)
+            beyond = max(0.0, float(np.nanmax(error * direction)))
+            entry[f"overshoot_{unit}"] = beyond
+            entry["overshoot_percent"] = 100.0 * beyond / abs(change.size)
+        events.append(entry)
+    return events
+
+
+def _settling(error: FloatArray, band: float, time_s: FloatArray) -> float | None:
+    outside = np.flatnonzero(~(np.abs(error) <= band))
+    if not outside.size:
+        return 0.0
+    last = int(outside[-1])
+    return None if last + 1 >= len(error) else round(float(time_s[last + 1] - time_s[0]), 9)
+
+
+def _peaks(events: list[dict[str, Any]]) -> dict[str, float | None]:
+    """Largest coupling into the other output, after changes that came alone; None where there was none."""
+
+    def largest(key: str, quantity: str, sign: float = 0.0) -> float | None:
+        size = "size_mm" if quantity.startswith("depth") else "size_c"
+        values = [
+            event[key]
+            for event in events
+            if event["quantity"] == quantity and event["alone"] and event[key] is not None and event[size] * sign >= 0.0
+        ]
+        return max(values) if values else None
+
+    peak_t, peak_z = "peak_temperature_error_c", "peak_depth_error_mm"
+    settling = [event["settling_s"] for event in events if event.get("settling_s") is not None]
+    overshoot = {
+        unit: max((event[f"overshoot_{unit}"] for event in events if f"overshoot_{unit}" in event), default=None)
+        for unit in ("mm", "c")
+    }
+    return {
+        "overshoot_depth_mm": overshoot["mm"],
+        "overshoot_temperature_c": overshoot["c"],
+        "longest_settling_s": max(settling) if settling else None,
+        "steps_not_settled": float(sum("settling_s" in event and event["settling_s"] is None for event in events)),
+        "peak_temperature_in_depth_step_up_c": largest(peak_t, "depth_reference", 1.0),
+        "peak_temperature_in_depth_step_down_c": largest(peak_t, "depth_reference", -1.0),
+        "peak_depth_in_temperature_step_mm": largest(peak_z, "temperature_reference"),
+        "peak_temperature_after_depth_disturbance_c": largest(peak_t, "depth_disturbance"),
+        "peak_depth_after_temperature_disturbance_mm": largest(peak_z, "temperature_disturbance"),
+    }

@@ -1,0 +1,82 @@
+"""Which set-points held at which tick of a recorded weld.
+
+At a tick those hold that were issued last among all whose stamp has come; when they begin, everything issued before
+them is void, also what was sent ahead for later (`fsw_control.references` says the same to the nodes). When a message
+was issued is its publish time, not its receive time: a recorder that joins in mid-weld receives all earlier set-points
+at once, in any order. What the supervisor states on its own topic is believed for the beginning of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+#: topics of set-points: as sent, and as the supervisor says they hold at present
+SENT, HELD = "/fsw/reference", "/fsw/supervisor/reference"
+#: a stamp further than this from the weld's ticks comes from another clock, and means "at once"
+_OTHER_CLOCK_NS = 36_000 * 1_000_000_000
+#: a recorder that joins has received what was sent before after this time
+_JOINING_NS = 2_000_000_000
+#: before everything
+_LONG_AGO = -(2**62)
+UNKNOWN_ORDER = (
+    f"{SENT}: set-points were sent before the recording began, and this bag does not tell in which order: "
+    "errors and figures of merit may refer to the wrong ones"
+)
+
+
+class SetPoint(NamedTuple):
+    """One message with set-points; times in ns."""
+
+    log_ns: int
+    issued_ns: int
+    stamp_ns: int
+    depth_mm: float
+    temperature_c: float
+
+
+def timeline(
+    sent: Sequence[SetPoint],
+    held: Sequence[SetPoint],
+    stamps: npt.NDArray[np.int64],
+    logs: npt.NDArray[np.int64],
+    problems: list[str],
+) -> list[tuple[int, SetPoint]]:
+    """Set-points with the stamp from which each holds, in order.
+
+    Parameters
+    ----------
+    sent, held : sequence of SetPoint
+        Messages on the topics ``SENT`` and ``HELD``, in order of receipt.
+    stamps, logs : int array, shape (n_ticks,)
+        Stamp and receive time of every tick [ns], in order of stamps.
+    problems : list of str
+        Gets `UNKNOWN_ORDER` when the bag does not tell what held when the recording began.
+    """
+    first = int(stamps[0])
+    # sqlite3 holds no publish times; what came together at first may then be older than the recording
+    timed = any(one.issued_ns != one.log_ns for one in sent)
+    joined = int(logs[0]) if timed or not sent else max(int(logs[0]), sent[0].log_ns + _JOINING_NS)
+    entries: list[tuple[int, SetPoint]] = []
+    stampless = 0
+    for one in sorted(sent, key=lambda one: one.issued_ns):
+        stamped = one.stamp_ns > 0 and abs(one.stamp_ns - first) < _OTHER_CLOCK_NS
+        begins = one.stamp_ns if stamped else _LONG_AGO
+        if one.issued_ns >= joined:  # received at once; the next tick is the first that it can hold for
+            row = int(np.searchsorted(logs, one.log_ns))
+            begins = max(begins, int(stamps[row]) if row < stamps.size else int(stamps[-1]) + 1)
+        elif not timed and not stamped:
+            stampless += 1
+            entries.insert(0, (begins, one))
+            continue
+        entries = [entry for entry in entries if entry[0] <= begins]
+        entries.append((begins, one))
+    if held and (not sent or 0 < held[0].stamp_ns <= first):
+        stated = [(one.stamp_ns or first, one) for one in held]
+        entries = stated if not sent else [stated[0], *(entry for entry in entries if entry[0] > first)]
+    elif stampless and sum(begins <= first for begins, _ in entries) > 1:
+        problems.append(UNKNOWN_ORDER)
+    return sorted(entries, key=lambda entry: entry[0])

@@ -1,0 +1,75 @@
+"""Counts the ticks that are missing in a bag, from the stamps of its messages alone.
+
+The middleware tells at best what was lost on its way to the recorder. The topics of a weld carry one stamp per tick,
+the same on all of them, so the bag itself shows what is not in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fsw_recorder.bag_reader import BagRecord
+from fsw_recorder.stamps import is_ticking, stamp_ns
+
+#: shorter ones are no weld's; with the next two it bounds the memory that a damaged bag can ask for
+_SHORTEST_PERIOD_NS = 10_000_000
+_MOST_GAPS = 1000
+#: longest pause of all topics that still is a gap; beyond it the plant was started again
+_LONGEST_GAP_NS = 60 * 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TickGaps:
+    """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns]."""
+
+    missing: int
+    first_ns: int = 0
+
+
+class TickCounter:
+    """Takes the messages of a bag and tells which ticks each topic lacks."""
+
+    def __init__(self) -> None:
+        self._stamps: dict[str, list[int] | None] = {}
+
+    def note(self, record: BagRecord) -> None:
+        """Take up one message."""
+        if record.topic not in self._stamps:
+            self._stamps[record.topic] = [] if is_ticking(record.topic) else None
+        stamps = self._stamps[record.topic]
+        if stamps is not None and (stamp := stamp_ns(record.data)):
+            stamps.append(stamp)
+
+    def gaps(self) -> dict[str, TickGaps]:
+        """Missing ticks per topic.
+
+        A tick is a stamp that any of the topics has; where none has one for several periods, the missing ones are put
+        in at the usual period. What a topic lacks before its first and after its last message is not counted: it
+        began later or ended earlier.
+        """
+        stamps = {topic: np.unique(np.array(one, dtype=np.int64)) for topic, one in self._stamps.items() if one}
+        if not stamps:
+            return {}
+        ticks = _filled(np.unique(np.concatenate(list(stamps.values()))))
+        result: dict[str, TickGaps] = {}
+        for topic, own in stamps.items():
+            lacking = np.setdiff1d(ticks[(ticks >= own[0]) & (ticks <= own[-1])], own, assume_unique=True)
+            result[topic] = TickGaps(int(lacking.size), int(lacking[0]) if lacking.size else 0)
+        return result
+
+
+def _filled(ticks: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Ticks with those put in that no topic has."""
+    steps = np.diff(ticks)
+    period = int(np.median(steps)) if steps.size > 1 else 0
+    if period < _SHORTEST_PERIOD_NS:
+        return ticks
+    wide = np.flatnonzero((steps > 1.5 * period) & (steps <= _LONGEST_GAP_NS))
+    between = [
+        ticks[row] + np.arange(1, round(int(steps[row]) / period), dtype=np.int64) * period
+        for row in wide[:_MOST_GAPS].tolist()
+    ]
+    return np.unique(np.concatenate([ticks, *between]))

@@ -1,0 +1,233 @@
+"""What analysis gets from the bag of a weld: aligned arrays in the paper's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fsw_control.units import RAD_PER_S_PER_RPM
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+TextArray = npt.NDArray[np.object_]
+
+MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
+
+
+def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
+    """Where a signal comes from: the message's field that it holds, and the factor to the paper's unit."""
+    return {"path": path, "factor": factor, "kind": kind}
+
+
+@dataclass(slots=True)
+class ProposalSignals:
+    """What one controller would have applied; every array has shape (n_ticks,).
+
+    Attributes
+    ----------
+    force_kn, speed_rpm : FloatArray
+        Proposed axial force [kN] and spindle speed [rpm]; NaN where no proposal answers the tick.
+    healthy : FloatArray
+        1 healthy, 0 not healthy, NaN no proposal.
+    reason : TextArray
+        Why not healthy; empty when nominal or missing.
+    latency_s : FloatArray
+        From the tick's first recorded measurement to the recorded proposal, by receive time [s].
+    """
+
+    force_kn: FloatArray = field(metadata=of("axial_force", KN))
+    speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
+    healthy: FloatArray = field(metadata=of("healthy"))
+    reason: TextArray = field(metadata=of("reason", kind="text"))
+    latency_s: FloatArray = field(metadata=of("", kind="latency"))
+
+
+@dataclass(slots=True)
+class StatusSignals:
+    """How one controller was doing; every array has shape (n_ticks,), NaN or empty where there was no status.
+
+    Attributes
+    ----------
+    depth_estimate_mm, temperature_estimate_c, torque_estimate_nm : FloatArray
+        Estimates.
+    healthy, selected : FloatArray
+        1 or 0.
+    solve_time_s, iterations, bad_cycles : FloatArray
+        Solver effort per tick and ticks without an accepted result since start.
+    solver_status, reason, active_limits : TextArray
+        Text per tick; several active limits are joined with ``,``.
+    disturbances : dict of str to FloatArray
+        Disturbance estimates by the name the controller gave them (with unit), as on the wire.
+    """
+
+    depth_estimate_mm: FloatArray = field(metadata=of("depth_estimate", MM))
+    temperature_estimate_c: FloatArray = field(metadata=of("temperature_estimate"))
+    torque_estimate_nm: FloatArray = field(metadata=of("torque_estimate"))
+    healthy: FloatArray = field(metadata=of("healthy"))
+    selected: FloatArray = field(metadata=of("selected"))
+    solve_time_s: FloatArray = field(metadata=of("solve_time"))
+    iterations: FloatArray = field(metadata=of("iterations"))
+    bad_cycles: FloatArray = field(metadata=of("bad_cycles"))
+    solver_status: TextArray = field(metadata=of("solver_status", kind="text"))
+    reason: TextArray = field(metadata=of("reason", kind="text"))
+    active_limits: TextArray = field(metadata=of("active_limits", kind="texts"))
+    disturbances: dict[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class DriveSignals:
+    """Inputs that act as the drives report them; every array has shape (n_ticks,), NaN where missing.
+
+    Attributes
+    ----------
+    force_kn, speed_rpm : FloatArray
+        Axial force [kN] and spindle speed [rpm], with every disturbance that a load cell sees.
+    """
+
+    force_kn: FloatArray = field(metadata=of("axial_force", KN))
+    speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
+
+
+@dataclass(slots=True)
+class TruthSignals:
+    """Noise-free truth of the plant emulator; every array has shape (n_ticks,), NaN where missing.
+
+    Attributes
+    ----------
+    depth_mm, temperature_c, motor_torque_nm, process_torque_nm, friction_torque_nm, process_power_kw : FloatArray
+        Outputs, including output disturbances.
+    copper_temperature_c : FloatArray
+        First lag of the temperature: the copper around the tool.
+    force_kn, speed_rpm : FloatArray
+        Manipulated variables after limits, rate limits, lag and input disturbance.
+    depth_disturbance_mm, temperature_disturbance_c, force_disturbance_kn, speed_disturbance_rpm : FloatArray
+        Disturbances that act at the tick.
+    watchdog : FloatArray
+        0 ok, 1 hold, 2 safe state.
+    refused_commands : FloatArray
+        Commands refused since the last reset.
+    active_faults : TextArray
+        Sensor faults that act at the tick, joined with ``,``.
+    """
+
+    depth_mm: FloatArray = field(metadata=of("depth", MM))
+    temperature_c: FloatArray = field(metadata=of("temperature"))
+    copper_temperature_c: FloatArray = field(metadata=of("copper_temperature"))
+    motor_torque_nm: FloatArray = field(metadata=of("motor_torque"))
+    process_torque_nm: FloatArray = field(metadata=of("process_torque"))
+    friction_torque_nm: FloatArray = field(metadata=of("friction_torque"))
+    process_power_kw: FloatArray = field(metadata=of("process_power", KW))
+    force_kn: FloatArray = field(metadata=of("axial_force", KN))
+    speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
+    depth_disturbance_mm: FloatArray = field(metadata=of("depth_disturbance", MM))
+    temperature_disturbance_c: FloatArray = field(metadata=of("temperature_disturbance"))
+    force_disturbance_kn: FloatArray = field(metadata=of("force_disturbance", KN))
+    speed_disturbance_rpm: FloatArray = field(metadata=of("speed_disturbance", RPM))
+    watchdog: FloatArray = field(metadata=of("watchdog"))
+    refused_commands: FloatArray = field(metadata=of("refused_commands"))
+    active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
+
+
+@dataclass(frozen=True, slots=True)
+class WeldEvent:
+    """Something that happened once.
+
+    Attributes
+    ----------
+    time_s : float
+        Seconds since the first tick.
+    kind : str
+        ``reference``, ``controller``, ``mode``, ``fault``, ``disturbance``, ``watchdog``, ``switch_request`` or
+        ``diagnostic``.
+    text : str
+        What happened, in words.
+    """
+
+    time_s: float
+    kind: str
+    text: str
+
+
+@dataclass(slots=True)
+class WeldSignals:
+    """All of a recorded weld, aligned on the plant's ticks.
+
+    A tick is one stamp of the sensor topics; every array has shape (n_ticks,). Values missing at a tick are NaN
+    (numbers) or empty (text). Units are the paper's: mm, degC, N m, kN, rpm, kW, s.
+
+    Attributes
+    ----------
+    path : Path
+        The bag.
+    stamp_ns : IntArray
+        Stamp of every tick [ns], strictly increasing.
+    time_s : FloatArray
+        ``stamp_ns`` relative to the first tick [s].
+    depth_mm, torque_nm, temperature_c : FloatArray
+        The sensors, as reported (noise, faults and all).
+    reference_depth_mm, reference_temperature_c : FloatArray
+        Set-points in force at the tick.
+    force_kn, speed_rpm : FloatArray
+        The applied command that answers the tick.
+    command_source, command_reason : TextArray
+        Who computed the applied command, and why if not nominal.
+    command_latency_s : FloatArray
+        From the tick's first recorded measurement to the recorded command, by receive time [s].
+    actual_controller, actual_mode : TextArray
+        What the supervisor had selected at the tick (held from the last message).
+    proposals, statuses : dict
+        By controller name (``nmpc``, ``decentral``, …).
+    drives : DriveSignals or None
+        What the drives report; None when the bag has nothing of it.
+    truth : TruthSignals or None
+        The plant emulator's truth; None when the bag has none (a real weld).
+    events : list of WeldEvent
+        In order of time.
+    attachments : dict of str to bytes
+        The bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``.
+    counts : dict of str to int
+        Messages per topic; names are those without the weld's namespace.
+    namespace : str
+        In which the weld ran; empty or e.g. ``/hall/cell1``.
+    problems : list of str
+        What was wrong with the bag and could be worked around (cut end, damaged chunk, unknown order, …).
+    """
+
+    path: Path
+    stamp_ns: IntArray
+    time_s: FloatArray
+    depth_mm: FloatArray
+    torque_nm: FloatArray
+    temperature_c: FloatArray
+    reference_depth_mm: FloatArray
+    reference_temperature_c: FloatArray
+    force_kn: FloatArray
+    speed_rpm: FloatArray
+    command_source: TextArray
+    command_reason: TextArray
+    command_latency_s: FloatArray
+    actual_controller: TextArray
+    actual_mode: TextArray
+    proposals: dict[str, ProposalSignals] = field(default_factory=dict)
+    statuses: dict[str, StatusSignals] = field(default_factory=dict)
+    drives: DriveSignals | None = None
+    truth: TruthSignals | None = None
+    events: list[WeldEvent] = field(default_factory=list)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    namespace: str = ""
+    problems: list[str] = field(default_factory=list)
+
+    @property
+    def n_ticks(self) -> int:
+        """Number of ticks."""
+        return int(self.stamp_ns.size)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first tick to the last [s]; 0 with fewer than two ticks."""
+        return float(self.time_s[-1]) if self.time_s.size else 0.0

@@ -1,0 +1,65 @@
+"""Decodes messages by their ``ros2msg`` definition, without ROS and without message classes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from fsw_recorder.errors import BagError
+
+
+class Definitions:
+    """Definitions met so far, parsed once each."""
+
+    def __init__(self) -> None:
+        self._stores: dict[tuple[str, str], Any] = {}
+
+    def decode(self, type_name: str, definition: str, data: bytes) -> Any:
+        """Decode one message; the result has its fields as attributes.
+
+        Raises
+        ------
+        BagError
+            The definition cannot be parsed or the data does not follow it.
+        """
+        store = self.typestore(type_name, definition)
+        try:
+            return store.deserialize_cdr(data, type_name)
+        except MemoryError:
+            raise BagError(f"a message of type {type_name} is damaged: it announces more data than it has") from None
+        except Exception as error:  # rosbags lets any exception of its generated code through
+            raise BagError(f"a message of type {type_name} is damaged: {error}") from None
+
+    def typestore(self, type_name: str, definition: str) -> Any:
+        """Type store of ``rosbags`` that knows the definition (and nothing else).
+
+        Raises
+        ------
+        BagError
+            The definition cannot be parsed.
+        """
+        key = (type_name, definition)
+        if key not in self._stores:
+            store = get_typestore(Stores.EMPTY)
+            try:
+                store.register(get_types_from_msg(definition, type_name))
+                _check_types(store.fielddefs, type_name, ())
+            except Exception as error:  # rosbags' parser raises many kinds
+                raise BagError(f"the definition of {type_name} in the bag cannot be parsed: {error}") from None
+            self._stores[key] = store
+        return self._stores[key]
+
+
+def _check_types(fields: Mapping[str, Any], type_name: str, inside: tuple[str, ...]) -> None:
+    """Refuse definitions that name unknown types or contain themselves."""
+    if type_name not in fields:
+        raise ValueError(f"{type_name} is not defined")
+    if type_name in inside:
+        raise ValueError(f"{type_name} contains itself")
+    for _, (kind, detail) in fields[type_name][1]:
+        if kind.name in ("ARRAY", "SEQUENCE"):
+            kind, detail = detail[0]
+        if kind.name == "NAME":
+            _check_types(fields, detail, (*inside, type_name))

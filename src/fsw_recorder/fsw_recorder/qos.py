@@ -1,0 +1,92 @@
+"""Quality of service of recorded topics, in the types of ``rosbags``, and what is asked for to hear or replay them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
+
+#: a duration that never ends, as ROS 2 writes it
+INFINITE = QosTime(9223372036, 854775807)
+
+
+def profile(reliable: bool = True, latched: bool = False, depth: int = 10) -> Qos:
+    """A profile with the given strength and everything else at its default."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        INFINITE,
+        INFINITE,
+        QosLiveliness.AUTOMATIC,
+        INFINITE,
+        False,
+    )
+
+
+def is_reliable(qos: Qos) -> bool:
+    """Whether messages are sent again until they arrive."""
+    return bool(qos.reliability != QosReliability.BEST_EFFORT)
+
+
+def is_latched(qos: Qos) -> bool:
+    """Whether a late subscriber still gets the last messages."""
+    return bool(qos.durability == QosDurability.TRANSIENT_LOCAL)
+
+
+def qos_values(profiles: Sequence[Qos]) -> list[Any]:
+    """Profiles as ``metadata.yaml`` holds them."""
+    return list(dump_qos_v9(list(profiles)))
+
+
+def qos_text(profiles: Sequence[Qos]) -> str:
+    """Profiles as the channel metadata of an MCAP file holds them; empty when there are none."""
+    return yaml.safe_dump(qos_values(profiles), sort_keys=False).strip() if profiles else ""
+
+
+def read_qos(text: Any) -> list[Qos]:
+    """Profiles from channel metadata (text) or ``metadata.yaml`` (list), of any age; empty where they are damaged."""
+    try:
+        return [qos for qos in parse_qos(text) if isinstance(qos.depth, int) and 0 <= qos.depth < 2**31]
+    except Exception:  # rosbags lets whatever the damage causes through
+        return []
+
+
+def requested_qos(offers: Sequence[Qos], depth: int) -> Qos:
+    """QoS of a subscription that hears all of the publishers: the strongest that each of them offers.
+
+    Parameters
+    ----------
+    offers : sequence of Qos
+        Of the publishers.
+    depth : int
+        Of the subscription's queue; a publisher's larger depth wins, so that all latched messages are heard.
+    """
+    return profile(
+        reliable=bool(offers) and all(map(is_reliable, offers)),
+        latched=bool(offers) and all(map(is_latched, offers)),
+        depth=max([depth, *(one.depth for one in offers)]),
+    )
+
+
+def hears(request: Qos, offer: Qos) -> bool:
+    """Whether a subscription that asks for ``request`` is matched with a publisher that offers ``offer``."""
+    return (is_reliable(offer) or not is_reliable(request)) and (is_latched(offer) or not is_latched(request))
+
+
+def strongest_first(offers: Sequence[Qos]) -> list[Qos]:
+    """Offers in an order in which no later one is stronger than an earlier one."""
+    return sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), repr(one)))
+
+
+def replayed_qos(offers: Sequence[Qos]) -> Qos:
+    """QoS of a publisher that every subscription of the recorded publishers also hears: the strongest of them."""
+    if not offers:
+        return profile()
+    return profile(
+        any(map(is_reliable, offers)), any(map(is_latched, offers)), max(1, *(one.depth for one in offers), 1)
+    )

@@ -1,0 +1,19 @@
+"""Services whose answer is a few values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+
+def serve(node: Node, kind: Any, name: str, answer: Callable[[Any], dict[str, Any] | None]) -> None:
+    """Offer a service; ``answer`` takes the request and returns the response's fields (None: an empty response)."""
+
+    def respond(request: Any, response: Any) -> Any:
+        for field, value in (answer(request) or {}).items():
+            setattr(response, field, value)
+        return response
+
+    node.create_service(kind, name, respond)

@@ -1,0 +1,28 @@
+"""Stamps of a weld's messages, read from their bytes."""
+
+from __future__ import annotations
+
+import re
+import struct
+
+_TICKING = re.compile(
+    r"(/.*)?/fsw/(depth|spindle_torque|thermocouple|drives|command|plant/truth|[^/]+/(proposal|status|prediction))"
+)
+#: bytes of a stamp with the encapsulation header before it
+_STAMP_END = 12
+
+
+def is_ticking(topic: str) -> bool:
+    """Whether the topic has one message per tick of the weld, in whatever namespace."""
+    return _TICKING.fullmatch(topic) is not None
+
+
+def stamp_ns(data: bytes) -> int | None:
+    """Stamp of a serialized message that begins with a header (or is a clock); None if it is too short for one.
+
+    The stamp is the first field: ``int32`` seconds and ``uint32`` nanoseconds behind the four bytes of the encoding.
+    """
+    if len(data) < _STAMP_END:
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -1,0 +1,89 @@
+"""What a bag says of a topic, and which topics are taken."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from rosbags.interfaces import Qos
+
+from fsw_recorder.errors import BagError
+from fsw_recorder.qos import profile
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """What a bag says of a topic.
+
+    Attributes
+    ----------
+    name, type_name : str
+        E.g. ``/fsw/depth`` and ``fsw_msgs/msg/ShoulderDepth``.
+    definition : str
+        ``ros2msg`` text with all nested definitions; empty when unknown.
+    type_hash : str
+        ``RIHS01_...``; empty when unknown.
+    qos : tuple of Qos
+        Of the publishers.
+    encoding, definition_encoding : str
+        Of messages and definition.
+    """
+
+    name: str
+    type_name: str
+    definition: str = ""
+    type_hash: str = ""
+    qos: tuple[Qos, ...] = (profile(),)
+    encoding: str = "cdr"
+    definition_encoding: str = "ros2msg"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSelection:
+    """Rule that takes or leaves topics.
+
+    Attributes
+    ----------
+    topics : tuple of str
+        Names to take; empty takes all that `regex` takes.
+    regex : str
+        Takes topics whose whole name matches; empty takes all.
+    exclude : tuple of str
+        Names to leave.
+    exclude_regex : str
+        Leaves topics in whose name it is found; empty leaves none.
+    include_hidden : bool
+        Whether to take topics of which a part of the name begins with an underscore.
+
+    Raises
+    ------
+    BagError
+        An expression is not valid.
+    """
+
+    topics: tuple[str, ...] = ()
+    regex: str = ""
+    exclude: tuple[str, ...] = ()
+    exclude_regex: str = ""
+    include_hidden: bool = False
+    _take: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
+    _leave: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
+
+    def __post_init__(self) -> None:
+        for name, text in (("_take", self.regex), ("_leave", self.exclude_regex)):
+            try:
+                object.__setattr__(self, name, re.compile(text) if text else None)
+            except re.error as error:
+                raise BagError(f"'{text}' is not a regular expression: {error}") from None
+
+    def takes(self, topic: str) -> bool:
+        """Whether the topic is taken."""
+        if topic in self.exclude or (self._leave is not None and self._leave.search(topic)):
+            return False
+        if topic in self.topics:
+            return True
+        if not self.include_hidden and any(part.startswith("_") for part in topic.split("/")):
+            return False
+        if self.topics and not self.regex:
+            return False
+        return self._take is None or self._take.fullmatch(topic) is not None

@@ -1,0 +1,87 @@
+"""A bag whose time is that of its weld, not that of the wall clock at which it was recorded.
+
+A weld in simulated time runs as fast as the machine allows, so its receive times say nothing about the weld. Here every
+message gets the simulated time at which it was received, so that a replay at rate 1 takes as long as the weld did.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
+from fsw_recorder.stamps import is_ticking, stamp_ns
+
+#: ends of the topics that tell the weld's time, the best first
+_CLOCKS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/clock")
+#: further than this from the receive time, a stamp comes from another clock
+_OTHER_CLOCK_NS = 36_000 * 1_000_000_000
+#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is not believed
+_DISORDER_NS = 500_000_000
+#: what answers a measurement, or has no stamp, is played so long after it
+_ANSWER_NS = 10_000_000
+
+
+class WeldClockReader:
+    """Reads a bag as `BagReader` does, with log times on the weld's clock; see `on_weld_clock`.
+
+    Measurements are played at their stamps, all of a tick together, and what answers them soon after; the order of
+    receipt is only that in which the recorder came to read its topics. What has no stamp follows the measurement
+    that was received before it. Where the stamps go back (the plant was reset), the time goes on from where it was.
+    """
+
+    def __init__(self, reader: BagReader, clock: str, first_ns: int) -> None:
+        self.path: Path = reader.path
+        self._reader = reader
+        self._clock = clock
+        self._first_ns = first_ns
+
+    def info(self) -> BagInfo:
+        """Summary of the bag; start and end are on the weld's clock."""
+        end = self._first_ns
+        for record in self.records():
+            end = record.log_time_ns
+        return replace(self._reader.info(), start_ns=self._first_ns, end_ns=end)
+
+    def records(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int = 0,
+        stop_ns: int = FOREVER_NS,
+        progress: Callable[[float], None] | None = None,
+    ) -> Iterator[BagRecord]:
+        """Messages as of `BagReader.records`; all times are on the weld's clock."""
+        needed = None if topics is None else {*topics, self._clock}
+        waiting: list[tuple[int, int, BagRecord]] = []
+        now, shift, last = self._first_ns, 0, 0
+        for count, record in enumerate(self._reader.records(needed, progress=progress)):
+            stamp = stamp_ns(record.data) if record.topic == self._clock or is_ticking(record.topic) else None
+            if record.topic == self._clock and stamp is not None:
+                shift += max(last - stamp, 0)
+                last = stamp
+                now = max(now, stamp + shift)
+            own = now + _ANSWER_NS if count and now > self._first_ns else now
+            if stamp is not None and abs(stamp + shift - now) <= _DISORDER_NS:
+                own = stamp + shift + (0 if record.topic.endswith(_CLOCKS) else _ANSWER_NS)
+            if start_ns <= own < stop_ns and (topics is None or record.topic in topics):
+                heapq.heappush(waiting, (own, count, record._replace(log_time_ns=own)))
+            while waiting and waiting[0][0] < now - _DISORDER_NS:
+                yield heapq.heappop(waiting)[2]
+            if now > stop_ns + _DISORDER_NS:
+                break
+        while waiting:
+            yield heapq.heappop(waiting)[2]
+
+
+def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
+    """The bag on its weld's clock; as it is where its stamps tell the receive time anyway, or it has none."""
+    counts = reader.counts()
+    clocks = (name for end in _CLOCKS for name in sorted(counts) if name.endswith(end) and counts[name] > 1)
+    clock = next(clocks, None)
+    first = next(reader.records([clock]), None) if clock is not None else None
+    stamp = stamp_ns(first.data) if first is not None else None
+    if first is None or clock is None or stamp is None or abs(first.log_time_ns - stamp) < _OTHER_CLOCK_NS:
+        return reader
+    return WeldClockReader(reader, clock, stamp)

@@ -1,0 +1,167 @@
+"""The packages of the workspace: what they import is what their package.xml says, and every arrow points down."""
+
+import ast
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).resolve().parents[1] / "src"
+PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw_*/package.xml") if path.parent.name != "fsw_msgs")
+#: which packages of this project each may import; the order is that of docs and design: arrows point up this list
+MAY_IMPORT = {
+    "fsw_model": set(),
+    "fsw_control": {"fsw_msgs"},
+    "fsw_nmpc": {"fsw_model", "fsw_control"},
+    "fsw_decentral": {"fsw_control"},
+    "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_supervisor": {"fsw_control", "fsw_msgs"},
+    "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
+    "fsw_experiment": {
+        *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
+        *("fsw_analysis", "fsw_msgs"),
+    },
+    "fsw_hmi": {"fsw_control", "fsw_msgs"},
+    "fsw_bringup": {"fsw_experiment"},
+}
+#: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
+KEYS = {
+    "casadi": "casadi-pip",
+    "lz4": "mcap-ros2-support",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "mcap-ros2-support",
+    "mcap_ros2": "mcap-ros2-support",
+    "hypothesis": "python3-hypothesis",
+    "numpy": "python3-numpy",
+    "pytest": "python3-pytest",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+    "zstandard": "mcap-ros2-support",
+}
+#: other keys that rosdep knows, or packages of Jazzy, as of August 2026
+KNOWN = {*KEYS.values(), "python3-pytest-timeout", "ament_cmake", "ament_index_python", "ros2launch"}
+KNOWN |= {"launch", "launch_ros", "launch_testing", "launch_testing_ros", "rclpy"}
+KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime_py"}
+KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
+KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
+#: the stand-in for ROS 2, done without where that is; and what the tests of this repository share
+_TAGS = ("exec_depend", "depend")
+#: tests that import packages above their own, to be moved there: declared, they would close a circle for colcon
+UPWARD_TESTS = {"fsw_nmpc": {"fsw_analysis", "fsw_decentral", "fsw_experiment"}}
+OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support"}
+
+
+def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:
+    """File, imported module and whether it is imported when the file is, for every import, also inside functions."""
+    for path in folder.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        inside = {
+            id(node)
+            for function in ast.walk(tree)
+            if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+            for node in ast.walk(function)
+        }
+        typing_only = {
+            id(node)
+            for branch in ast.walk(tree)
+            if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
+            for node in ast.walk(branch)
+        }
+        name = ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__")
+        for node in ast.walk(tree):
+            at_import = id(node) not in inside and id(node) not in typing_only
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    yield name, alias.name, at_import
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                for alias in node.names:
+                    yield name, f"{node.module}.{alias.name}", at_import
+
+
+def imported(folder: Path) -> set[str]:
+    """Top-level packages that the files of a folder import, but for the standard library and their own."""
+    found = {module.partition(".")[0] for _, module, _ in modules(folder)}
+    local = {path.stem for path in folder.rglob("*.py")}
+    return found - set(sys.stdlib_module_names) - OPTIONAL - (local - {"rclpy"})
+
+
+def product(package: Path) -> Path:
+    return package / ("launch" if package.name == "fsw_bringup" else package.name)
+
+
+def declared(package: Path, *tags: str) -> set[str]:
+    root = ElementTree.parse(package / "package.xml").getroot()
+    return {entry.text or "" for entry in root if entry.tag in tags}
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_package_xml_says_what_is_imported(package: Path) -> None:
+    needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
+    said = declared(package, *_TAGS)
+    started = {"fsw_bringup": said, "fsw_experiment": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor"}}
+    assert needed - said == set()
+    assert said - needed - started.get(package.name, set()) == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_package_xml_says_what_the_tests_import(package: Path) -> None:
+    needed = {KEYS.get(module, module) for module in imported(package / "test") - {package.name}}
+    assert needed - UPWARD_TESTS.get(package.name, set()) - declared(package, *_TAGS, "test_depend") == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_arrows_point_down(package: Path) -> None:
+    used = {module for module in imported(product(package)) if module.startswith("fsw_")} - {package.name}
+    assert used - MAY_IMPORT[package.name] - {"fsw_msgs"} == set()
+
+
+def test_no_circle_between_packages() -> None:
+    order = list(MAY_IMPORT)
+    for name, used in MAY_IMPORT.items():
+        later = {one for one in used if one in order and order.index(one) > order.index(name)}
+        assert not later, f"{name} may import {later}, which stand below it"
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_no_circle_between_modules(package: Path) -> None:
+    names = {
+        ".".join(path.relative_to(package).with_suffix("").parts).removesuffix(".__init__")
+        for path in product(package).rglob("*.py")
+    }
+    edges: dict[str, set[str]] = {name: set() for name in names}
+    for source, module, at_import in modules(product(package)):
+        target = module if module in names else module.rpartition(".")[0]
+        if at_import and target in names and target != source:
+            edges[source].add(target)
+    seen: dict[str, int] = {}
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        if seen.get(name) == 1:
+            pytest.fail(f"modules import each other: {' -> '.join((*path, name))}")
+        if name not in seen:
+            seen[name] = 1
+            for one in sorted(edges[name]):
+                visit(one, (*path, name))
+            seen[name] = 2
+
+    for name in sorted(edges):
+        visit(name, ())
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_package_has_what_ament_looks_for(package: Path) -> None:
+    assert (package / "resource" / package.name).is_file()
+    assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(encoding="utf-8")
+    assert ElementTree.parse(package / "package.xml").getroot().findtext("name") == package.name
+
+
+@pytest.mark.parametrize("package", [*PACKAGES, SOURCES / "fsw_msgs"], ids=lambda path: path.name)
+def test_dependencies_are_known_to_rosdep_and_named_once(package: Path) -> None:
+    root = ElementTree.parse(package / "package.xml").getroot()
+    entries = [(entry.tag, entry.text) for entry in root if entry.tag.endswith("depend")]
+    assert len(entries) == len(set(entries))
+    assert {key for _, key in entries} - KNOWN - {path.name for path in PACKAGES} - {"fsw_msgs"} == set()
