@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
+from fsw_control import weld
+
 SENSORS = ("depth", "torque", "thermocouple")
 
 
@@ -23,6 +25,11 @@ class Measurement:
         Sensor values; NaN where the sensor is invalid.
     depth_valid, torque_valid, temperature_valid : bool
         Whether the value may be used.
+    held : tuple of str
+        Sensors (of ``SENSORS``) that are valid by their last good value, which stands in for a bad sample. A filter
+        must not take it for a measurement of this tick.
+    force_kn, speed_rpm : float
+        Inputs that act, as the drives report them; NaN where they do not.
     """
 
     time_s: float
@@ -32,6 +39,9 @@ class Measurement:
     depth_valid: bool = True
     torque_valid: bool = True
     temperature_valid: bool = True
+    held: tuple[str, ...] = ()
+    force_kn: float = float("nan")
+    speed_rpm: float = float("nan")
 
     def invalid_sensors(self) -> tuple[str, ...]:
         """Names (of ``SENSORS``) whose value may not be used."""
@@ -49,7 +59,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The two handles: axial force and spindle speed."""
+    """The two manipulated variables: axial force and spindle speed."""
 
     force_kn: float
     speed_rpm: float
@@ -57,14 +67,14 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the handles (chosen; the paper gives only the rates)."""
+    """Bounds and largest change per tick of the manipulated variables."""
 
-    force_min_kn: float = 60.0
-    force_max_kn: float = 95.0
-    speed_min_rpm: float = 300.0
-    speed_max_rpm: float = 500.0
-    force_step_kn: float = 1.0
-    speed_step_rpm: float = 3.0
+    force_min_kn: float = weld.FORCE_MIN_KN
+    force_max_kn: float = weld.FORCE_MAX_KN
+    speed_min_rpm: float = weld.SPEED_MIN_RPM
+    speed_max_rpm: float = weld.SPEED_MAX_RPM
+    force_step_kn: float = weld.FORCE_STEP_KN
+    speed_step_rpm: float = weld.SPEED_STEP_RPM
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""

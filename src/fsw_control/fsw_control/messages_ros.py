@@ -14,6 +14,7 @@ from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
 from fsw_msgs.msg import (
     ControllerStatus,
+    DriveFeedback,
     Prediction,
     ShoulderDepth,
     SpindleTorque,
@@ -73,6 +74,15 @@ def depth_message(value_mm: float, time_ns: int) -> ShoulderDepth:
 def torque_message(value_nm: float, time_ns: int) -> SpindleTorque:
     """Motor torque sample."""
     return SpindleTorque(header=header(time_ns), torque=float(value_nm))
+
+
+def drives_message(acting: Command, time_ns: int) -> DriveFeedback:
+    """Drive feedback: the inputs that act."""
+    return DriveFeedback(
+        header=header(time_ns),
+        axial_force=units.n_from_kn(acting.force_kn),
+        spindle_speed=units.rad_s_from_rpm(acting.speed_rpm),
+    )
 
 
 def temperature_message(value_c: float, time_ns: int, variance_c2: float = 0.0) -> Temperature:

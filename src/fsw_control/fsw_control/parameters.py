@@ -4,7 +4,7 @@ The file maps each parameter name to a description of it::
 
     deadline:
       type: double            # double, int, bool, string, string_array, double_array
-      default_value: 0.03
+      default_value: 0.03     # or $NAME, a constant of fsw_control.weld
       description: "Wait for the tick's other sensors"
       unit: "s"               # optional
       range: [0.001, 1.0]     # optional, numbers and arrays of numbers
@@ -24,6 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
+from fsw_control import weld
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 _KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only"}
@@ -147,8 +149,11 @@ def _spec(name: object, entry: object, where: str) -> ParameterSpec:
         raise ParameterError(f"{where}: read_only of {name} must be true or false")
     unit, description = str(entry.get("unit", "")), str(entry["description"])
     spec = ParameterSpec(name, kind, None, description, unit, bounds, tuple(options), read_only)
+    default = entry["default_value"]
+    if isinstance(default, str) and default.startswith("$"):
+        default = getattr(weld, default[1:], default)
     try:
-        default = spec.check(entry["default_value"])
+        default = spec.check(default)
     except ParameterError as error:
         raise ParameterError(f"{where}: default_value of {error}") from None
     return ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only)

@@ -3,7 +3,8 @@
 from fsw_plant.config import PlantConfig
 from fsw_plant.disturbances import DisturbanceError
 from fsw_plant.emulator import FIRST_TICK, TICK_NS, PlantEmulator, Reading, Truth
-from fsw_plant.schedule import PlantEvent, PlantSchedule
+from fsw_plant.event_schema import PlantEvent
+from fsw_plant.schedule import PlantSchedule
 
 __all__ = [
     "FIRST_TICK",

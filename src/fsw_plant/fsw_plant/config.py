@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,12 +28,19 @@ class SensorsConfig:
     depth_resolution_mm: float
     torque_resolution_nm: float
     temperature_resolution_c: float
+    torque_drop_nm_per_rpm: float
 
 
 @lru_cache(maxsize=1)
 def specs() -> dict[str, ParameterSpec]:
-    """Descriptions of all parameters of the plant (``plant.yaml``)."""
-    return parameters.load("fsw_plant", "plant.yaml")
+    """Descriptions of all parameters of the plant: ``plant.yaml``, and a factor on each parameter of the model."""
+    factors = {
+        f"model.{field.name}": ParameterSpec(
+            f"model.{field.name}", "double", 1.0, f"Factor on the model parameter {field.name}", range=(0.1, 10.0)
+        )
+        for field in fields(ModelParameters)
+    }
+    return parameters.load("fsw_plant", "plant.yaml") | factors
 
 
 @dataclass(frozen=True, slots=True)

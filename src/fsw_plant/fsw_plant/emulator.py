@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import isfinite, nan
 
-from fsw_control import SENSORS, Command, Measurement
+from fsw_control import SENSORS, Command, Measurement, weld
+from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import (
     STEP_S,
     Equilibrium,
@@ -32,7 +33,6 @@ from fsw_model import (
     ProcessModel,
     ProcessState,
 )
-from fsw_model.equations import RAD_PER_S_PER_RPM
 from fsw_plant.actuators import Actuator
 from fsw_plant.commands import CommandGate
 from fsw_plant.config import PlantConfig
@@ -58,6 +58,8 @@ class Reading:
     depth_mm, torque_nm, temperature_c : tuple of Sample
         One sample each while the sensor works; none when it drops out, two when it duplicates, one with an older
         stamp when it is late.
+    drives : Command
+        Inputs that act, as the drives report them: input disturbances included, as a load cell sees them.
     """
 
     tick: int
@@ -65,6 +67,7 @@ class Reading:
     depth_mm: tuple[Sample, ...]
     torque_nm: tuple[Sample, ...]
     temperature_c: tuple[Sample, ...]
+    drives: Command
 
     def measurement(self) -> Measurement:
         """This tick's samples as a measurement; what did not come or is not finite is invalid."""
@@ -72,8 +75,19 @@ class Reading:
         for samples in (self.depth_mm, self.torque_nm, self.temperature_c):
             values.append(next((sample.value for sample in samples if sample.stamp_ns == self.stamp_ns), nan))
         depth, torque, temperature = values
-        valid = [isfinite(value) for value in values]
-        return Measurement(self.stamp_ns * 1e-9, depth, torque, temperature, *valid)
+        depth_valid, torque_valid, temperature_valid = (isfinite(value) for value in values)
+        drives = self.drives
+        return Measurement(
+            self.stamp_ns * 1e-9,
+            depth,
+            torque,
+            temperature,
+            depth_valid,
+            torque_valid,
+            temperature_valid,
+            force_kn=drives.force_kn,
+            speed_rpm=drives.speed_rpm,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +98,7 @@ class Truth:
     stamp_ns: int
     depth_mm: float
     temperature_c: float
+    copper_temperature_c: float
     motor_torque_nm: float
     process_torque_nm: float
     friction_torque_nm: float
@@ -200,17 +215,18 @@ class PlantEmulator:
         if self.disturbances:
             depth += self.disturbances.value("depth", time_s)
             temperature += self.disturbances.value("temperature", time_s)
-        torque = outputs.process_torque_nm + outputs.friction_torque_nm + self._inertia_torque_nm
+        drop_nm = self.config.sensors.torque_drop_nm_per_rpm * (self._speed_rpm - weld.SPEED_RPM)
+        torque = outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm
         a, b, c = self._sensors
         samples = [Sample(stamp, a.read(depth)), Sample(stamp, b.read(torque)), Sample(stamp, c.read(temperature))]
         if self.faults:
-            sent = [
+            sent: list[tuple[Sample, ...]] = [
                 self.faults.pass_on(sensor, sample, time_s, last)
                 for sensor, sample, last in zip(SENSORS, samples, self._last_sent, strict=True)
             ]
-            reading = Reading(self.tick, stamp, *sent)
         else:
-            reading = Reading(self.tick, stamp, (samples[0],), (samples[1],), (samples[2],))
+            sent = [(sample,) for sample in samples]
+        reading = Reading(self.tick, stamp, sent[0], sent[1], sent[2], Command(self._force_kn, self._speed_rpm))
         self._last_sent = [sample.value for sample in samples]
         self._reading = reading
         return reading
@@ -293,7 +309,8 @@ class PlantEmulator:
             stamp_ns=self.tick * TICK_NS if self._reading is None else self._reading.stamp_ns,
             depth_mm=outputs.depth_mm + depth_disturbance,
             temperature_c=outputs.temperature_c + temperature_disturbance,
-            motor_torque_nm=outputs.process_torque_nm + outputs.friction_torque_nm,
+            copper_temperature_c=outputs.copper_temperature_c,
+            motor_torque_nm=outputs.motor_torque_nm,
             process_torque_nm=outputs.process_torque_nm,
             friction_torque_nm=outputs.friction_torque_nm,
             process_power_kw=outputs.power_kw,
@@ -391,11 +408,7 @@ class PlantEmulator:
         """
         if config.model != self.config.model:
             model = _process_model(config.model)
-            history = self._state.power_kw
-            while len(history) > model.delay_steps:
-                history.popleft()
-            while len(history) < model.delay_steps:
-                history.appendleft(history[0])
+            self._state.power = model.with_history(self._state.power)
             self._model = model
         self.config = config
         limits = config.limits

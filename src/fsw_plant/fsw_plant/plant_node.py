@@ -19,15 +19,14 @@ from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
-from fsw_control.parameters_ros import declare
+from fsw_control.parameters_ros import ParameterValues
 from fsw_control.topics_ros import LATEST, STREAM
-from fsw_model import OperatingPointError, delay_steps
-from fsw_model import ParameterError as ModelParameterError
-from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
+from fsw_model import OperatingPointError
+from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports
 from fsw_plant.claim_ros import STARTING, Claim
-from fsw_plant.config import PlantConfig
+from fsw_plant.config import PlantConfig, specs
 from fsw_plant.disturbances import DisturbanceError
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.schedule import PlantSchedule
@@ -51,7 +50,7 @@ class PlantNode(Node):
 
     def __init__(self) -> None:
         super().__init__("fsw_plant")
-        self._settings = declare(self, "fsw_plant", "plant.yaml")
+        self._settings = ParameterValues(self, specs())
         values = self._settings.values
         self._plant = PlantEmulator(
             PlantConfig.from_values(values), PlantSchedule.from_text_or_file(values["scenario"])
@@ -90,6 +89,7 @@ class PlantNode(Node):
         self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
         self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
@@ -148,7 +148,7 @@ class PlantNode(Node):
             self._tell(reading.stamp_ns)
 
     def _send(self) -> None:
-        """Publish the present tick; the truth first, because the supervisor needs the drives' part of it."""
+        """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         plant = self._plant
         reading = plant.measure()
         truth = self._truth.fill(plant.truth())
@@ -157,7 +157,8 @@ class PlantNode(Node):
             clock.sec, clock.nanosec = truth.header.stamp.sec, truth.header.stamp.nanosec
             self._clocks.publish(self._clock_message)
         self._truths.publish(truth)
-        depths, torques, temperatures = reading_messages(reading)
+        drives, depths, torques, temperatures = reading_messages(reading)
+        self._drives.publish(drives)
         for depth in depths:
             self._depths.publish(depth)
         for torque in torques:
@@ -281,11 +282,10 @@ class PlantNode(Node):
     def _why_not(self, values: dict[str, Any]) -> str | None:
         """Why parameters cannot be taken together, or None."""
         try:
-            config = PlantConfig.from_values(values)
+            PlantConfig.from_values(values)
             if values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
-            delay_steps(config.model)
-        except (ParameterError, DisturbanceError, ModelParameterError) as error:
+        except (ParameterError, DisturbanceError) as error:
             return str(error)
         return None
 

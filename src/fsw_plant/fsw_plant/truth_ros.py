@@ -7,8 +7,14 @@ from collections.abc import Callable
 from sensor_msgs.msg import Temperature
 
 from fsw_control import units
-from fsw_control.messages_ros import NANOSECONDS, depth_message, temperature_message, torque_message
-from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque
+from fsw_control.messages_ros import (
+    NANOSECONDS,
+    depth_message,
+    drives_message,
+    temperature_message,
+    torque_message,
+)
+from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque
 from fsw_plant.emulator import Reading, Truth
 
 
@@ -25,6 +31,7 @@ class TruthMessage:
         stamp.sec, stamp.nanosec = divmod(truth.stamp_ns, NANOSECONDS)
         message.depth = units.m_from_mm(truth.depth_mm)
         message.temperature = truth.temperature_c
+        message.copper_temperature = truth.copper_temperature_c
         message.motor_torque = truth.motor_torque_nm
         message.process_torque = truth.process_torque_nm
         message.friction_torque = truth.friction_torque_nm
@@ -41,9 +48,12 @@ class TruthMessage:
         return message
 
 
-def reading_messages(reading: Reading) -> tuple[list[ShoulderDepth], list[SpindleTorque], list[Temperature]]:
-    """What the sensors send at a tick, as messages."""
+def reading_messages(
+    reading: Reading,
+) -> tuple[DriveFeedback, list[ShoulderDepth], list[SpindleTorque], list[Temperature]]:
+    """What drives and sensors send at a tick, as messages."""
     return (
+        drives_message(reading.drives, reading.stamp_ns),
         [depth_message(sample.value, sample.stamp_ns) for sample in reading.depth_mm],
         [torque_message(sample.value, sample.stamp_ns) for sample in reading.torque_nm],
         [temperature_message(sample.value, sample.stamp_ns) for sample in reading.temperature_c],

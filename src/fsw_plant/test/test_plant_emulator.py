@@ -40,7 +40,7 @@ def test_first_tick_shows_the_equilibrium():
     assert (reading.tick, reading.stamp_ns) == (FIRST_TICK, TICK_NS)
     assert reading.depth_mm[0].value == pytest.approx(2.66)
     assert reading.torque_nm[0].value == pytest.approx(1052.86, abs=5e-3)
-    assert reading.temperature_c[0].value == 850.0
+    assert reading.temperature_c[0].value == 816.4
     measurement = reading.measurement()
     assert measurement.time_s == 0.1 and measurement.invalid_sensors() == ()
     assert plant.applied.force_kn == 78.4
@@ -55,7 +55,8 @@ def test_measurement_shows_the_state_before_the_command_of_its_tick():
     assert plant.truth().force_kn == start.force_kn
     plant.step()
     assert plant.truth().force_kn == pytest.approx(start.force_kn + 1.0 - exp(-5.0))
-    assert plant.measure().torque_nm[0].value > first.torque_nm[0].value + 12.0
+    assert plant.truth().process_torque_nm == pytest.approx(1021.53 + 12.84, abs=0.2)
+    assert plant.measure().torque_nm[0].value > first.torque_nm[0].value + 3.0  # the motor's lag is 0.27 s
 
 
 def test_trajectory_without_lag_is_that_of_the_model():
@@ -118,7 +119,7 @@ def test_quantisation():
     plant = plant_of(sensors={"depth_resolution_mm": 0.01, "temperature_noise_c": 0.0, "temperature_resolution_c": 0.5})
     for depth, _, temperature in values_of(run(plant, [plant.applied] * 20)):
         assert depth * 100 == pytest.approx(round(depth * 100), abs=1e-9)
-        assert temperature == 850.0
+        assert temperature == 816.5
 
 
 def test_output_disturbance_is_seen_but_not_felt():
@@ -177,23 +178,47 @@ def test_events_act_at_their_tick():
     assert [r.tick for r, f in zip(readings, forces, strict=True) if f > 79.0] == list(range(6, 13))
 
 
+def test_drives_report_what_acts_with_its_disturbance():
+    plant = plant_of(noise=False, actuators={"lag_s": 0.0})
+    plant.set_disturbance("axial_force", "step", 3.0)
+    plant.set_disturbance("spindle_speed", "step", -5.0)
+    start = plant.applied
+    assert plant.measure().drives == start
+    plant.step()
+    drives = plant.measure().drives
+    assert drives == Command(start.force_kn + 3.0, start.speed_rpm - 5.0)
+    measurement = plant.measure().measurement()
+    assert (measurement.force_kn, measurement.speed_rpm) == (drives.force_kn, drives.speed_rpm)
+    assert (plant.truth().force_kn, plant.truth().speed_rpm) == (drives.force_kn, drives.speed_rpm)
+
+
+def test_torque_drop_with_speed_is_in_the_sensor_only():
+    plant, plain = plant_of(noise=False, sensors={"torque_drop_nm_per_rpm": 0.4}), plant_of(noise=False)
+    faster = Command(plant.applied.force_kn, plant.applied.speed_rpm + 30.0)
+    shown, shown_plain = run(plant, [faster] * 30), run(plain, [faster] * 30)
+    assert shown[0].torque_nm[0].value == pytest.approx(shown_plain[0].torque_nm[0].value, abs=1e-4)
+    assert shown[29].torque_nm[0].value == pytest.approx(shown_plain[29].torque_nm[0].value - 12.0, abs=1e-3)
+    assert plant.truth() == plain.truth()
+
+
 def test_mismatch_changes_the_plant_and_its_equilibrium():
-    plant = plant_of(noise=False, model={"thermal_gain_c_per_kw": 1.2})
-    assert plant.truth().process_power_kw == pytest.approx(43.6 / 1.2)
-    assert plant.applied.speed_rpm == pytest.approx(407.576 / 1.2, abs=1e-3)
+    plant = plant_of(noise=False, model={"thermal_gain_c_per_kw": 1.2}, start={"temperature_c": 826.4})
+    power_kw = 43.6 + 10.0 / (18.1 * 1.2)
+    assert plant.truth().process_power_kw == pytest.approx(power_kw)
+    assert plant.applied.speed_rpm == pytest.approx(407.576 * power_kw / 43.6, abs=1e-3)
     run(plant, [plant.applied] * 100)
-    assert plant.truth().temperature_c == pytest.approx(850.0, abs=1e-6)
+    assert plant.truth().temperature_c == pytest.approx(826.4, abs=1e-6)
 
 
 def test_own_model_parameters_from_a_file(tmp_path):
     file = tmp_path / "model.yaml"
-    file.write_text("thermal_time_s: 70\nfriction_coefficient: 4.0e-1\n")
-    plant = plant_of(model_file=str(file), model={"thermal_time_s": 2.0})
-    assert plant.config.model.thermal_time_s == 140.0 and plant.config.model.friction_coefficient == 0.4
+    file.write_text("copper_lag_s: 70\nsliding_friction: 4.0e-1\n")
+    plant = plant_of(model_file=str(file), model={"copper_lag_s": 2.0})
+    assert plant.config.model.copper_lag_s == 140.0 and plant.config.model.sliding_friction == 0.4
     with pytest.raises(ParameterError, match="model_file: cannot read"):
         plant_of(model_file=str(tmp_path / "none.yaml"))
-    file.write_text("thermal_tim_s: 70")
-    with pytest.raises(ParameterError, match="unknown model parameter thermal_tim_s"):
+    file.write_text("coper_lag_s: 70")
+    with pytest.raises(ParameterError, match="unknown model parameter coper_lag_s"):
         plant_of(model_file=str(file))
 
 
@@ -209,14 +234,14 @@ def test_settings_change_while_running():
 
 
 def test_process_that_leaves_the_copper_stops_and_is_still_measured():
-    config = {"noise": False, "watchdog": {"timeout_s": 60.0}, "start": {"depth_mm": 1.0, "temperature_c": 850.0}}
+    config = {"noise": False, "watchdog": {"timeout_s": 60.0}, "start": {"depth_mm": 1.0, "temperature_c": 816.4}}
     plant = plant_of(**config, limits={"force_min_kn": 10.0, "force_rate_kn_per_s": 1000.0, "speed_max_rpm": 2000.0})
     low = Command(10.0, plant.applied.speed_rpm)
     for _ in range(5000):
         plant.measure()
         plant.apply(low)
         plant.step()
-    assert plant.stopped.startswith("process stopped at ") and "depths above 0.525 mm" in plant.stopped
+    assert plant.stopped.startswith("process stopped at ") and "in the copper, above 0 mm" in plant.stopped
     first, second = values_of(run(plant, [low] * 2))
     assert first == second and all(isfinite(value) for value in first)
     assert plant.truth().stopped == plant.stopped
@@ -252,7 +277,7 @@ def test_reset_between_measurement_and_command():
 
 
 def test_start_beyond_the_drives_is_refused():
-    with pytest.raises(OperatingPointError, match=r"start: 2\.66 mm, 560 degC needs 78\.40 kN and 265\.. rpm"):
+    with pytest.raises(OperatingPointError, match=r"start: 2\.66 mm, 560 degC needs 78\.40 kN and 275.. rpm"):
         plant_of(start={"temperature_c": 560.0})
 
 

@@ -37,10 +37,10 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
             sent.append(Command(force, speed))
             graph.peer.command(stamp, force, speed)
 
-    peer = graph.start(speed=0.0, seed=5, model__thermal_time_s=1.1, scenario=f'"{events}"', answer=answer)
+    peer = graph.start(speed=0.0, seed=5, model__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer)
     graph.wait(lambda: len(peer.got["temperature"]) > len(moves))
     offline = PlantEmulator(
-        PlantConfig.from_values({"seed": 5, "model.thermal_time_s": 1.1}), PlantSchedule.from_yaml(events)
+        PlantConfig.from_values({"seed": 5, "model.copper_lag_s": 1.1}), PlantSchedule.from_yaml(events)
     )
     for k, command in enumerate(sent):
         reading, truth = offline.measure(), offline.truth()
@@ -176,7 +176,7 @@ def test_reset_service(graph):
     peer = graph.start(speed=50.0, noise="false")
     reset = peer.node.create_client(ResetPlant, "fsw/plant/reset")
     answer = graph.call(reset, ResetPlant.Request(seed=-1, depth=2.8e-3, temperature=0.0))
-    assert answer.ok and answer.message == "at equilibrium: 2.800 mm, 850.0 degC"
+    assert answer.ok and answer.message == "at equilibrium: 2.800 mm, 816.4 degC"
     graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.8e-3))
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=0.0, temperature=560.0))
     assert not answer.ok and "beyond the drives' limits" in answer.message
@@ -234,9 +234,9 @@ def test_parameters_at_runtime(graph):
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
         ("limits.force_min_kn", 96.0, "must be below limits.force_max"),
-        ("scenario", "[{at_s: 0}]", "needs at_s and exactly one of"),
-        ("model.dead_time_s", 1.01, "whole number"),
-        ("model.thermal_time_s", 99.0, "out"),
+        ("scenario", "[{at_s: 0}]", "needs exactly one of"),
+        ("model.dead_time_s", 9.0, "must be 0.1 to 10"),
+        ("model.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
     ):
         result = set_one(name, value)
@@ -287,7 +287,7 @@ def run_plant(graph, *parameters):
         ("limits.force_min_kn:=96.0", "limits.force_min (96) must be below limits.force_max (95)"),
         ("start.temperature_c:=560.0", "beyond the drives' limits"),
         ("scenario:=/nowhere.yaml", "scenario: cannot read /nowhere.yaml"),
-        ("model.dead_time_s:=1.01", "'dead_time_s' = 2.828: must be a whole number of 0.1 s steps"),
+        ("model.dead_time_s:=9.0", "'dead_time_s' is 25.2: must be 0.1 to 10"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):

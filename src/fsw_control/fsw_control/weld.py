@@ -1,0 +1,15 @@
+"""Numbers that all packages share: the paper's operating point, the bounds of the drives, the tick.
+
+A parameter file refers to one of them by ``$NAME`` in place of a number.
+"""
+
+#: Time between two ticks, paper (36).
+TICK_S = 0.1
+#: Operating point, paper (15); the speed is the one at which 43.6 kW hold it.
+DEPTH_MM, TEMPERATURE_C = 2.66, 816.4
+FORCE_KN, SPEED_RPM = 78.4, 407.576
+#: Bounds, chosen: the paper draws limits but does not give them.
+FORCE_MIN_KN, FORCE_MAX_KN = 60.0, 95.0
+SPEED_MIN_RPM, SPEED_MAX_RPM = 300.0, 500.0
+#: Largest change per tick, paper, section IV.
+FORCE_STEP_KN, SPEED_STEP_RPM = 1.0, 3.0

@@ -1,0 +1,231 @@
+"""What a disturbance and a fault of a scenario may look like: keys, ranges and error messages, once for all readers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import yaml
+
+from fsw_control.weld import TICK_S
+from fsw_plant.disturbances import CHANNELS, SHAPES, Disturbance, DisturbanceError
+from fsw_plant.faults import KINDS, MAX_DELAY_S, Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Closed interval with its unit."""
+
+    low: float
+    high: float
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+    def complaint(self, value: float) -> str | None:
+        """Why ``value`` is not allowed, or None when it is."""
+        if not isfinite(value) or not self.low <= value <= self.high:
+            return f"{value:g} is outside {self}"
+        return None
+
+
+#: length of a scenario, and of everything in it
+DURATION_S = Range(TICK_S, 36_000.0, "s")
+_AMPLITUDES = {
+    "depth": Range(-1.0, 1.0, "mm"),
+    "temperature": Range(-100.0, 100.0, "degC"),
+    "axial_force": Range(-20.0, 20.0, "kN"),
+    "spindle_speed": Range(-100.0, 100.0, "rpm"),
+}
+#: channel: key of the amplitude, and its range
+DISTURBANCE_AMPLITUDE = {name: (f"amplitude_{unit}", _AMPLITUDES[name]) for name, unit in CHANNELS.items()}
+DISTURBANCE_SHAPES = SHAPES
+FAULT_KINDS = KINDS
+#: sensor: unit suffix of a fault's magnitude, and its range (of a drift: per second)
+FAULT_MAGNITUDE = {
+    "depth": ("mm", Range(-5.0, 5.0, "mm")),
+    "torque": ("nm", Range(-2000.0, 2000.0, "N m")),
+    "thermocouple": ("c", Range(-1000.0, 1000.0, "degC")),
+}
+FAULT_DELAY_S = Range(0.0, MAX_DELAY_S, "s")
+_WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
+#: keys that a shape needs besides its amplitude
+_NEEDED = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that refuses a key given twice."""
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str | int | float | bool | None):
+            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
+        seen.add(key)
+    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+
+
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place in a file of events; reads values there and makes the errors of it.
+
+    Attributes
+    ----------
+    where : str
+        The file.
+    path : str
+        The place in it, e.g. ``events[2].fault``.
+    failure : type
+        Of the errors.
+    """
+
+    where: str
+    path: str = ""
+    failure: type[ValueError] = DisturbanceError
+
+    def inside(self, name: str) -> Place:
+        """A place one step further in."""
+        return Place(self.where, f"{self.path}.{name}" if self.path else name, self.failure)
+
+    def error(self, problem: str) -> ValueError:
+        """The error to raise when something is wrong here."""
+        return self.failure(f"{self.where}: {self.path or 'scenario'} {problem}")
+
+    def yaml(self, text: str) -> Any:
+        """Content of YAML text, in which no key is given twice."""
+        try:
+            return yaml.load(text, Loader=_Loader)
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark
+            line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+            raise self.failure(f"{self.where}{line}: not valid YAML: {error.problem or 'broken'}") from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
+            raise self.failure(f"{self.where}: not valid YAML: {' '.join(str(error).split())}") from None
+
+    def keys(self, entry: Mapping[Any, Any], known: Sequence[str], required: Sequence[str] = ()) -> None:
+        """Refuse unknown and missing keys."""
+        unknown = [str(key) for key in entry if key not in known]
+        if unknown:
+            raise self.error(f"has unknown key {', '.join(unknown)}; known: {', '.join(known)}")
+        missing = [key for key in required if key not in entry]
+        if missing:
+            raise self.error(f"lacks {', '.join(missing)}")
+
+    def mapping(self, entry: Any) -> dict[str, Any]:
+        """The entry, if it is a mapping."""
+        if not isinstance(entry, dict):
+            raise self.error(f"is {entry!r}, not a mapping")
+        return entry
+
+    def list(self, entry: Mapping[str, Any], key: str) -> list[Any]:
+        """A list in a mapping; empty when it is not there."""
+        value = entry.get(key)
+        if value is not None and not isinstance(value, list):
+            raise self.inside(key).error(f"is {value!r}, not a list")
+        return value or []
+
+    def number(self, entry: Mapping[str, Any], key: str, allowed: Range, default: float | None = None) -> float:
+        """A number in a mapping, in its range."""
+        value = entry.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.inside(key).error(f"is {value!r}, not a number ({allowed})")
+        complaint = allowed.complaint(float(value))
+        if complaint:
+            raise self.inside(key).error(f"= {complaint}")
+        return float(value)
+
+    def optional(self, entry: Mapping[str, Any], key: str, allowed: Range) -> float | None:
+        """A number in a mapping, or None when it is not there."""
+        return self.number(entry, key, allowed) if key in entry else None
+
+    def word(self, entry: Mapping[str, Any], key: str, default: str | None = None) -> str:
+        """A name in a mapping."""
+        value = entry.get(key, default)
+        if not isinstance(value, str) or not value.replace("_", "a").isalnum() or not value.isascii():
+            raise self.inside(key).error(f"is {value!r}, not a name (letters, digits, _)")
+        return value
+
+    def choice(self, entry: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str:
+        """One of several words in a mapping."""
+        value = entry.get(key)
+        if value not in allowed:
+            raise self.inside(key).error(f"is {value!r}; one of {', '.join(allowed)}")
+        return str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class PlantEvent:
+    """A disturbance on a channel or a fault of a sensor, from ``at_s`` on.
+
+    Attributes
+    ----------
+    at_s : float
+        It acts on the first tick whose time is not before.
+    target : str
+        Channel of a disturbance or sensor of a fault.
+    kind : str
+        Shape of a disturbance or kind of a fault.
+    amount : float
+        Amplitude or magnitude, in mm, degC, kN, rpm, N m (drift: per s; delay: s).
+    duration_s, period_s : float
+        As in `Disturbance` and `Fault`.
+    is_fault : bool
+    """
+
+    at_s: float
+    target: str
+    kind: str
+    amount: float = 0.0
+    duration_s: float = 0.0
+    period_s: float = 0.0
+    is_fault: bool = False
+
+    def disturbance(self) -> Disturbance:
+        """The disturbance that begins."""
+        return Disturbance(self.kind, self.amount, self.duration_s, self.period_s, self.at_s)
+
+    def fault(self) -> Fault:
+        """The fault that begins."""
+        return Fault(self.kind, self.amount, self.duration_s, self.at_s)
+
+
+def read_disturbance(entry: Any, at: Place, at_s: float) -> PlantEvent:
+    """The event of a ``disturbance``; raises the place's error where it is not understood."""
+    at.mapping(entry)
+    channel = at.choice(entry, "channel", tuple(DISTURBANCE_AMPLITUDE))
+    shape = at.choice(entry, "shape", DISTURBANCE_SHAPES)
+    key, allowed = DISTURBANCE_AMPLITUDE[channel]
+    needed = _NEEDED.get(shape, ())
+    optional = ("duration_s",) if shape == "sine" else ()
+    at.keys(entry, ("channel", "shape", key, *needed, *optional), () if shape == "none" else (key, *needed))
+    return PlantEvent(
+        at_s,
+        channel,
+        shape,
+        at.number(entry, key, allowed, 0.0),
+        at.optional(entry, "duration_s", DURATION_S) or 0.0,
+        at.optional(entry, "period_s", DURATION_S) or 0.0,
+    )
+
+
+def read_fault(entry: Any, at: Place, at_s: float) -> PlantEvent:
+    """The event of a ``fault``; raises the place's error where it is not understood."""
+    at.mapping(entry)
+    sensor = at.choice(entry, "sensor", tuple(FAULT_MAGNITUDE))
+    kind = at.choice(entry, "kind", FAULT_KINDS)
+    unit, allowed = FAULT_MAGNITUDE[sensor] if kind != "delay" else ("s", FAULT_DELAY_S)
+    magnitude = (f"magnitude_{unit}",) if kind in _WITH_MAGNITUDE else ()
+    at.keys(entry, ("sensor", "kind", "duration_s", *magnitude), magnitude)
+    amount = at.number(entry, magnitude[0], allowed) if magnitude else 0.0
+    duration_s = at.number(entry, "duration_s", Range(0.0, DURATION_S.high, "s"), 0.0)
+    return PlantEvent(at_s, sensor, kind, amount, duration_s, is_fault=True)
