@@ -27,10 +27,10 @@ ensure()
 
 import numpy as np  # noqa: E402
 
+from fsw_analysis.signals import load_weld  # noqa: E402
 from fsw_recorder.bag_reader import BagReader  # noqa: E402
 from fsw_recorder.bag_writer import BagWriter, WriterOptions  # noqa: E402
-from fsw_recorder.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld  # noqa: E402
-from fsw_recorder.signals import load_weld  # noqa: E402
+from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld  # noqa: E402
 
 WELD_TICKS = 27_000
 RATE_HZ = 1000
@@ -192,7 +192,7 @@ def reading(folder: Path) -> dict[str, float]:
     """Read the bag of a 45-minute weld: count, signals, KPIs; ``rosbags`` only reads the bytes."""
     from rosbags.rosbag2 import Reader
 
-    from fsw_experiment.kpi import compute
+    from fsw_analysis.kpi import compute
 
     bag = folder / "weld"
     count = write_sample_weld(bag, WELD_TICKS)

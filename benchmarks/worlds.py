@@ -24,7 +24,7 @@ def sides() -> dict[str, Side]:
     own = WORKSPACE / ".venv" / "bin" / "python"
     python = os.environ.get("RCLPY_EMBEDDED_PYTHON") or (str(own) if own.exists() else sys.executable)
     clean = {key: value for key, value in os.environ.items() if not key.startswith(_ROS)}
-    clean["PYTHONPATH"] = str(WORKSPACE / "src" / "rclpy_embedded")
+    clean["PYTHONPATH"] = str(WORKSPACE / "runtime" / "rclpy_embedded")
     found = {"rclpy_embedded": (python, clean)}
     if "ROS_DISTRO" in os.environ:
         found["genuine"] = sys.executable, {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp", **os.environ}

@@ -13,6 +13,8 @@ import venv
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parent.parent
+SOURCES = WORKSPACE / "src"
+RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
@@ -23,13 +25,15 @@ def with_genuine_ros():
     return bool(os.environ.get("ROS_DISTRO") and os.environ.get("AMENT_PREFIX_PATH"))
 
 
-def ensure(dev=False):
+def ensure(dev=False, oldest=False):
     """Go on inside the project's environment, made first if need be.
 
     Parameters
     ----------
     dev : bool
         Install the tools of the tests as well.
+    oldest : bool
+        Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
 
     Raises
     ------
@@ -38,15 +42,22 @@ def ensure(dev=False):
     """
     if sys.version_info < OLDEST:
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
-    home = WORKSPACE / (".venv-ros" if with_genuine_ros() else ".venv")
-    locks = [WORKSPACE / "requirements" / name for name in ("runtime.lock", *(("dev.lock",) if dev else ()))]
+    home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
+    names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
+    locks = [WORKSPACE / "requirements" / name for name in names]
     if not _is_ready(home, locks):
         with _Lock(home.with_suffix(".lock")):
             if not _is_ready(home, locks):
                 _make(home, locks)
+    if with_genuine_ros() and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in _prefixes()):
+        print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
         os.execv(python, [python, *sys.argv])
+
+
+def _prefixes():
+    return os.environ["AMENT_PREFIX_PATH"].split(os.pathsep)
 
 
 def _python(home):
@@ -56,14 +67,19 @@ def _python(home):
 def _stamp(lock):
     """What must be equal for an installed lock to be still right."""
     text = f"{sys.version_info[:2]} {WORKSPACE}\n" + "\n".join(_packages(lock)) + _search_path()
-    return hashlib.sha256(text.encode()).hexdigest()
+    # The stubs are made of these.
+    sources = [*RUNTIME.glob("rosidl_embedded/*.py"), RUNTIME / "pyproject.toml", *SOURCES.glob("*/msg/*.msg")]
+    sources += SOURCES.glob("*/srv/*.srv")
+    return hashlib.sha256(b"\0".join([text.encode(), *(path.read_bytes() for path in sorted(sources))])).hexdigest()
 
 
 def _search_path():
-    """Source folders that the environment imports from, one per line (a .pth file)."""
-    folders = sorted(path for path in (WORKSPACE / "src").iterdir() if path.is_dir())
-    embedded = WORKSPACE / "src" / "rclpy_embedded"
-    return "".join(f"{path}\n" for path in folders if path != embedded or not with_genuine_ros())
+    """A .pth file: the source folders that the environment imports from and, without ROS 2, the import of messages."""
+    lines = sorted(str(path.parent) for path in SOURCES.glob("*/package.xml"))
+    lines.append(str(WORKSPACE / "test" / "support"))
+    if not with_genuine_ros():
+        lines += [str(RUNTIME), "import rosidl_embedded"]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _is_ready(home, locks):
@@ -94,6 +110,8 @@ def _make(home, locks):
         _run_with_progress([*pip, *names], lock.name)
     for site in (home / "lib").glob("python3*/site-packages"):
         (site / "fsw_workspace.pth").write_text(_search_path())
+    if not with_genuine_ros():
+        subprocess.run([_python(home), "-m", "rosidl_embedded.stubs", SOURCES], check=True)
     for lock in locks:
         (home / f"{lock.stem}.installed").write_text(_stamp(lock))
 

@@ -31,22 +31,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import yaml
 
+from fsw_analysis.figures import Run, draw
+from fsw_analysis.kpi import compute
+from fsw_analysis.weld_signals import WeldSignals
 from fsw_experiment import scenario_file
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.controllers import make
-from fsw_experiment.figures import Run, draw
-from fsw_experiment.kpi import compute
 from fsw_experiment.scenario import Scenario, tick_of
 from fsw_model import nominal
 from fsw_nmpc.yardstick import Goal, Yardstick
-from fsw_recorder.weld_signals import WeldSignals
 
 CONSERVATIVE, TIGHT, PAPER, DEFAULT = "decentral:conservative", "decentral:tight", "nmpc:paper", "nmpc:default"
 LIMIT, LIMIT_BOUNDED, LIMIT_PREVIEW = "limit", "limit, 0.15 °C", "limit, 8 s preview"
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 QUIET = ("plant.noise=false",)
 
-#: key in ``fsw_experiment.kpi``, name, factor
+#: key in ``fsw_analysis.kpi``, name, factor
 KPIS = (
     ("iae_depth_mm_s", "IAE depth [mm s]", 1.0),
     ("iae_temperature_c_s", "IAE temperature [°C s]", 1.0),

@@ -27,7 +27,9 @@ BAGS = {
     "output_disturbances": ("output_disturbances", "nmpc"),
     "model_uncertainty": ("model_uncertainty", "nmpc"),
 }
-TOPICS = "/fsw/(depth|spindle_torque|thermocouple|reference|command|plant/truth|supervisor/state|[a-z_]+/proposal)"
+SENSORS = "depth|spindle_torque|thermocouple|drives"
+OTHERS = "reference|command|plant/truth|supervisor/(state|reference)|[a-z_]+/proposal"
+TOPICS = f"/fsw/({SENSORS}|{OTHERS})"
 ATTACHMENTS = ("scenario.yaml", "parameters/fsw_nmpc.yaml", "parameters/fsw_decentral.yaml")
 GOLDEN = WORKSPACE / "test" / "golden"
 LARGEST_BYTES = 1_000_000
@@ -35,16 +37,16 @@ LARGEST_BYTES = 1_000_000
 
 def record(name: str, target: Path) -> None:
     """Run the scenario of a bag in lockstep over DDS and keep what a replay and the figures of merit need."""
+    from fsw_analysis import kpi
+    from fsw_analysis.changes import cut_to_scenario
+    from fsw_analysis.signals import load_weld
     from fsw_control.free_domain import free_domain
-    from fsw_experiment import kpi
     from fsw_experiment.graph import WeldGraph
     from fsw_experiment.launcher import Launcher
     from fsw_experiment.scenario_file import load, parse
-    from fsw_experiment.weld_events import cut_to_scenario
     from fsw_recorder.bag_writer import WriterOptions
-    from fsw_recorder.salvage import salvage
-    from fsw_recorder.signals import load_weld
-    from fsw_recorder.topic_selection import TopicSelection
+    from fsw_recorder.recover import recover
+    from fsw_recorder.topic import TopicSelection
 
     scenario_name, controller = BAGS[name]
     scenario = load(scenario_name)
@@ -55,7 +57,7 @@ def record(name: str, target: Path) -> None:
         with free_domain() as domain, Launcher(Path(folder) / "log", domain) as launcher:
             graph.run(launcher)
         shutil.rmtree(target, ignore_errors=True)
-        salvage(
+        recover(
             graph.bag,
             target,
             WriterOptions(compression="zstd"),
@@ -74,7 +76,7 @@ def record(name: str, target: Path) -> None:
 def end_of_scenario(bag: Path, duration_s: float) -> int:
     """Receive time of the first message of the tick after the scenario."""
     from fsw_recorder.bag_reader import FOREVER_NS, BagReader
-    from fsw_recorder.tick_gaps import is_ticking, stamp_ns
+    from fsw_recorder.stamps import is_ticking, stamp_ns
 
     last_ns = round((duration_s + 0.05) * 1e9)
     with BagReader(bag) as reader:

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Runs the project's tests on this machine; the first run sets everything up.
 
-usage: test.py [--lint] [pytest arguments]
+usage: test.py [--lint] [--oldest] [pytest arguments]
 
-``--lint`` also runs ruff and mypy. Without arguments all tests run: units first, then several processes over DDS.
+``--lint`` also runs ruff and mypy. ``--oldest`` runs the unit tests of the packages that compute, draw and read bags in
+an environment of its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without
+arguments all tests run: units first, then several processes over DDS.
 """
 
 import subprocess
@@ -11,7 +13,11 @@ import sys
 
 from _bootstrap import WORKSPACE, ensure
 
-ensure(dev=True)
+OLDEST = "--oldest"
+OLDEST_TESTS = [
+    f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
+]
+ensure(dev=True, oldest=OLDEST in sys.argv)
 
 
 def run(title: str, *command: str) -> int:
@@ -26,6 +32,9 @@ def main() -> int:
     if arguments[:1] in (["-h"], ["--help"]):
         print(__doc__)
         return 0
+    if OLDEST in arguments:
+        arguments.remove(OLDEST)
+        return run("pytest with the oldest supported versions", "pytest", *(arguments or OLDEST_TESTS))
     codes = []
     if "--lint" in arguments:
         arguments.remove("--lint")

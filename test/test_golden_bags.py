@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from fsw_experiment import kpi
+from fsw_analysis import kpi
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
+from fsw_analysis.verify import Verification, recorded_controllers, verify
 from fsw_experiment.controllers import KNOWN
-from fsw_experiment.weld_events import cut_to_scenario
-from fsw_recorder.signals import load_weld
-from fsw_recorder.verify import Verification, recorded_controllers, verify
 
 GOLDEN = Path(__file__).parent / "golden"
 BAGS = sorted(folder.name for folder in GOLDEN.iterdir() if folder.is_dir())
@@ -62,7 +62,7 @@ def test_figures_of_merit(name: str) -> None:
 
 
 def largest(result: Verification) -> float:
-    """Largest difference of any handle; infinite when the health differs."""
+    """Largest difference of any manipulated variable; infinite when the health differs."""
     return max(
         [max(abs(one.force_kn), abs(one.speed_rpm)) if not one.text else float("inf") for one in result.differences],
         default=0.0,

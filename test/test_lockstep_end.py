@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_experiment.scenario_file import load
-from fsw_recorder.signals import load_weld
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")

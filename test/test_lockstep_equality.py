@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.controllers import make
 from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import load
-from fsw_experiment.weld_events import cut_to_scenario
-from fsw_recorder.signals import load_weld
 
 CLOSED = """
 name: everything

@@ -1,6 +1,7 @@
 """A recorded weld is shown to a controller that runs in shadow, as ``fsw.py bag shadow`` does it: real processes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,29 +9,50 @@ import pytest
 
 from fsw_experiment.cli.main import main
 from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter
 
-WELD = Path(__file__).parent / "golden" / "reference_tracking"
+WELD = Path(__file__).parent / "golden" / "reference_tracking_decentral"
+SPACE = "/hall/cell1"
 SECONDS = 15
 #: at five times the weld's speed a stalled machine may keep samples from the controller, which then holds the last
 TOLERANCE = {"force": 0.1, "speed": 3.0}
 
 
-def shadow(folder: Path, *arguments: str) -> dict[str, Any]:
+def in_namespace(source: Path, target: Path) -> Path:
+    """A copy of a bag as if the weld had run in a namespace."""
+
+    def renamed(name: str) -> str:
+        return SPACE + name if name.startswith("/fsw/") else name
+
+    with BagReader(source) as reader, BagWriter(target) as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(replace(topic, name=renamed(topic.name)))
+        for one in reader.attachments():
+            name = one.name.replace("parameters/", f"parameters/{SPACE.strip('/').replace('/', '.')}.")
+            writer.attach(name, one.media_type, one.data.replace(b"/fsw_", f"{SPACE}/fsw_".encode()))
+        for record in reader.records():
+            writer.write(renamed(record.topic), record.data, record.log_time_ns, record.publish_time_ns)
+    return target
+
+
+def shadow(folder: Path, *arguments: str, weld: Path = WELD) -> dict[str, Any]:
     report = folder / "report.json"
     common = ["--controller", "decentral", "--rate", "5", "--duration", str(SECONDS), "--json", str(report)]
-    assert main(["bag", "shadow", str(WELD), *common, "--out", str(folder / "shadow"), *arguments]) == 0
+    assert main(["bag", "shadow", str(weld), *common, "--out", str(folder / "shadow"), *arguments]) == 0
     return json.loads(report.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
 
 
-def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path) -> None:
-    report = shadow(tmp_path)
+@pytest.mark.parametrize("namespaced", [False, True])
+def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path, namespaced: bool) -> None:
+    weld = in_namespace(WELD, tmp_path / WELD.name) if namespaced else WELD
+    report = shadow(tmp_path, weld=weld)
     assert report["ticks"] == 10 * SECONDS and report["unanswered"] <= 5 and report["unhealthy"] == 0
     own = {one["against"]: one for one in report["comparisons"]}["its own recorded proposals"]
     for handle, tolerance in TOLERANCE.items():
         assert own[handle]["largest"] <= (0.0 if not report["missed"] else tolerance), own
     with BagReader(tmp_path / "shadow" / "bag") as reader:
         info = reader.info()
-        counts = {name: topic.count for name, topic in reader.topics().items()}
+        counts = reader.counts()
     assert info.problems == [] and info.custom_data["shadow_of"] == WELD.name
     assert counts["/fsw/depth"] == 10 * SECONDS
     assert counts["/fsw/command"] >= 10 * SECONDS - 1  # that of the last tick may have been received after the cut

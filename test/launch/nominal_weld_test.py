@@ -19,8 +19,8 @@ from weld_under_test import (
     stamp_ns,
 )
 
+from fsw_analysis.signals import load_weld
 from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
-from fsw_recorder.signals import load_weld
 
 WELD = WeldUnderTest("{name: nominal, duration_s: 600.0, plant: {seed: 5}}", ("decentral",), record=True)
 TICKS = 30

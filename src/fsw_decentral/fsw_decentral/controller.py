@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load
 from fsw_decentral.gains import Gains, tunings
@@ -49,7 +50,7 @@ class DecentralController:
         self._dt_s = _NOMINAL_STEP_S
         self._start_loops()
         self.configure({} if values is None else values)
-        self.reset(Command(78.4, 407.576))
+        self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
     def _start_loops(self) -> None:
         self._depth = FeedbackLoop()
@@ -82,8 +83,7 @@ class DecentralController:
         merged = self._values | dict(values)
         gains, limits = self._gains_of(merged), self._limits_of(merged)
         self._values, self._gains, self.limits = merged, gains, limits
-        self._bearing_nm = float(merged["bearing_torque"])
-        self._viscosity_nm_per_rpm = float(merged["bearing_viscosity"])
+        self._friction = tuple(float(merged[f"friction.{name}"]) for name in ("constant", "linear", "quadratic"))
         self._inertia = float(merged["spindle_inertia"]) * _RAD_PER_RPM
         self._blind_limit_s = float(merged["blind_limit"])
         configure(self._depth, self._temperature, self._power, gains, self._dt_s)
@@ -201,17 +201,14 @@ class DecentralController:
         return power.step(power_kw, applied_rpm)
 
     def _measure_torque(self, measurement: Measurement, applied_rpm: float) -> None:
-        """Take the process torque: motor torque less bearing friction (8) and less what accelerates the spindle."""
+        """Take the process torque: motor torque less friction (23) and less what accelerates the spindle."""
         acceleration_rpm_per_s = (applied_rpm - self._speed_before_rpm) / self._dt_s
         self._speed_before_rpm = applied_rpm
         if measurement.torque_valid and _finite(measurement.torque_nm):
             self._blind_torque_s = 0.0
-            torque_nm = (
-                measurement.torque_nm
-                - self._bearing_nm
-                - self._viscosity_nm_per_rpm * applied_rpm
-                - self._inertia * acceleration_rpm_per_s
-            )
+            constant, linear, quadratic = self._friction
+            friction_nm = constant + (linear + quadratic * applied_rpm) * applied_rpm
+            torque_nm = measurement.torque_nm - friction_nm - self._inertia * acceleration_rpm_per_s
             # No contact, no power: the feed-forward divides by the torque.
             torque_nm = max(torque_nm, 100.0)
             if self._power_started:

@@ -4,38 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fsw_control.contract import Command, Controller, Limits, Reference
+from fsw_analysis.weld_signals import DriveSignals, ProposalSignals, StatusSignals, TruthSignals, WeldSignals
+from fsw_control import weld
+from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.validity import SensorGuard
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.timeline import references, switches
 from fsw_model import STEP_S
-from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_recorder.weld_signals import ProposalSignals, StatusSignals, TruthSignals, WeldSignals
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
 
 TICK_NS = 100_000_000
-_TRUTH = (
-    "depth_mm",
-    "temperature_c",
-    "motor_torque_nm",
-    "process_torque_nm",
-    "friction_torque_nm",
-    "process_power_kw",
-    "force_kn",
-    "speed_rpm",
-    "depth_disturbance_mm",
-    "temperature_disturbance_c",
-    "force_disturbance_kn",
-    "speed_disturbance_rpm",
-)
+#: progress is told every so many ticks
+_PROGRESS_TICKS = 100
 
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
@@ -45,18 +34,32 @@ def plant_of(scenario: Scenario) -> PlantEmulator:
 
 def start_reference(scenario: Scenario) -> Reference:
     """Set-points in force before a scenario's first reference event: those the plant starts from."""
+    plant = scenario.plant
     return Reference(
-        float(scenario.plant.get("start.depth_mm", 2.66)), float(scenario.plant.get("start.temperature_c", 850.0))
+        float(plant.get("start.depth_mm", weld.DEPTH_MM)), float(plant.get("start.temperature_c", weld.TEMPERATURE_C))
     )
 
 
 @dataclass(slots=True)
 class _Hosted:
-    """A controller with what it has said so far."""
+    """A controller with its proposals so far, and how long each took."""
 
     controller: Controller
-    rows: list[tuple[Any, ...]]
-    steps_s: list[float]
+    proposals: list[Proposal] = field(default_factory=list)
+    steps_s: list[float] = field(default_factory=list)
+
+
+class _Row(NamedTuple):
+    """What happened at one tick."""
+
+    stamp_ns: int
+    values: dict[str, float]
+    drives: Command
+    reference: Reference
+    applied: Command
+    source: str
+    selected: str
+    truth: Truth
 
 
 class ClosedLoop:
@@ -99,9 +102,9 @@ class ClosedLoop:
         for controller in chosen.values():
             controller.reset(start)
         self.selected = OpenLoopController.name if scenario.open_loop else scenario.controller
-        self._hosted = {name: _Hosted(controller, [], []) for name, controller in chosen.items()}
+        self._hosted = {name: _Hosted(controller) for name, controller in chosen.items()}
         self._applied = start
-        self._rows: list[tuple[Any, ...]] = []
+        self._rows: list[_Row] = []
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
         """Run to the end and return what a bag of the same weld would give.
@@ -116,7 +119,6 @@ class ClosedLoop:
         reference = changes[0]
         guard = SensorGuard()
         applied = self._applied
-        rows = self._rows
         clock = time.perf_counter
         for tick in range(1, scenario.n_ticks + 1):
             reference = changes.get(tick, reference)
@@ -133,95 +135,96 @@ class ClosedLoop:
                     if sample.stamp_ns == stamp_ns:
                         values[sensor] = sample.value
                         break
-            measurement = guard.measure(stamp_ns * 1e-9, values)
+            drives = reading.drives
+            measurement = replace(
+                guard.measure(stamp_ns * 1e-9, values), force_kn=drives.force_kn, speed_rpm=drives.speed_rpm
+            )
             command, source, healthy = applied, "hold", False
             for name, host in hosted.items():
                 began = clock()
                 proposal = answer(host.controller, measurement, reference, applied, STEP_S)
                 host.steps_s.append(clock() - began)
-                wanted = proposal.command
-                host.rows.append((wanted.force_kn, wanted.speed_rpm, proposal))
+                host.proposals.append(proposal)
                 if proposal.healthy and (not healthy or name == self.selected):
-                    command, source, healthy = wanted, name, True
+                    command, source, healthy = proposal.command, name, True
             applied = limits.clip(command, applied)
-            rows.append((stamp_ns, values, reference, applied, source, self.selected, plant.truth()))
+            row = _Row(stamp_ns, values, drives, reference, applied, source, self.selected, plant.truth())
+            self._rows.append(row)
             plant.apply(applied, stamp_ns, source)
             plant.step()
-            if progress is not None and tick % 100 == 0:
+            if progress is not None and tick % _PROGRESS_TICKS == 0:
                 progress(tick / scenario.n_ticks)
         return self._signals()
 
     def _signals(self) -> WeldSignals:
         rows, n = self._rows, len(self._rows)
-        stamps = np.array([row[0] for row in rows], dtype=np.int64)
-        commands: list[Command] = [row[3] for row in rows]
-        empty = np.full(n, "", dtype=object)
+        stamps = np.array([row.stamp_ns for row in rows], dtype=np.int64)
 
-        def sensed(sensor: str) -> Any:
-            return np.array([row[1].get(sensor, nan) for row in rows])
+        def numbers(value: Callable[[_Row], float]) -> Any:
+            return np.array([value(row) for row in rows], dtype=np.float64)
+
+        def texts(value: Callable[[_Row], str]) -> Any:
+            return np.array([value(row) for row in rows], dtype=object)
 
         return WeldSignals(
             path=Path(self.scenario.name),
             stamp_ns=stamps,
             time_s=(stamps - stamps[0]) * 1e-9,
-            depth_mm=sensed("depth"),
-            torque_nm=sensed("torque"),
-            temperature_c=sensed("thermocouple"),
-            reference_depth_mm=np.array([row[2].depth_mm for row in rows]),
-            reference_temperature_c=np.array([row[2].temperature_c for row in rows]),
-            force_kn=np.array([command.force_kn for command in commands]),
-            speed_rpm=np.array([command.speed_rpm for command in commands]),
-            command_source=np.array([row[4] for row in rows], dtype=object),
-            command_reason=empty,
+            depth_mm=numbers(lambda row: row.values.get("depth", nan)),
+            torque_nm=numbers(lambda row: row.values.get("torque", nan)),
+            temperature_c=numbers(lambda row: row.values.get("thermocouple", nan)),
+            reference_depth_mm=numbers(lambda row: row.reference.depth_mm),
+            reference_temperature_c=numbers(lambda row: row.reference.temperature_c),
+            force_kn=numbers(lambda row: row.applied.force_kn),
+            speed_rpm=numbers(lambda row: row.applied.speed_rpm),
+            command_source=texts(lambda row: row.source),
+            command_reason=texts(lambda _: ""),
             command_latency_s=np.full(n, nan),
-            actual_controller=np.array([row[5] for row in rows], dtype=object),
-            actual_mode=np.full(n, "auto", dtype=object),
+            actual_controller=texts(lambda row: row.selected),
+            actual_mode=texts(lambda _: "auto"),
             proposals={name: _proposal_signals(host) for name, host in self._hosted.items()},
             statuses={name: self._status_signals(name, host) for name, host in self._hosted.items()},
-            truth=_truth_signals([row[6] for row in rows]),
+            drives=DriveSignals(numbers(lambda row: row.drives.force_kn), numbers(lambda row: row.drives.speed_rpm)),
+            truth=_group(TruthSignals, [row.truth for row in rows]),
             attachments={"scenario.yaml": self.scenario.text.encode()},
         )
 
     def _status_signals(self, name: str, host: _Hosted) -> StatusSignals:
-        diagnoses = [row[2].diagnosis for row in host.rows]
-
-        def numbers(attribute: str) -> Any:
-            return np.array([getattr(diagnosis, attribute) for diagnosis in diagnoses], dtype=np.float64)
-
-        names = dict.fromkeys(key for diagnosis in diagnoses for key in diagnosis.disturbances)
-        return StatusSignals(
-            depth_estimate_mm=numbers("depth_estimate_mm"),
-            temperature_estimate_c=numbers("temperature_estimate_c"),
-            torque_estimate_nm=numbers("torque_estimate_nm"),
-            healthy=np.array([row[2].healthy for row in host.rows], dtype=np.float64),
-            selected=np.array([row[4] == name for row in self._rows], dtype=np.float64),
-            solve_time_s=numbers("solve_time_s"),
-            iterations=numbers("iterations"),
-            bad_cycles=numbers("bad_cycles"),
-            solver_status=np.array([diagnosis.solver_status for diagnosis in diagnoses], dtype=object),
-            reason=np.array([row[2].reason for row in host.rows], dtype=object),
-            active_limits=np.array([",".join(diagnosis.active_limits) for diagnosis in diagnoses], dtype=object),
-            disturbances={
-                key: np.array([diagnosis.disturbances.get(key, nan) for diagnosis in diagnoses]) for key in names
-            },
+        diagnoses = [proposal.diagnosis for proposal in host.proposals]
+        status: StatusSignals = _group(
+            StatusSignals,
+            diagnoses,
+            healthy=np.array([proposal.healthy for proposal in host.proposals], dtype=np.float64),
+            selected=np.array([row.source == name for row in self._rows], dtype=np.float64),
+            reason=np.array([proposal.reason for proposal in host.proposals], dtype=object),
         )
+        names = dict.fromkeys(key for diagnosis in diagnoses for key in diagnosis.disturbances)
+        status.disturbances = {
+            key: np.array([diagnosis.disturbances.get(key, nan) for diagnosis in diagnoses]) for key in names
+        }
+        return status
 
 
 def _proposal_signals(host: _Hosted) -> ProposalSignals:
     return ProposalSignals(
-        force_kn=np.array([row[0] for row in host.rows]),
-        speed_rpm=np.array([row[1] for row in host.rows]),
-        healthy=np.array([row[2].healthy for row in host.rows], dtype=np.float64),
-        reason=np.array([row[2].reason for row in host.rows], dtype=object),
+        force_kn=np.array([proposal.command.force_kn for proposal in host.proposals]),
+        speed_rpm=np.array([proposal.command.speed_rpm for proposal in host.proposals]),
+        healthy=np.array([proposal.healthy for proposal in host.proposals], dtype=np.float64),
+        reason=np.array([proposal.reason for proposal in host.proposals], dtype=object),
         latency_s=np.array(host.steps_s),
     )
 
 
-def _truth_signals(truths: list[Any]) -> TruthSignals:
-    numbers: dict[str, Any] = {name: np.array([getattr(truth, name) for truth in truths]) for name in _TRUTH}
-    return TruthSignals(
-        **numbers,
-        watchdog=np.array([int(truth.watchdog) for truth in truths], dtype=np.float64),
-        refused_commands=np.array([truth.refused_commands for truth in truths], dtype=np.float64),
-        active_faults=np.array([",".join(truth.active_faults) for truth in truths], dtype=object),
-    )
+def _group(kind: Any, sources: list[Any], **known: Any) -> Any:
+    """A group of signals from objects whose attributes have the names of its columns."""
+    values = dict(known)
+    for one in fields(kind):
+        if one.name in known or "kind" not in one.metadata:
+            continue
+        raw = [getattr(source, one.name) for source in sources]
+        if one.metadata["kind"] == "number":
+            values[one.name] = np.array([float(value) for value in raw])
+        else:
+            texts = [value if isinstance(value, str) else ",".join(value) for value in raw]
+            values[one.name] = np.array(texts, dtype=object)
+    return kind(**values)

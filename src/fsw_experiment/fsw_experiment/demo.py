@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fsw_analysis import kpi_table
 from fsw_control.free_domain import NoFreeDomainError, free_domain
-from fsw_experiment import kpi_table
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder
@@ -93,10 +93,10 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 
 def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
-    from fsw_experiment import kpi
-    from fsw_experiment.figures import Run, draw
-    from fsw_experiment.weld_events import cut_to_scenario
-    from fsw_recorder.signals import load_weld
+    from fsw_analysis import kpi
+    from fsw_analysis.changes import cut_to_scenario
+    from fsw_analysis.figures import Run, draw
+    from fsw_analysis.signals import load_weld
 
     runs: list[Run] = []
     bags: list[Path] = []

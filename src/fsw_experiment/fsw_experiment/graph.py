@@ -11,12 +11,13 @@ from typing import Any
 
 import yaml
 
-from fsw_control import parameters
 from fsw_control.contract import Command
+from fsw_control.parameters import validate
 from fsw_experiment.closed_loop import plant_of
 from fsw_experiment.launcher import Child, Launcher, LaunchError
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario
+from fsw_plant.config import specs as plant_parameters
 
 #: Modules with a ``main`` by controller name; any other controller is given with its module.
 CONTROLLER_MODULES = {
@@ -40,7 +41,7 @@ def installed_controllers() -> list[str]:
     return [
         name
         for name, module in CONTROLLER_MODULES.items()
-        if name != OpenLoopController.name and find_spec(module.partition(".")[0]) and find_spec(module)
+        if name != OpenLoopController.name and find_spec(module.partition(".")[0])
     ]
 
 
@@ -118,7 +119,7 @@ class WeldGraph:
         start: Command = plant_of(self.scenario).applied
         names = self.all_controllers
         selected = names[0]
-        plant = parameters.validate(parameters.load("fsw_plant", "plant.yaml"), self.scenario.plant)
+        plant = validate(plant_parameters(), self.scenario.plant)
         nodes: dict[str, dict[str, Any]] = {
             "fsw_plant": {name: plant[name] for name in self.scenario.plant}
             | {

@@ -1,9 +1,10 @@
-"""Handles driven by the scenario's command events, as a controller like any other."""
+"""The manipulated variables driven by the scenario's command events, as a controller like any other."""
 
 from __future__ import annotations
 
 from fsw_control.contract import SENSORS, Command, Limits, Measurement, Proposal, Reference
-from fsw_experiment.scenario import TICK_S, Scenario
+from fsw_control.weld import TICK_S
+from fsw_experiment.scenario import Scenario
 from fsw_experiment.timeline import commands
 
 
@@ -17,7 +18,7 @@ class OpenLoopController:
     start : Command
         Proposed before the first event.
     limits : Limits, optional
-        Bounds and move limits of the handles.
+        Bounds and move limits of the manipulated variables.
     from_first_tick : bool
         Count the scenario's time from the first measurement (wall clock), not from stamp 0 (simulated time).
     """

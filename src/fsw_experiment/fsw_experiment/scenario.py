@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-#: Time between two ticks of the plant.
-TICK_S = 0.1
-#: Name of the controller in scenarios that drive the handles themselves.
+from fsw_control.weld import TICK_S
+from fsw_plant import PlantEvent
+
+#: Name of the controller in scenarios that drive the manipulated variables themselves.
 OPEN_LOOP = "none"
 _EPSILON_S = 1e-9
 
@@ -24,14 +25,7 @@ def tick_of(at_s: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Sine:
-    """Sine about the set-point of a reference, from its event until the next one.
-
-    Attributes
-    ----------
-    depth_mm, temperature_c : float
-        Amplitudes.
-    period_s : float
-    """
+    """Sine about the set-point of a reference, from its event until the next one: amplitudes and period."""
 
     depth_mm: float
     temperature_c: float
@@ -62,55 +56,6 @@ class ReferenceEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class DisturbanceEvent:
-    """Disturbance of an output (depth mm, temperature degC) or an input (axial_force kN, spindle_speed rpm).
-
-    The plant reads disturbances and faults from the scenario's text itself.
-
-    Attributes
-    ----------
-    at_s : float
-    channel, shape : str
-        See ``ranges.DISTURBANCE_AMPLITUDE`` and ``ranges.DISTURBANCE_SHAPES``.
-    amplitude : float
-        In the channel's unit.
-    duration_s : float
-        Rise time of a ramp, length of a pulse or a sine (a sine's 0: until the end).
-    period_s : float
-        Of a sine.
-    """
-
-    at_s: float
-    channel: str
-    shape: str
-    amplitude: float
-    duration_s: float = 0.0
-    period_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class FaultEvent:
-    """Sensor fault.
-
-    Attributes
-    ----------
-    at_s : float
-    sensor, kind : str
-        See ``ranges.FAULT_MAGNITUDE`` and ``ranges.FAULT_KINDS``.
-    magnitude : float
-        Bias and spike in the sensor's unit (mm, N m, degC), drift in that unit per second, delay in s.
-    duration_s : float
-        0: until the end.
-    """
-
-    at_s: float
-    sensor: str
-    kind: str
-    magnitude: float = 0.0
-    duration_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class SwitchEvent:
     """Another controller is selected."""
 
@@ -120,14 +65,14 @@ class SwitchEvent:
 
 @dataclass(frozen=True, slots=True)
 class CommandEvent:
-    """New handles in an open-loop experiment; None keeps the present one."""
+    """New manipulated variables in an open-loop experiment; None keeps the present one."""
 
     at_s: float
     force_kn: float | None = None
     speed_rpm: float | None = None
 
 
-Event = ReferenceEvent | DisturbanceEvent | FaultEvent | SwitchEvent | CommandEvent
+Event = ReferenceEvent | PlantEvent | SwitchEvent | CommandEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +85,7 @@ class Scenario:
     duration_s : float
         Length of the experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
     controller : str
-        Selected at the start; ``OPEN_LOOP`` when the events drive the handles.
+        Selected at the start; ``OPEN_LOOP`` when the events drive the manipulated variables.
     plant : dict of str to value
         The plant's parameters that differ from their defaults, by dotted name.
     events : tuple of Event
@@ -167,7 +112,7 @@ class Scenario:
 
     @property
     def open_loop(self) -> bool:
-        """Whether the events drive the handles instead of a controller."""
+        """Whether the events drive the manipulated variables instead of a controller."""
         return self.controller == OPEN_LOOP
 
     @property

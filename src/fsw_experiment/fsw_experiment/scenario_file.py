@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -10,43 +10,26 @@ from typing import Any
 import yaml
 
 from fsw_control.parameters import ParameterError
+from fsw_control.weld import TICK_S
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
 from fsw_experiment.scenario import (
     OPEN_LOOP,
-    TICK_S,
     CommandEvent,
-    DisturbanceEvent,
     Event,
-    FaultEvent,
     ReferenceEvent,
     Scenario,
     ScenarioError,
     Sine,
     SwitchEvent,
 )
+from fsw_plant import PlantConfig
+from fsw_plant.event_schema import Place
+from fsw_plant.schedule import event_head, read_event
 
-EVENT_KINDS = ("reference", "disturbance", "fault", "switch", "command")
+#: figures of the paper that a scenario can show
+_FIGURES = range(4, 10)
 _SCENARIO_KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures")
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe loader that refuses a key given twice."""
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, str | int | float | bool | None):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
-        seen.add(key)
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
 def shipped() -> list[str]:
@@ -87,19 +70,20 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
 def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario from YAML text; see :func:`load`."""
-    content = _yaml(text, where)
+    at = Place(where, failure=ScenarioError)
+    content = at.yaml(text)
     if not isinstance(content, dict):
         raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(_SCENARIO_KEYS)}; see the shipped ones")
     for override in overrides:
         _override(content, override)
     if overrides:
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    at = _Place(where)
     at.keys(content, _SCENARIO_KEYS, required=("name", "duration_s"))
     duration_s = at.number(content, "duration_s", ranges.DURATION_S)
     controller = at.word(content, "controller", "decentral")
+    latest = Range(0.0, duration_s, "s, the scenario's duration")
     events = tuple(
-        _event(entry, at.inside(f"events[{i}]"), duration_s, controller == OPEN_LOOP)
+        _event(entry, at.inside(f"events[{i}]"), latest, controller == OPEN_LOOP)
         for i, entry in enumerate(at.list(content, "events"))
     )
     late = [f"events[{i}]" for i in range(1, len(events)) if events[i].at_s < events[i - 1].at_s]
@@ -107,7 +91,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         raise at.inside(late[0]).error("is earlier than the event before it; list events in order of time")
     figures = tuple(at.list(content, "figures"))
     for figure in figures:
-        if isinstance(figure, bool) or not isinstance(figure, int) or not 4 <= figure <= 9:
+        if isinstance(figure, bool) or not isinstance(figure, int) or figure not in _FIGURES:
             raise at.inside("figures").error(f"{figure!r} is none of the paper's figures 4 to 9")
     return Scenario(
         name=at.word(content, "name"),
@@ -121,17 +105,6 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     )
 
 
-def _yaml(text: str, where: str) -> Any:
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ScenarioError(f"{where}{line}: not valid YAML: {error.problem or 'broken'}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ScenarioError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-
-
 def _override(content: dict[str, Any], override: str) -> None:
     key, equals, value = override.partition("=")
     if not equals or not key:
@@ -142,68 +115,10 @@ def _override(content: dict[str, Any], override: str) -> None:
         inside = inside.setdefault(parent, {})
         if not isinstance(inside, dict):
             raise ScenarioError(f"override {override!r}: {parent} is not a mapping")
-    inside[last] = _yaml(value, f"override {override!r}")
+    inside[last] = Place(f"override {override!r}", failure=ScenarioError).yaml(value)
 
 
-class _Place:
-    """Where in which file; makes the error messages."""
-
-    def __init__(self, where: str, path: str = "") -> None:
-        self.where, self.path = where, path
-
-    def inside(self, name: str) -> _Place:
-        return _Place(self.where, f"{self.path}.{name}" if self.path else name)
-
-    def error(self, problem: str) -> ScenarioError:
-        return ScenarioError(f"{self.where}: {self.path or 'scenario'} {problem}")
-
-    def keys(self, entry: Mapping[Any, Any], known: Sequence[str], required: Sequence[str] = ()) -> None:
-        unknown = [str(key) for key in entry if key not in known]
-        if unknown:
-            raise self.error(f"has unknown key {', '.join(unknown)}; known: {', '.join(known)}")
-        missing = [key for key in required if key not in entry]
-        if missing:
-            raise self.error(f"lacks {', '.join(missing)}")
-
-    def mapping(self, entry: Any) -> dict[str, Any]:
-        if not isinstance(entry, dict):
-            raise self.error(f"is {entry!r}, not a mapping")
-        return entry
-
-    def list(self, entry: Mapping[str, Any], key: str) -> list[Any]:
-        value = entry.get(key)
-        if value is None:
-            return []
-        if not isinstance(value, list):
-            raise self.inside(key).error(f"is {value!r}, not a list")
-        return value
-
-    def number(self, entry: Mapping[str, Any], key: str, allowed: Range, default: float | None = None) -> float:
-        value = entry.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.inside(key).error(f"is {value!r}, not a number ({allowed})")
-        complaint = allowed.complaint(float(value))
-        if complaint:
-            raise self.inside(key).error(f"= {complaint}")
-        return float(value)
-
-    def optional(self, entry: Mapping[str, Any], key: str, allowed: Range) -> float | None:
-        return self.number(entry, key, allowed) if key in entry else None
-
-    def word(self, entry: Mapping[str, Any], key: str, default: str | None = None) -> str:
-        value = entry.get(key, default)
-        if not isinstance(value, str) or not value.replace("_", "a").isalnum() or not value.isascii():
-            raise self.inside(key).error(f"is {value!r}, not a name (letters, digits, _)")
-        return value
-
-    def choice(self, entry: Mapping[str, Any], key: str, allowed: Sequence[str], default: str | None = None) -> str:
-        value = entry.get(key, default)
-        if value not in allowed:
-            raise self.inside(key).error(f"is {value!r}; one of {', '.join(allowed)}")
-        return str(value)
-
-
-def _plant(entry: Any, at: _Place) -> dict[str, Any]:
+def _plant(entry: Any, at: Place) -> dict[str, Any]:
     """Flatten the plant's nested setup to dotted parameter names."""
     flat: dict[str, Any] = {}
     for key, value in at.mapping(entry).items():
@@ -214,11 +129,9 @@ def _plant(entry: Any, at: _Place) -> dict[str, Any]:
     return flat
 
 
-def _checked_plant(entry: Any, at: _Place) -> dict[str, Any]:
+def _checked_plant(entry: Any, at: Place) -> dict[str, Any]:
     flat = _plant(entry, at)
     if flat:
-        from fsw_plant.config import PlantConfig  # heavy to import, and most scenarios change nothing in the plant
-
         try:
             PlantConfig.from_values(flat)
         except ParameterError as error:
@@ -226,14 +139,11 @@ def _checked_plant(entry: Any, at: _Place) -> dict[str, Any]:
     return flat
 
 
-def _event(entry: Any, at: _Place, duration_s: float, open_loop: bool) -> Event:
-    entry = at.mapping(entry)
-    at.keys(entry, ("at_s", *EVENT_KINDS), required=("at_s",))
-    kinds = [kind for kind in EVENT_KINDS if kind in entry]
-    if len(kinds) != 1:
-        raise at.error(f"needs exactly one of {', '.join(EVENT_KINDS)}, has {', '.join(kinds) or 'none'}")
-    at_s = at.number(entry, "at_s", Range(0.0, duration_s, "s, the scenario's duration"))
-    kind = kinds[0]
+def _event(entry: Any, at: Place, latest: Range, open_loop: bool) -> Event:
+    event = read_event(entry, at, latest)
+    if event is not None:
+        return event
+    at_s, kind = event_head(entry, at, latest)
     if kind == "switch":
         if open_loop:
             raise at.error(f"switches the controller, but the scenario's controller is {OPEN_LOOP}")
@@ -241,12 +151,11 @@ def _event(entry: Any, at: _Place, duration_s: float, open_loop: bool) -> Event:
     if kind == "command" and not open_loop:
         raise at.error(f"has a command, which needs controller: {OPEN_LOOP}")
     place = at.inside(kind)
-    detail = place.mapping(entry[kind])
-    readers = {"reference": _reference, "disturbance": _disturbance, "fault": _fault, "command": _command}
-    return readers[kind](detail, place, at_s)
+    read = _command if kind == "command" else _reference
+    return read(place.mapping(entry[kind]), place, at_s)
 
 
-def _reference(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
+def _reference(entry: dict[str, Any], at: Place, at_s: float) -> Event:
     at.keys(entry, ("depth_mm", "temperature_c", "over_s", "sine"))
     if not set(entry) & {"depth_mm", "temperature_c", "sine"}:
         raise at.error("needs depth_mm, temperature_c or sine")
@@ -259,54 +168,16 @@ def _reference(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
     )
 
 
-def _sine(entry: dict[str, Any], at: _Place) -> Sine:
+def _sine(entry: dict[str, Any], at: Place) -> Sine:
     at.keys(entry, ("depth_mm", "temperature_c", "period_s"), required=("period_s",))
     return Sine(
-        at.number(entry, "depth_mm", Range(-1.0, 1.0, "mm"), 0.0),
-        at.number(entry, "temperature_c", Range(-50.0, 50.0, "degC"), 0.0),
+        at.number(entry, "depth_mm", ranges.SINE_DEPTH_MM, 0.0),
+        at.number(entry, "temperature_c", ranges.SINE_TEMPERATURE_C, 0.0),
         at.number(entry, "period_s", Range(2 * TICK_S, ranges.DURATION_S.high, "s")),
     )
 
 
-def _disturbance(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
-    channel = at.choice(entry, "channel", tuple(ranges.DISTURBANCE_AMPLITUDE))
-    shape = at.choice(entry, "shape", ranges.DISTURBANCE_SHAPES)
-    amplitude_key, amplitude_range = ranges.DISTURBANCE_AMPLITUDE[channel]
-    needed = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}.get(shape, ())
-    allowed = (*needed, "duration_s") if shape == "sine" else needed
-    known = ("channel", "shape", amplitude_key, *allowed)
-    at.keys(entry, known, required=() if shape == "none" else (amplitude_key, *needed))
-    lasting = Range(TICK_S, ranges.DURATION_S.high, "s")
-    return DisturbanceEvent(
-        at_s,
-        channel,
-        shape,
-        at.number(entry, amplitude_key, amplitude_range, 0.0),
-        at.number(entry, "duration_s", lasting) if "duration_s" in entry else 0.0,
-        at.number(entry, "period_s", lasting) if "period_s" in entry else 0.0,
-    )
-
-
-def _fault(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
-    sensor = at.choice(entry, "sensor", tuple(ranges.FAULT_MAGNITUDE))
-    kind = at.choice(entry, "kind", ranges.FAULT_KINDS)
-    unit, allowed = ranges.FAULT_MAGNITUDE[sensor]
-    if kind == "delay":
-        unit, allowed = "s", ranges.FAULT_DELAY_S
-    key = f"magnitude_{unit}"
-    has_magnitude = kind in ("spike", "bias", "drift", "delay")
-    known = ("sensor", "kind", "duration_s", *((key,) if has_magnitude else ()))
-    at.keys(entry, known, required=(key,) if has_magnitude else ())
-    return FaultEvent(
-        at_s,
-        sensor,
-        kind,
-        at.number(entry, key, allowed) if has_magnitude else 0.0,
-        at.number(entry, "duration_s", Range(0.0, ranges.DURATION_S.high, "s"), 0.0),
-    )
-
-
-def _command(entry: dict[str, Any], at: _Place, at_s: float) -> Event:
+def _command(entry: dict[str, Any], at: Place, at_s: float) -> Event:
     at.keys(entry, ("force_kn", "speed_rpm"))
     if not entry:
         raise at.error("needs force_kn or speed_rpm")

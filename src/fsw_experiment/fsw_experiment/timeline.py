@@ -1,11 +1,12 @@
-"""What a scenario means at each tick: the set-points, the open-loop handles, the selected controller."""
+"""What a scenario means at each tick: the set-points, the open-loop manipulated variables, the selected controller."""
 
 from __future__ import annotations
 
 from math import pi, sin
 
 from fsw_control.contract import Command, Reference
-from fsw_experiment.scenario import TICK_S, CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
+from fsw_control.weld import TICK_S
+from fsw_experiment.scenario import CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
 
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
@@ -54,7 +55,7 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
-    """Changes of the open-loop handles by tick; as :func:`references`."""
+    """Changes of the open-loop manipulated variables by tick; as :func:`references`."""
     changes = {0: start}
     present = start
     for event in scenario.events:

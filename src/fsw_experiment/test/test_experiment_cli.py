@@ -5,7 +5,7 @@ import json
 import pytest
 
 from fsw_experiment.cli.main import main, parser
-from fsw_recorder.sample_weld import write_sample_weld
+from fsw_test_support.sample_weld import write_sample_weld
 
 
 def run(capsys, *arguments):
@@ -93,7 +93,7 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
     [
         ("reference", ("1.5 to 4 mm", "750 to 950 degC")),
         ("disturb", ("-1 to 1 mm", "-20 to 20 kN", "-100 to 100 rpm")),
-        ("fault", ("-5 to 5 mm", "N m", "0 to 10 s")),
+        ("fault", ("-5 to 5 mm", "N m", "0 to 60 s")),
         ("mode", ("60 to 95 kN", "300 to 500 rpm")),
         ("switch", ("0 to 600 s",)),
         ("status", ("0.1 to 600 s",)),

@@ -1,60 +1,198 @@
-"""``fsw.py bag kpi|plot|compare``: what a weld was like, from its bag alone."""
+"""``fsw.py bag``: what is in a recorded weld, what it was like, and a whole copy of a damaged one."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from fsw_analysis import kpi, kpi_table
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.export import export_weld
+from fsw_analysis.signals import load_weld
+from fsw_analysis.tick_gaps import TickCounter, TickGaps
+from fsw_analysis.weld_signals import WeldSignals
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
+from fsw_experiment.scenario import ScenarioError
+from fsw_experiment.scenario_file import parse
+from fsw_recorder.bag_reader import BagInfo, BagReader
+from fsw_recorder.bag_writer import WriterOptions
+from fsw_recorder.recover import recover
+from fsw_recorder.topic import TopicSelection
+
+_KIB = 1024
+_STATE = "bag folder or file (MCAP, sqlite3; whole, cut off or damaged)"
 
 
 def add_commands(commands: Any) -> None:
     """Add the commands to the subcommands of ``bag``."""
-    kpi = commands.add_parser("kpi", help="figures of merit of a weld", description="Figures of merit of a weld.")
-    kpi.add_argument("bag", type=Path, help="bag of a weld")
-    kpi.add_argument("--json", type=Path, metavar="FILE", help="also write them, with those of each event, as JSON")
-    kpi.set_defaults(run=_kpi)
 
-    plot = commands.add_parser("plot", help="the paper's figures of a weld", description="Draw a weld.")
-    plot.add_argument("bag", type=Path, nargs="+", help="bags of welds; several are drawn over each other")
+    def add(name: str, run: Any, text: str, bag: str = "bag of a weld", several: bool = False) -> Any:
+        parser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
+        parser.add_argument("bag", type=Path, help=bag, **({"nargs": "+"} if several else {}))
+        parser.set_defaults(run=run)
+        return parser
+
+    info = add("info", _info, "what a bag holds, counted message by message", _STATE)
+    info.add_argument("--json", action="store_true", help="print JSON")
+
+    copy = add("recover", _recover, "copy what can be read of a damaged bag into a new, whole MCAP bag", _STATE)
+    copy.add_argument("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)")
+    copy.add_argument("--zstd", action="store_true", help="compress the new bag")
+    copy.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
+
+    figures_of_merit = add("kpi", _kpi, "figures of merit of a weld")
+    figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
+
+    plot = add("plot", _plot, "the paper's figures of a weld; several bags are drawn over each other", several=True)
     plot.add_argument("--out", type=Path, default=Path("."), help="folder for the PNG files (default: here)")
     plot.add_argument(
-        "--figures",
-        type=int,
-        nargs="*",
-        choices=range(4, 10),
-        help="the paper's figures 4 to 9 (default: the scenario's)",
+        "--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"
     )
-    plot.set_defaults(run=_plot)
 
-    compare = commands.add_parser(
-        "compare", help="welds side by side", description="Figures of merit of several welds side by side."
-    )
-    compare.add_argument("bag", type=Path, nargs="+", help="two or more bags of welds")
+    compare = add("compare", _compare, "figures of merit of two or more welds side by side", several=True)
     compare.add_argument("--json", type=Path, metavar="FILE", help="also write them as JSON")
     compare.add_argument("--out", type=Path, help="also draw the welds over each other into this folder")
-    compare.set_defaults(run=_compare)
+
+    export = add(
+        "export", _export, "write the aligned signals of a weld as a table, one row per tick, in paper's units"
+    )
+    export.add_argument("output", type=Path, nargs="?", help="CSV file to write (default: <bag>.csv)")
+    export.add_argument("--all", action="store_true", help="also the ticks after the end of the attached scenario")
 
 
-def load_runs(bags: list[Path]) -> list[Any]:
-    """Read bags as runs to draw, each cut to the length of its scenario."""
-    from fsw_experiment.figures import Run
-    from fsw_experiment.weld_events import cut_to_scenario
-    from fsw_recorder.signals import load_weld
+@contextmanager
+def progress(title: str) -> Iterator[ProgressBar]:
+    """A progress bar for as long as the context lasts."""
+    bar = ProgressBar(title)
+    yield bar
+    bar.done()
 
-    runs = []
-    for bag, label in zip(bags, _labels(bags), strict=True):
-        bar = ProgressBar(f"reading {bag}")
+
+def read_weld(bag: Path) -> WeldSignals:
+    """Signals of a bag; what is wrong with it is told on stderr."""
+    with progress(f"reading {bag}") as bar:
         signals = load_weld(bag, bar)
-        bar.done()
-        for problem in signals.problems:
-            print(f"note: {label}: {problem}", file=sys.stderr)
-        runs.append(Run(label, cut_to_scenario(signals)))
-    return runs
+    for problem in signals.problems:
+        print(f"note: {problem}", file=sys.stderr)
+    return signals
+
+
+def write_json(path: Path | None, values: Any) -> None:
+    """Write values as JSON where a file is given.
+
+    Raises
+    ------
+    CommandError
+        The file cannot be written.
+    """
+    if path is None:
+        return
+    try:
+        path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    ticks = TickCounter()
+    with BagReader(arguments.bag) as reader, progress(f"reading {arguments.bag}") as bar:
+        info = reader.info(bar, ticks.note)
+    if arguments.json:
+        print(json.dumps(_info_values(info, ticks.gaps()), indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(_info_lines(info, ticks.gaps())))
+    return 0
+
+
+def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
+    """Summary as plain values; times in ns or s, sizes in bytes."""
+    return {
+        "path": str(info.path),
+        "storage": info.storage,
+        "ros_distro": info.ros_distro,
+        "files": info.files,
+        "size_bytes": info.size_bytes,
+        "messages": info.message_count,
+        "start_ns": info.start_ns,
+        "end_ns": info.end_ns,
+        "duration_s": info.duration_s,
+        "topics": [
+            {
+                "name": one.name,
+                "type": one.type_name,
+                "count": info.counts.get(one.name, 0),
+                "type_hash": one.type_hash,
+                "ticks_missing": gaps[one.name].missing if one.name in gaps else None,
+            }
+            for one in info.topics
+        ],
+        "attachments": {one.name: len(one.data) for one in info.attachments},
+        "custom_data": info.custom_data,
+        "problems": info.problems,
+    }
+
+
+def _info_lines(info: BagInfo, gaps: dict[str, TickGaps]) -> list[str]:
+    lines = [
+        f"Bag:          {info.path}",
+        f"Files:        {', '.join(info.files)} ({info.size_bytes / _KIB:.1f} KiB, {info.storage})",
+    ]
+    if info.message_count:
+        lines += [f"Start:        {_when(info.start_ns)}", f"End:          {_when(info.end_ns)}"]
+    lines += [f"Duration:     {info.duration_s:.3f} s", f"Messages:     {info.message_count}"]
+    lines += [f"Attachment:   {one.name} ({len(one.data)} bytes)" for one in info.attachments]
+    lines += [f"Custom data:  {key}: {value}" for key, value in info.custom_data.items()]
+    lines += [f"Problem:      {problem}" for problem in info.problems]
+    width = max([len(topic.name) for topic in info.topics], default=0)
+    for topic in info.topics:
+        count = info.counts.get(topic.name, 0)
+        rate = f"{(count - 1) / info.duration_s:8.2f} Hz" if count > 1 and info.duration_s else " " * 11
+        lines.append(f"Topic:        {topic.name:{width}}  {count:8d}  {rate}  {topic.type_name}")
+    lacking = {name: one for name, one in sorted(gaps.items()) if one.missing}
+    if gaps and not lacking:
+        lines.append(f"Ticks:        none missing on {len(gaps)} topics, judged by their stamps")
+    for name, one in lacking.items():
+        text = f"missing (not sent or lost), first of stamp {one.first_ns * 1e-9:.3f} s"
+        lines.append(f"Ticks:        {name:{width}}  {one.missing:8d}  {text}")
+    return lines
+
+
+def _when(time_ns: int) -> str:
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    try:
+        text = datetime.fromtimestamp(seconds, tz=UTC).strftime("%Y-%m-%d %H:%M:%S")
+    except (ValueError, OverflowError, OSError):
+        return f"{time_ns} ns"
+    return f"{text}.{nanoseconds // 1_000_000:03d} UTC"
+
+
+def _recover(arguments: argparse.Namespace) -> int:
+    source: Path = arguments.bag
+    stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
+    target = arguments.output or source.absolute().parent / f"{stem}_recovered"
+    options = WriterOptions(compression="zstd" if arguments.zstd else "")
+    selection = TopicSelection(regex=arguments.regex, include_hidden=True)
+    with progress(f"copying {source}") as bar:
+        result = recover(source, target, options, bar, selection)
+    for problem in result.problems:
+        print(f"note: {problem}", file=sys.stderr)
+    print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
+    return 0
+
+
+def _runs(bags: list[Path]) -> list[Any]:
+    """Bags as runs to draw, each cut to the length of its scenario."""
+    from fsw_analysis.figures import Run  # matplotlib takes a second to import
+
+    signals = [read_weld(bag) for bag in bags]
+    return [Run(label, cut_to_scenario(one)) for label, one in zip(_labels(bags), signals, strict=True)]
 
 
 def _labels(bags: list[Path]) -> list[str]:
@@ -68,10 +206,7 @@ def _labels(bags: list[Path]) -> list[str]:
     return [f"{path} ({i + 1})" for i, path in enumerate(bags)]
 
 
-def _figures_of(signals: Any) -> tuple[int, ...]:
-    from fsw_experiment.scenario import ScenarioError
-    from fsw_experiment.scenario_file import parse
-
+def _figures_of(signals: WeldSignals) -> tuple[int, ...]:
     text = signals.attachments.get("scenario.yaml")
     try:
         return parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures if text else ()
@@ -80,53 +215,52 @@ def _figures_of(signals: Any) -> tuple[int, ...]:
         return ()
 
 
-def _write_json(path: Path | None, runs: list[dict[str, Any]]) -> None:
-    if path is None:
-        return
-    try:
-        path.write_text(json.dumps(runs, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"cannot write {path}: {error.strerror}") from None
+def _draw(runs: list[Any], numbers: Any, folder: Path) -> None:
+    from fsw_analysis.figures import draw
 
-
-def _folder(path: Path) -> Path:
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = draw(runs, numbers, folder)
     except OSError as error:
-        raise CommandError(f"cannot make folder {path}: {error.strerror}") from None
-    return path
+        raise CommandError(f"cannot write figures into {folder}: {error.strerror}") from None
+    print("\n".join(map(str, paths)))
 
 
 def _kpi(arguments: argparse.Namespace) -> int:
-    from fsw_experiment import kpi, kpi_table
-
-    results = [kpi.compute(run.signals, run.label) for run in load_runs([arguments.bag])]
+    signals = cut_to_scenario(read_weld(arguments.bag))
+    results = [kpi.compute(signals, _labels([arguments.bag])[0])]
     print(kpi_table.text(results), end="")
-    _write_json(arguments.json, results)
+    write_json(arguments.json, results)
     return 0
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from fsw_experiment.figures import draw
-
-    runs = load_runs(arguments.bag)
+    runs = _runs(arguments.bag)
     numbers = arguments.figures if arguments.figures is not None else _figures_of(runs[0].signals)
-    for path in draw(runs, numbers, _folder(arguments.out)):
-        print(path)
+    _draw(runs, numbers, arguments.out)
     return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from fsw_experiment import kpi, kpi_table
-    from fsw_experiment.figures import draw
-
     if len(arguments.bag) < 2:
         raise CommandError("bag compare: give two bags or more")
-    runs = load_runs(arguments.bag)
+    runs = _runs(arguments.bag)
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(kpi_table.text(results), end="")
-    _write_json(arguments.json, results)
+    write_json(arguments.json, results)
     if arguments.out is not None:
-        for path in draw(runs, _figures_of(runs[0].signals), _folder(arguments.out)):
-            print(path)
+        _draw(runs, _figures_of(runs[0].signals), arguments.out)
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    source: Path = arguments.bag
+    target = arguments.output or source.absolute().parent / f"{source.absolute().name}.csv"
+    signals = read_weld(source)
+    if not arguments.all:
+        whole, signals = signals.n_ticks, cut_to_scenario(signals)
+        if signals.n_ticks < whole:
+            left = f"{whole - signals.n_ticks} ticks after the scenario's end are left out"
+            print(f"note: {left}; --all keeps them", file=sys.stderr)
+    print(f"{export_weld(signals, target)} rows written to {target}")
     return 0

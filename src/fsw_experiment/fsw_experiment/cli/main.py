@@ -7,11 +7,11 @@ import os
 import sys
 from collections.abc import Sequence
 
+from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_experiment.cli import bags, operate, simulate
+from fsw_experiment.cli import bags, model, operate, replays, simulate
 from fsw_experiment.cli.errors import CommandError
-from fsw_experiment.kpi import KpiError
 from fsw_experiment.launcher import LaunchError
 from fsw_experiment.scenario import ScenarioError
 from fsw_recorder.errors import BagError
@@ -19,8 +19,6 @@ from fsw_recorder.errors import BagError
 
 def parser() -> argparse.ArgumentParser:
     """The whole command line."""
-    from fsw_recorder.bag_cli import add_bag_commands
-
     whole = argparse.ArgumentParser(
         prog="fsw.py",
         description="Look at and steer a friction stir weld, simulate welds, analyse their bags.",
@@ -29,10 +27,11 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     operate.add_commands(commands)
     simulate.add_command(commands)
+    model.add_command(commands)
     bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    add_bag_commands(bag_commands)
     bags.add_commands(bag_commands)
+    replays.add_commands(bag_commands)
     return whole
 
 

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fsw_experiment import kpi_table
+from fsw_analysis import kpi_table
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.scenario_file import load, shipped
@@ -49,11 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
         for name in shipped():
             print(f"{name:<24} {' '.join(load(name).description.split())}")
         return 0
-    from fsw_experiment import kpi
+    from fsw_analysis import kpi
+    from fsw_analysis.export import export_weld
+    from fsw_analysis.figures import Run, draw
     from fsw_experiment.closed_loop import ClosedLoop
     from fsw_experiment.controllers import make
-    from fsw_experiment.figures import Run, draw
-    from fsw_recorder.signal_export import export_weld
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)

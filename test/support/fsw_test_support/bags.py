@@ -1,0 +1,33 @@
+"""Fixtures: bags that genuine ROS 2 recorded, and the bag of a made-up weld."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fsw_test_support.sample_weld import write_sample_weld
+
+#: bags of genuine ``ros2 bag record``
+GENUINE = Path(__file__).resolve().parents[3] / "src" / "fsw_recorder" / "test" / "data"
+NAMES = ("mcap_default", "mcap_filezstd", "mcap_split", "mcap_zstd", "sqlite3")
+
+
+@pytest.fixture(params=NAMES)
+def genuine_bag(request: pytest.FixtureRequest) -> Path:
+    """Folder of a bag that genuine ``ros2 bag record`` made."""
+    return GENUINE / str(request.param)
+
+
+@pytest.fixture(scope="session")
+def genuine() -> Path:
+    """Folder of all genuine bags."""
+    return GENUINE
+
+
+@pytest.fixture(scope="session")
+def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of a made-up weld of 300 ticks; not to be changed."""
+    folder = tmp_path_factory.mktemp("weld") / "weld"
+    write_sample_weld(folder, 300)
+    return folder

@@ -1,0 +1,103 @@
+"""Random problems of the NMPC over the whole working range."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control import Limits
+from fsw_model import ModelParameters, nominal
+from fsw_nmpc import kernel_build
+from fsw_nmpc.horizon import Horizon, horizon_of
+from fsw_nmpc.library import Library, ProblemStruct, Start
+from fsw_nmpc.tuning import PAPER, Tuning
+
+Vector = NDArray[np.float64]
+LIMITS = Limits()
+
+
+def make_library(
+    blocks: int = 20,
+    parameters: ModelParameters | None = None,
+    tuning: Tuning | None = None,
+    max_iterations: int = 100,
+    horizon: Horizon | None = None,
+) -> Library:
+    """A library with the horizon of ``blocks`` blocks, or with ``horizon``."""
+    p = parameters or nominal()
+    struct = (tuning or Tuning()).struct(LIMITS, max_iterations)
+    return Library(kernel_build.ensure(), p, horizon or horizon_of(p, blocks), struct)
+
+
+def random_tuning(rng: np.random.Generator) -> Tuning:
+    """A preset, or weights drawn over decades."""
+    if rng.random() < 0.5:
+        return PAPER if rng.random() < 0.5 else Tuning()
+
+    def decades(low: float, high: float) -> float:
+        return float(10.0 ** rng.uniform(low, high))
+
+    return Tuning(
+        trajectory="recentred",
+        dead_band_depth_mm=decades(-4, -2),
+        dead_band_temperature_c=decades(-2, 0),
+        weight_depth_per_mm=decades(0, 2.5),
+        weight_temperature_per_c=decades(-1, 1),
+        depth_scale_mm=float(rng.choice([0.0, decades(-2.5, 0)])),
+        temperature_scale_c=float(rng.choice([0.0, decades(-1, 1)])),
+        move_force_per_kn=decades(-2, 0.5),
+        move_speed_per_rpm=decades(-3, 0),
+        full_move_cost=float(rng.choice([0.0, decades(-1, 0)])),
+    )
+
+
+def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelParameters) -> Start:
+    """A start that a weld could pose: any state, history, input and disturbance that limits allow."""
+    p, n = parameters, horizon.n_history
+    rise = rng.normal(0.0, 20.0, 2)
+    history = np.zeros((n, 3))
+    history[:, 0] = rise[1] / p.thermal_gain_c_per_kw + np.cumsum(rng.normal(0.0, 0.3, n))
+    history[:, 1:] = rng.normal(0.0, 0.3, (n, 2))
+    start = Start(
+        x=(rng.uniform(-0.4, 0.4), rng.normal(0.0, 0.05), rise[0], rise[0] + rng.normal(), rng.uniform(900.0, 1200.0)),
+        force_kn=rng.uniform(LIMITS.force_min_kn, LIMITS.force_max_kn),
+        speed_rpm=rng.uniform(LIMITS.speed_min_rpm, LIMITS.speed_max_rpm),
+        force_offset_kn=rng.normal(0.0, 0.5),
+        heat_offset_kw=rng.normal(),
+        torque_scale=rng.uniform(0.85, 1.15),
+        depth_offset_mm=rng.normal(0.0, 0.05),
+        temp_offset_c=rng.normal(0.0, 3.0),
+    )
+    start.history[: 3 * n] = history.ravel().tolist()
+    return start
+
+
+def random_problem(
+    rng: np.random.Generator, library: Library, parameters: ModelParameters, tuning: Tuning | None = None
+) -> ProblemStruct:
+    """A problem from a random start to a random set-point; gives the library a random tuning unless one is given."""
+    p, h = parameters, library.horizon
+    tuning = tuning or random_tuning(rng)
+    library.configure(tuning.struct(LIMITS, library.state.tuning.max_iterations))
+    start = random_start(rng, h, p)
+    problem = ProblemStruct(start=start)
+    temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
+    softening = 1.0 + p.softening_per_c * start.x[3]
+    depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening + start.depth_offset_mm
+    small = rng.random() < 0.3
+    set_points = (
+        (depth + rng.normal(0.0, 1e-3) if small else rng.uniform(2.2, 3.1)),
+        temperature + rng.normal(0.0, 0.1 if small else 20.0),
+    )
+    bands = tuning.dead_band_depth_mm, tuning.dead_band_temperature_c
+    for q, (now, goal) in enumerate(zip((depth, temperature), set_points, strict=True)):
+        centre = goal + (now - goal) * np.exp(-h.time_s / max(rng.uniform(0.0, 8.0), 1e-3))
+        problem.low[q][: h.n_out] = (centre - bands[q]).tolist()
+        problem.high[q][: h.n_out] = (centre + bands[q]).tolist()
+    return problem
+
+
+def random_moves(rng: np.random.Generator, horizon: Horizon) -> Vector:
+    """Moves (2 n_blocks,) anywhere within their limits."""
+    largest = np.tile([LIMITS.force_step_kn, LIMITS.speed_step_rpm], horizon.n_blocks)
+    return np.asarray(largest * rng.uniform(-1.0, 1.0, 2 * horizon.n_blocks) * 10.0 ** rng.uniform(-2.0, 0.0))

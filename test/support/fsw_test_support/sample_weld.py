@@ -1,0 +1,180 @@
+"""Writes the bag of a made-up weld: every topic of the control graph with plausible values, for tests and benchmarks.
+
+The values follow no model; they only have the right types, units, rates and sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.definitions import Definitions
+from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_recorder.qos import profile
+
+TICK_NS = 100_000_000
+START_NS = 1_700_000_000_000_000_000
+LATCHED = profile(latched=True, depth=1)
+TOPICS = {
+    "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
+    "/fsw/spindle_torque": "fsw_msgs/msg/SpindleTorque",
+    "/fsw/thermocouple": "sensor_msgs/msg/Temperature",
+    "/fsw/drives": "fsw_msgs/msg/DriveFeedback",
+    "/fsw/plant/truth": "fsw_msgs/msg/PlantState",
+    "/fsw/reference": "fsw_msgs/msg/WeldReference",
+    "/fsw/nmpc/proposal": "fsw_msgs/msg/WeldCommand",
+    "/fsw/nmpc/status": "fsw_msgs/msg/ControllerStatus",
+    "/fsw/nmpc/prediction": "fsw_msgs/msg/Prediction",
+    "/fsw/decentral/proposal": "fsw_msgs/msg/WeldCommand",
+    "/fsw/decentral/status": "fsw_msgs/msg/ControllerStatus",
+    "/fsw/command": "fsw_msgs/msg/WeldCommand",
+    "/fsw/supervisor/state": "fsw_msgs/msg/SupervisorState",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+SCENARIO = b"name: made-up weld\n"
+
+
+class SampleTypes:
+    """Builds and serializes messages from their definitions, without message classes."""
+
+    def __init__(self) -> None:
+        self._definitions = Definitions()
+        self._stores: dict[str, Any] = {}
+
+    def serialize(self, type_name: str, values: dict[str, Any]) -> bytes:
+        """Serialized message; fields not given are zero or empty."""
+        if type_name not in self._stores:
+            self._stores[type_name] = self._definitions.typestore(type_name, interface_definition(type_name))
+        store = self._stores[type_name]
+        return bytes(store.serialize_cdr(self._build(store, type_name, values), type_name))
+
+    def _build(self, store: Any, type_name: str, values: dict[str, Any]) -> Any:
+        arguments: dict[str, Any] = {}
+        for name, (kind, detail) in store.fielddefs[type_name][1]:
+            given = values.get(name)
+            if kind.name == "BASE":
+                zero: Any = "" if detail[0] == "string" else False if detail[0] == "bool" else 0
+                arguments[name] = zero if given is None else given
+            elif kind.name == "NAME":
+                arguments[name] = self._build(store, detail, given or {})
+            elif detail[0][0].name == "NAME":
+                arguments[name] = [self._build(store, detail[0][1], one) for one in given or []]
+            elif detail[0][1][0] == "string":
+                arguments[name] = list(given or [])
+            else:
+                arguments[name] = np.array(given if given is not None else [], dtype=detail[0][1][0])
+        return store.types[type_name](**arguments)
+
+
+def sample_messages(ticks: int) -> Iterator[tuple[str, int, bytes]]:
+    """Topic, log time [ns] and serialized message of a made-up weld of ``ticks`` samples at 10 Hz."""
+    types = SampleTypes()
+
+    def message(topic: str, time_ns: int, values: dict[str, Any], delay_ns: int) -> tuple[str, int, bytes]:
+        stamp = {"sec": time_ns // 1_000_000_000, "nanosec": time_ns % 1_000_000_000}
+        data = types.serialize(TOPICS[topic], {"header": {"stamp": stamp}, **values})
+        return topic, time_ns + delay_ns, data
+
+    for tick in range(ticks):
+        now = START_NS + tick * TICK_NS
+        phase = tick / 50.0
+        if tick % 600 == 0:
+            reference = {"depth": 0.00266 + 1e-4 * (tick // 600 % 2), "temperature": 816.0}
+            yield message("/fsw/reference", now, reference, 100_000)
+        if tick % 10 == 0:
+            controller = "decentral" if tick < ticks // 2 else "nmpc"
+            state = {
+                "actual_controller": controller,
+                "target_controller": controller,
+                "actual_mode": "auto",
+                "target_mode": "auto",
+                "reason": "",
+                "controllers": [{"name": "nmpc", "healthy": True}, {"name": "decentral", "healthy": True}],
+            }
+            yield message("/fsw/supervisor/state", now, state, 200_000)
+            level = 1 if ticks // 3 <= tick < ticks // 3 + 50 else 0
+            status = [{"name": "plant", "level": level, "message": "late" if level else "ok"}]
+            yield message("/diagnostics", now, {"status": status}, 300_000)
+        depth, temperature = 0.00266 + 1e-5 * math.sin(phase), 816.0 + math.cos(phase)
+        torque, force, speed = (
+            1052.86 + math.sin(phase),
+            78400.0 + 500.0 * math.sin(phase),
+            42.68 + 0.1 * math.cos(phase),
+        )
+        yield message("/fsw/depth", now, {"depth": depth}, 400_000)
+        yield message("/fsw/spindle_torque", now, {"torque": torque}, 500_000)
+        yield message("/fsw/thermocouple", now, {"temperature": temperature, "variance": 0.01}, 600_000)
+        yield message("/fsw/drives", now, {"axial_force": force, "spindle_speed": speed}, 650_000)
+        truth = {
+            "depth": depth,
+            "temperature": temperature,
+            "motor_torque": torque,
+            "process_power": 43600.0,
+            "axial_force": force,
+            "spindle_speed": speed,
+            "depth_disturbance": 5e-5 if tick >= ticks // 4 else 0.0,
+            "active_faults": ["thermocouple:freeze"] if ticks // 3 <= tick < ticks // 2 else [],
+        }
+        yield message("/fsw/plant/truth", now, truth, 700_000)
+        for name, delay in (("decentral", 1_000_000), ("nmpc", 9_000_000)):
+            command = {"axial_force": force, "spindle_speed": speed, "source": name, "healthy": True}
+            yield message(f"/fsw/{name}/proposal", now, command, delay)
+            status_values = {
+                "controller": name,
+                "healthy": True,
+                "depth_estimate": depth,
+                "temperature_estimate": temperature,
+                "torque_estimate": torque,
+                "disturbance_names": ["depth [m]", "temperature [degC]"],
+                "disturbances": [1e-6 * tick, -0.5],
+                "solver_status": "optimal",
+                "iterations": 3,
+                "solve_time": 0.004,
+                "active_limits": ["force_max"] if tick % 7 == 0 else [],
+            }
+            yield message(f"/fsw/{name}/status", now, status_values, delay + 100_000)
+        times = [0.5 * step for step in range(60)]
+        prediction = {"time": times, "depth": times, "temperature": times, "axial_force": times, "spindle_speed": times}
+        yield message("/fsw/nmpc/prediction", now, prediction, 9_200_000)
+        source = "decentral" if tick < ticks // 2 else "nmpc"
+        applied = {"axial_force": force, "spindle_speed": speed, "source": source, "healthy": True}
+        yield message("/fsw/command", now, applied, 9_500_000)
+
+
+def sample_topics() -> list[RecordedTopic]:
+    """Topics of the made-up weld."""
+    latched = ("/fsw/reference", "/fsw/supervisor/state")
+    return [
+        RecordedTopic(
+            name,
+            type_name,
+            interface_definition(type_name),
+            interface_hash(type_name),
+            (LATCHED,) if name in latched else (profile(),),
+        )
+        for name, type_name in TOPICS.items()
+    ]
+
+
+def write_sample_weld(
+    folder: Path, ticks: int, options: WriterOptions | None = None, scenario: bytes = SCENARIO
+) -> int:
+    """Write a made-up weld of ``ticks`` samples to a bag; returns the number of messages."""
+    count = 0
+    with BagWriter(folder, options) as writer:
+        for topic in sample_topics():
+            writer.add_topic(topic)
+        writer.attach("scenario.yaml", "application/yaml", scenario)
+        for topic_name, time_ns, data in sample_messages(ticks):
+            writer.write(topic_name, data, time_ns, time_ns - 50_000)
+            count += 1
+            if count % 5000 == 0:
+                writer.flush()
+    if writer.error is not None:
+        raise writer.error
+    return count
