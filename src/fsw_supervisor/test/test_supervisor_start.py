@@ -70,7 +70,7 @@ def test_without_any_controller_it_holds_and_waits(make_rig):
 
 def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     rig = make_rig()
-    rig.spoil("decentral", healthy=False, reason="no reference received yet")
+    rig.spoil("decentral", healthy=False, reason="no set-point yet")
     rig.names = ["decentral"]
     for _ in range(20):
         rig.tick()
