@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Command, Reference
+from fsw_control.contract import Command
 from fsw_control.references import ReferenceQueue
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldReference
 

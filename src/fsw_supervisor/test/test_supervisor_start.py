@@ -75,7 +75,8 @@ def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     for _ in range(20):
         rig.tick()
     assert rig.last.source == "hold"
-    assert "waiting for decentral" in rig.last.reason
+    assert rig.last.reason == "starting: waiting for decentral: no set-point yet"
+    assert rig.arbiter.machine.reason == rig.last.reason, "which is what an operator sees"
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"
