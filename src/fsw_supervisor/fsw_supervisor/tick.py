@@ -68,7 +68,7 @@ class Tick:
 
     @property
     def blameless(self) -> str:
-        """Why no controller can be blamed for not having answered; empty if it can. What comes later changes nothing."""
+        """Why no controller can be blamed for not having answered; empty if it can. Settled with the decision."""
         if self.decided:
             return self.excuse
         if self.stalled:

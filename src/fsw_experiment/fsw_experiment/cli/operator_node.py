@@ -97,7 +97,7 @@ class SetPoints:
         return bool(self._queue)
 
     def in_force(self, now_ns: int | None) -> Reference | None:
-        """Those that hold at a time of the weld (a scenario sends some ahead), by default now; None if there are none."""
+        """Those that hold at a time of the weld, by default now; None if there are none."""
         return self._queue.at(self._clock.now().nanoseconds if now_ns is None else now_ns)
 
 
