@@ -48,6 +48,7 @@ def main() -> int:
     plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if quick else SWEEP
     data = {"nominal": study.nominal(progress), "sweep": study.sweep(progress, plants)}
     figures.papers(out)
+    figures.corridors(out)
     figures.sweep(data["sweep"], out / "sweep.png")
     if not quick:
         data["bounds"] = study.bounds(progress)

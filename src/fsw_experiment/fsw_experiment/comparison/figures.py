@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
 from fsw_analysis.figures import COLOURS, STYLE, Run, draw
-from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT
+from fsw_experiment.closed_loop import ClosedLoop
+from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, scenario
 from fsw_experiment.comparison.runs import Job, weld
 from fsw_experiment.comparison.study import JUDGED, ratios
+from fsw_nmpc import NmpcController
 
 _SHORT = {
     "tracking iae_depth_mm_s": "set-points, depth",
@@ -32,6 +35,21 @@ def papers(folder: Path) -> list[Path]:
         made.pop().unlink()  # the overview shows the same once more
         paths += made
     return paths
+
+
+def corridors(folder: Path) -> list[Path]:
+    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open."""
+    runs = []
+    for name in ("constant", "cold_start", "recentred"):
+        with TemporaryDirectory() as scratch:
+            file = Path(scratch) / "tuning.yaml"
+            file.write_text(f"trajectory: {name}\n", encoding="utf-8")
+            controller = NmpcController({"preset": "paper", "tuning_file": str(file)})
+        loop = ClosedLoop(scenario("tracking", {"noise": False}, "nmpc"), {"nmpc": controller})
+        runs.append(Run(name, loop.run()))
+    made = draw(runs, (6, 7), folder, "corridors")
+    made.pop().unlink()
+    return made
 
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
