@@ -57,20 +57,26 @@ class Meter:
         from sensor_msgs.msg import Temperature
 
         from fsw_control import messages_ros as convert
-        from fsw_msgs.msg import PlantState, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+        from fsw_control import weld
+        from fsw_control.contract import Command
+        from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
         rclpy.init(args=[], domain_id=domain)
-        self._convert, self._truth = convert, PlantState(axial_force=78.4e3, spindle_speed=42.68)
+        self._convert, self._start, self._temperature_c = (
+            convert,
+            Command(weld.FORCE_KN, weld.SPEED_RPM),
+            weld.TEMPERATURE_C,
+        )
         self.node = rclpy.create_node("meter")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._truths = self.node.create_publisher(PlantState, "fsw/plant/truth", 10)
+        self._drives = self.node.create_publisher(DriveFeedback, "fsw/drives", 10)
         self._depths = self.node.create_publisher(ShoulderDepth, "fsw/depth", 10)
         self._torques = self.node.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
         self._temperatures = self.node.create_publisher(Temperature, "fsw/thermocouple", 10)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._references = self.node.create_publisher(WeldReference, "fsw/reference", latched)
-        self._references.publish(WeldReference(depth=2.66e-3, temperature=850.0))
+        self._references.publish(WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C))
         self.sent, self.proposed, self.commanded, self.sources = {}, {}, {}, {}
         self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
         self.node.create_subscription(WeldCommand, "fsw/command", self._on_command, 10)
@@ -81,7 +87,7 @@ class Meter:
         """Whether both controllers and the supervisor hear the sensors, and this process hears them."""
         self._executor.spin_once(timeout_sec=0.0)
         heard = min(p.get_subscription_count() for p in (self._depths, self._torques, self._temperatures)) >= 3
-        return heard and self._truths.get_subscription_count() >= 1 and self.node.count_publishers("/fsw/command") >= 1
+        return heard and self._drives.get_subscription_count() >= 3 and self.node.count_publishers("/fsw/command") >= 1
 
     def run(self, ticks):
         """Publish so many ticks at the rate."""
@@ -102,12 +108,11 @@ class Meter:
 
     def _tick(self):
         convert, stamp, noise = self._convert, time.time_ns(), self._noise.gauss
-        self._truth.header = convert.header(stamp)
         self.sent[stamp] = time.monotonic()
-        self._truths.publish(self._truth)
+        self._drives.publish(convert.drives_message(self._start, stamp))
         self._depths.publish(convert.depth_message(noise(2.66, 1e-3), stamp))
-        self._torques.publish(convert.torque_message(noise(1052.86, 1.0), stamp))
-        self._temperatures.publish(convert.temperature_message(noise(850.0, 0.2), stamp))
+        self._torques.publish(convert.torque_message(noise(1022.0, 1.0), stamp))
+        self._temperatures.publish(convert.temperature_message(noise(self._temperature_c, 0.2), stamp))
 
     def _on_proposal(self, message):
         self.proposed.setdefault(self._convert.stamp_ns(message.header.stamp), time.monotonic())

@@ -18,11 +18,11 @@ duration_s: 45.0
 controller: decentral
 plant:
   seed: 11
-  start: {depth_mm: 2.7, temperature_c: 846.0}
+  start: {depth_mm: 2.7, temperature_c: 812.4}
   model: {thermal_gain_c_per_kw: 1.1, depth_gain_mm_per_kn_s: 0.9}
 events:
   - {at_s: 1.0, reference: {depth_mm: 2.72}}
-  - {at_s: 3.0, reference: {temperature_c: 849.0, over_s: 5.0}}
+  - {at_s: 3.0, reference: {temperature_c: 815.4, over_s: 5.0}}
   - {at_s: 10.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
   - {at_s: 12.0, disturbance: {channel: axial_force, shape: ramp, amplitude_kn: 0.5, duration_s: 3.0}}
   - {at_s: 14.0, disturbance: {channel: temperature, shape: sine, amplitude_c: 1.0, period_s: 10.0}}

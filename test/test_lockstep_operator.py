@@ -51,11 +51,11 @@ def test_controllers(fsw):
 
 def test_reference_keeps_what_is_left_out(fsw):
     code, printed, _ = fsw("reference", "--depth", "2.67")
-    assert (code, printed) == (0, "set-points: 2.67 mm, 850 degC\n")
-    code, printed, _ = fsw("reference", "--temperature", "851")
-    assert (code, printed) == (0, "set-points: 2.67 mm, 851 degC\n"), "the sender of the depth has left"
+    assert (code, printed) == (0, "set-points: 2.67 mm, 816.4 degC\n")
+    code, printed, _ = fsw("reference", "--temperature", "817")
+    assert (code, printed) == (0, "set-points: 2.67 mm, 817 degC\n"), "the sender of the depth has left"
     code, printed, _ = fsw("status")
-    assert "set-point 2.67 mm" in printed and "set-point 851 degC" in printed
+    assert "set-point 2.67 mm" in printed and "set-point 817 degC" in printed
 
 
 @pytest.mark.parametrize(

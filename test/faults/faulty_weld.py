@@ -17,9 +17,11 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
+from fsw_control import weld
 from fsw_control.contract import Command
 from fsw_msgs.msg import (
     ControllerStatus,
+    DriveFeedback,
     PlantState,
     ShoulderDepth,
     SpindleTorque,
@@ -48,8 +50,11 @@ RELAYED = {
     "fsw/depth": ShoulderDepth,
     "fsw/spindle_torque": SpindleTorque,
     "fsw/thermocouple": Temperature,
+    "fsw/drives": DriveFeedback,
     "fsw/plant/truth": PlantState,
 }
+#: of these, the topics of which the relay loses nothing
+RELIABLE = ("fsw/drives", "fsw/plant/truth")
 
 
 @dataclass
@@ -86,13 +91,13 @@ class Relay:
         self.out = {}
         for topic, kind in RELAYED.items():
             self.out[topic] = weld.node.create_publisher(kind, topic, 10)
-            quality = LOSSY if kind is not PlantState else DEEP
+            quality = DEEP if topic in RELIABLE else LOSSY
             weld.node.create_subscription(kind, f"raw/{topic}", lambda m, t=topic: self.forward(t, m), quality)
         self.commands = weld.node.create_publisher(WeldCommand, "raw/fsw/command", 10)
         weld.node.create_subscription(WeldCommand, "fsw/command", self.back, DEEP)
 
     def forward(self, topic, message):
-        if topic != "fsw/plant/truth" and self.random.random() < self.loss:
+        if topic not in RELIABLE and self.random.random() < self.loss:
             return
         message.header.stamp = convert.stamp_from_ns(convert.stamp_ns(message.header.stamp) + self.shift_ns)
         self.out[topic].publish(message)
@@ -113,7 +118,7 @@ class Weld:
         self.misbehave = None
         self.pending = []
         self.bags = itertools.count()
-        self.applied = Command(78.4, 407.576)
+        self.applied = Command(weld.FORCE_KN, weld.SPEED_RPM)
         rclpy.init(args=[], domain_id=domain)
         self.node = node = rclpy.create_node("observer")
         self.executor = SingleThreadedExecutor()
@@ -130,7 +135,7 @@ class Weld:
         self.statuses = node.create_publisher(ControllerStatus, "fsw/rogue/status", 10)
         self.faults = node.create_client(SetFault, "fsw/plant/set_fault")
         self.relay = Relay(self) if relayed else None
-        self.refer(2.66)
+        self.refer(weld.DEPTH_MM)
 
     def start(self, name):
         settings, remaps = [], []
@@ -232,7 +237,7 @@ class Weld:
 
     def refer(self, depth_mm):
         header = convert.header(self.node.get_clock().now().nanoseconds if not self.lockstep else 0)
-        self.references.publish(WeldReference(header=header, depth=depth_mm * 1e-3, temperature=850.0))
+        self.references.publish(WeldReference(header=header, depth=depth_mm * 1e-3, temperature=weld.TEMPERATURE_C))
 
     def call(self, client, request):
         self.until(client.service_is_ready, what="the service")

@@ -20,7 +20,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import STREAM, subscribe_references, subscribe_sensors
+from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_references, subscribe_sensors
 from fsw_control.validity import SensorGuard, SensorLimits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 
@@ -58,10 +58,10 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
-        self._join = TickJoin()
         self._guard = SensorGuard(self._limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
+        self._join = TickJoin(await_drives=self._lockstep)
         self._health: tuple[bool, str] | None = None
         self._steps = 0
         self._unhealthy_steps = 0
@@ -93,7 +93,11 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
         subscribe_references(self, self._references, self._on_bad_reference)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)
+
+    def _on_drives(self, stamp_ns: int, acting: Command) -> None:
+        self._consume(self._join.add_drives(stamp_ns, acting))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._consume(self._join.add(sensor, stamp_ns, value, time.monotonic()))
@@ -146,7 +150,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self.get_logger().warning("time of the measurements has jumped: controller starts anew")
         dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
-        measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values)
+        measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
         reference = self._references.at(tick.stamp_ns)
         begin = time.perf_counter()
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)

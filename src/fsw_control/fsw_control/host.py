@@ -14,7 +14,7 @@ def answer(
     """Step ``controller`` and return its proposal, unhealthy with a reason where it must not be applied.
 
     That is where it raises, where its command is not finite, where a sensor that it needs is invalid, and where
-    there is no reference yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
+    there is no set-point yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def answer(
         As for ``Controller.step``.
     """
     if reference is None:
-        return Proposal(applied, healthy=False, reason="no reference received yet")
+        return Proposal(applied, healthy=False, reason="no set-point yet")
     try:
         proposal = controller.step(measurement, reference, applied, dt_s)
         command = proposal.command

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from fsw_control.contract import SENSORS
+from fsw_control.contract import SENSORS, Command
 
 NANOSECONDS = 1_000_000_000
 #: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
 _PENDING_TICKS = 2
 #: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
 _PUT_OFF_SHARE = 1.0 / 3.0
+#: Drive samples kept for their tick; more than a queue holds after a stall.
+_KEPT_DRIVES = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +27,14 @@ class Tick:
         Value by sensor name; a sensor that did not come is absent.
     restarted : bool
         Whether time jumped before this tick, so that the past must be forgotten.
+    drives : Command or None
+        Force and speed that act, as the drives report them; None where their sample did not come.
     """
 
     stamp_ns: int
     values: dict[str, float]
     restarted: bool = False
+    drives: Command | None = None
 
 
 @dataclass(slots=True)
@@ -61,15 +66,20 @@ class TickJoin:
     A single stamp far from the last one is not believed until another sensor confirms it or all else is silent,
     so that one sensor with a broken clock cannot stop the others.
 
+    The drives' sample rides along: it neither begins nor confirms a tick, and a tick goes without it. Only where time
+    waits for the controllers anyway (``await_drives``) does a tick wait for it, as long as it came with the last one.
+
     Parameters
     ----------
     jump_s : float
         Distance of a stamp from the last tick that counts as a jump of time.
     silence_s : float
         After so long without any believed sample a jump is believed unconfirmed.
+    await_drives : bool
+        Whether the drives' sample belongs to a complete tick, so that the result does not depend on timing.
     """
 
-    def __init__(self, jump_s: float = 1.0, silence_s: float = 1.0) -> None:
+    def __init__(self, jump_s: float = 1.0, silence_s: float = 1.0, await_drives: bool = False) -> None:
         self.counts = JoinCounts()
         self._jump_ns = round(jump_s * NANOSECONDS)
         self._silence_s = silence_s
@@ -82,6 +92,9 @@ class TickJoin:
         self._strange: dict[str, tuple[int, float]] = {}
         self._heard_s = float("-inf")
         self._missed: frozenset[str] = frozenset()
+        self._drives: dict[int, Command] = {}
+        self._await_drives = await_drives
+        self._drives_come = True
 
     @property
     def begun_s(self) -> float | None:
@@ -95,14 +108,17 @@ class TickJoin:
 
     @property
     def lacking(self) -> frozenset[str]:
-        """Sensors (and ``command``) that the oldest tick that is not complete still waits for."""
-        values = self._pending[0].values if self._pending else {}
-        sensors = {sensor for sensor in SENSORS if sensor not in values}
-        return frozenset(sensors if self._answered() else sensors | {"command"})
+        """Sensors (and ``drives``, ``command``) that the oldest tick that is not complete still waits for."""
+        lacking = {sensor for sensor in SENSORS if not self._pending or sensor not in self._pending[0].values}
+        if self._await_drives and self._drives_come and self._pending and self._pending[0].stamp_ns not in self._drives:
+            lacking.add("drives")
+        if not self._answered():
+            lacking.add("command")
+        return frozenset(lacking)
 
     @property
     def missed(self) -> frozenset[str]:
-        """Sensors (and ``command``) that the last tick had to do without."""
+        """Sensors (and ``drives``, ``command``) that the last tick had to do without."""
         return self._missed
 
     def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
@@ -134,6 +150,14 @@ class TickJoin:
         self._command_ns = stamp_ns
         self._awaits_command = True
         self._unanswered = 0
+        return self._release()
+
+    def add_drives(self, stamp_ns: int, acting: Command) -> list[Tick]:
+        """Take a sample of the drives; return the ticks that it completes, oldest first."""
+        self._drives_come = True
+        self._drives[stamp_ns] = acting
+        if len(self._drives) > _KEPT_DRIVES:
+            del self._drives[next(iter(self._drives))]
         return self._release()
 
     def expire(self, now_s: float, patience_s: float) -> list[Tick]:
@@ -178,7 +202,10 @@ class TickJoin:
         if len(newer) >= _PENDING_TICKS:
             return False
         lacking = self.lacking
-        return bool(lacking) and not any(lacking <= set(tick.values) for tick in newer)
+        return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
+
+    def _sources_of(self, tick: _Pending) -> set[str]:
+        return {*tick.values, "drives"} if tick.stamp_ns in self._drives else set(tick.values)
 
     def _release(self) -> list[Tick]:
         ticks: list[Tick] = []
@@ -196,8 +223,12 @@ class TickJoin:
             self._unanswered += 1
             # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
             self._awaits_command = self._unanswered < 3
+        drives = self._drives.pop(oldest.stamp_ns, None)
+        if drives is None and self._await_drives:
+            missed.append("drives")
+        self._drives_come = drives is not None
         self._missed = frozenset(missed)
-        tick = Tick(oldest.stamp_ns, oldest.values, self._restarted)
+        tick = Tick(oldest.stamp_ns, oldest.values, self._restarted, drives)
         self._last_ns, self._restarted = oldest.stamp_ns, False
         self._strange.clear()
         return tick

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 
 from builtin_interfaces.msg import Time
@@ -24,14 +24,15 @@ from fsw_msgs.msg import (
 
 NANOSECONDS = 1_000_000_000
 
-#: unit suffix of a core name -> unit on the wire and factor to it
-_WIRE = {
-    "_mm": ("m", 1e-3),
-    "_kn": ("N", 1e3),
-    "_rpm": ("rad/s", units.RAD_PER_S_PER_RPM),
-    "_kw": ("W", 1e3),
-    "_nm": ("N m", 1.0),
-    "_c": ("degC", 1.0),
+#: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out as it is
+_WIRE: dict[str, tuple[str, Callable[[float], float]]] = {
+    "depth_mm": ("depth [m]", units.m_from_mm),
+    "temperature_c": ("temperature [degC]", float),
+    "torque_nm": ("torque [N m]", float),
+    "torque_scale": ("torque_scale", float),
+    "force_kn": ("force [N]", units.n_from_kn),
+    "speed_rpm": ("speed [rad/s]", units.rad_s_from_rpm),
+    "power_kw": ("power [W]", units.w_from_kw),
 }
 
 
@@ -90,6 +91,11 @@ def temperature_message(value_c: float, time_ns: int, variance_c2: float = 0.0) 
     return Temperature(header=header(time_ns), temperature=float(value_c), variance=float(variance_c2))
 
 
+def drives(message: DriveFeedback) -> Command:
+    """Inputs that act, of a drive feedback."""
+    return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
+
+
 def reference(message: WeldReference) -> Reference:
     """Set-points of a reference message.
 
@@ -110,6 +116,19 @@ def reference_message(value: Reference, time_ns: int) -> WeldReference:
     return WeldReference(
         header=header(time_ns), depth=units.m_from_mm(value.depth_mm), temperature=float(value.temperature_c)
     )
+
+
+def kept_reference_message(value: Reference, since_ns: int, issued_ns: int) -> WeldReference:
+    """Reference message of who did not issue it but states that it holds since ``since_ns``."""
+    message = reference_message(value, since_ns)
+    message.header.frame_id = str(issued_ns)
+    return message
+
+
+def issued_ns(message: WeldReference) -> int:
+    """When the reference that a :func:`kept_reference_message` states was issued; 0: not told."""
+    text = message.header.frame_id
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 
 
 def command(message: WeldCommand) -> Command:
@@ -156,14 +175,16 @@ def status_message(
 
 
 def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[float]]:
-    """Names with SI unit and values of quantities named by the paper's unit, e.g. ``depth_mm`` -> ``depth [m]``."""
+    """Names and values of quantities as messages carry them, e.g. ``depth_mm`` -> ``depth [m]``.
+
+    Only the names that the core uses are converted; a controller's own names and values go out unchanged.
+    """
     names: list[str] = []
     values: list[float] = []
     for name, value in quantities.items():
-        base, mark, suffix = name.rpartition("_")
-        unit, factor = _WIRE.get(mark + suffix, ("", 1.0))
-        names.append(f"{base} [{unit}]" if unit else name)
-        values.append(float(value) * factor)
+        wire_name, converted = _WIRE.get(name, (name, float))
+        names.append(wire_name)
+        values.append(converted(value))
     return names, values
 
 

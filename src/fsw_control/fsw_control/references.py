@@ -2,66 +2,85 @@
 
 from __future__ import annotations
 
+from bisect import insort
+from typing import NamedTuple
+
 from fsw_control.contract import Reference
 
 NANOSECONDS = 1_000_000_000
 
 
+class _Issued(NamedTuple):
+    """A reference that waits for its time; the order is that of issue."""
+
+    issued_ns: int
+    number: int
+    stamp_ns: int
+    reference: Reference
+
+
 class ReferenceQueue:
-    """References in order of arrival, each held back until the time in its stamp.
+    """References in the order in which they were issued, each held back until the time in its stamp.
 
     A sender that stamps a reference with the coming tick at which it shall begin gets exactly that tick, however
     fast the message travels; one that stamps it with 0 or a past time gets it at once. A stamp further ahead
-    than ``horizon_s`` comes from another clock, and is taken as "now" too.
+    than ``horizon_s`` comes from another clock, and is taken as "now" too. At a tick, of all references that have
+    begun the one issued last holds; whatever was issued before it is void, also what was sent ahead for later.
+
+    The middleware repeats what it keeps to everyone who joins later, sender by sender. So when a message arrives says
+    nothing about its age; when it was published does.
 
     Parameters
     ----------
     horizon_s : float
         Longest time that a reference may be sent ahead.
+
+    Attributes
+    ----------
+    issued_ns : int
+        When the reference that holds was issued; 0 before the first.
     """
 
     def __init__(self, horizon_s: float = 36_000.0) -> None:
+        self.issued_ns = 0
         self._horizon_ns = round(horizon_s * NANOSECONDS)
-        self._waiting: list[tuple[int, Reference]] = []
+        self._waiting: list[_Issued] = []
         self._current: Reference | None = None
-        self._since_ns = 0
-        self._first_tick_ns: int | None = None
-        self._handed_on = False
+        self._newest_ns = 0
+        self._count = 0
 
-    def add(self, stamp_ns: int, reference: Reference) -> None:
-        """Take a reference that shall hold from ``stamp_ns`` on."""
-        if not (self._handed_on and 0 < stamp_ns <= self._since_ns):
-            self._waiting.append((stamp_ns, reference))
+    def __bool__(self) -> bool:
+        """Whether any reference is known."""
+        return self._current is not None or bool(self._waiting)
 
-    def hand_on(self, since_ns: int, reference: Reference) -> None:
-        """Take what another listener, who was here before, says to hold since ``since_ns``.
+    def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None) -> None:
+        """Take a reference that shall hold from ``stamp_ns`` on.
 
-        It counts for who has nothing of his own, or only what was sent for times before that; not for who was here
-        at that time himself.
+        Parameters
+        ----------
+        stamp_ns : int
+            When it begins; 0: at once.
+        reference : Reference
+            The set-points.
+        issued_ns : int, optional
+            When it was published, on the senders' clock; by default after all that is known.
         """
-        own = self._current is not None and not self._handed_on
-        here = self._first_tick_ns is not None and since_ns >= self._first_tick_ns
-        if own and (here or self._since_ns > since_ns):
-            return
-        self._current, self._since_ns, self._handed_on = reference, since_ns, True
-        self._waiting = [entry for entry in self._waiting if not 0 < entry[0] <= since_ns]
+        if issued_ns is None:
+            issued_ns = self._newest_ns + 1
+        self._newest_ns = max(self._newest_ns, issued_ns)
+        if issued_ns >= self.issued_ns:
+            self._count += 1
+            insort(self._waiting, _Issued(issued_ns, self._count, stamp_ns, reference))
 
     def at(self, tick_ns: int) -> Reference | None:
         """Return the reference that holds at a tick, None before the first.
 
         Ticks are asked for in order; a reference that has begun stays until the next begins.
         """
-        if self._first_tick_ns is None or tick_ns < self._first_tick_ns:
-            self._first_tick_ns, self._since_ns = tick_ns, min(self._since_ns, tick_ns)
-        if self._waiting:
-            held: list[tuple[int, Reference]] = []
-            for stamp_ns, reference in self._waiting:
-                if tick_ns < stamp_ns <= tick_ns + self._horizon_ns:
-                    held.append((stamp_ns, reference))
-                else:
-                    # A newer message overrides older ones still held back, else they would come back later.
-                    held.clear()
-                    self._current, self._handed_on = reference, False
-                    self._since_ns = stamp_ns if 0 < stamp_ns < tick_ns else tick_ns
-            self._waiting = held
+        for index in range(len(self._waiting) - 1, -1, -1):
+            one = self._waiting[index]
+            if not tick_ns < one.stamp_ns <= tick_ns + self._horizon_ns:
+                self._current, self.issued_ns = one.reference, one.issued_ns
+                del self._waiting[: index + 1]
+                break
         return self._current

@@ -10,9 +10,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Reference
+from fsw_control.contract import Command
 from fsw_control.references import ReferenceQueue
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
+from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldReference
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for who comes later
@@ -48,8 +48,24 @@ def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> No
         subscribe(sensor, topic, kind, value)
 
 
+def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
+    """Subscribe to what the drives report; before the sensors, so that an executor finds it first.
+
+    Parameters
+    ----------
+    node : Node
+    take : callable
+        Gets each sample: the stamp in ns, and the force and speed that act.
+    """
+
+    def on_feedback(message: DriveFeedback) -> None:
+        take(convert.stamp_ns(message.header.stamp), convert.drives(message))
+
+    node.create_subscription(DriveFeedback, "fsw/drives", on_feedback, STREAM)
+
+
 def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], None]) -> None:
-    """Subscribe to the set-points that are sent, and to those that a supervisor hands on.
+    """Subscribe to the set-points that are sent, and to those that a supervisor states for who comes later.
 
     Parameters
     ----------
@@ -60,16 +76,19 @@ def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[st
         Gets what is wrong with a message that is not taken.
     """
 
-    def subscribe(topic: str, take: Callable[[int, Reference], None], quality: QoSProfile) -> None:
-        def on_reference(message: WeldReference) -> None:
-            try:
-                reference = convert.reference(message)
-            except ValueError as error:
-                refuse(str(error))
-                return
-            take(convert.stamp_ns(message.header.stamp), reference)
+    def take(message: WeldReference, issued_ns: int) -> None:
+        try:
+            reference = convert.reference(message)
+        except ValueError as error:
+            refuse(str(error))
+            return
+        queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
-        node.create_subscription(WeldReference, topic, on_reference, quality)
+    def on_sent(message: WeldReference, info: Any) -> None:
+        take(message, info["source_timestamp"])
 
-    subscribe("fsw/reference", queue.add, LATCHED)
-    subscribe("fsw/supervisor/reference", queue.hand_on, LATEST)
+    def on_kept(message: WeldReference) -> None:
+        take(message, convert.issued_ns(message))
+
+    node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
+    node.create_subscription(WeldReference, "fsw/supervisor/reference", on_kept, LATEST)

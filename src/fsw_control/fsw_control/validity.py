@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from fsw_control.contract import SENSORS, Measurement
+from fsw_control.contract import SENSORS, Command, Measurement
 
 #: probability at which a run of equal samples is no longer believed to be chance
 _CHANCE = 1e-9
@@ -56,18 +56,22 @@ DEFAULT_LIMITS = {
 
 
 class Reading(NamedTuple):
-    """A sensor at one tick: the value to use (NaN if invalid) and, unless all is well, why not."""
+    """A sensor at one tick: the value to use (NaN if invalid) and, unless all is well, why not.
+
+    ``held``: the value is the last good one, not a measurement of this tick.
+    """
 
     value: float
     valid: bool
     reason: str = ""
+    held: bool = False
 
 
 class Frozen:
     """Tells a frozen sensor from one whose quantised or noise-free signal happens to stand still.
 
     A run of equal samples is suspicious only where the signal was noisy before, and only when the run is
-    longer than the share of equal neighbours seen before lets expect.
+    longer than the share of equal neighbours seen before makes likely.
 
     Parameters
     ----------
@@ -158,7 +162,7 @@ class SensorValidity:
             self._good, self._good_s, self._valid = value, time_s, True
             return Reading(value, True)
         if self._valid and fault != "frozen" and time_s - self._good_s <= self.limits.hold_s + 1e-9:
-            return Reading(self._good, True, f"{fault}, held")
+            return Reading(self._good, True, f"{fault}, held", held=True)
         self._valid = False
         return Reading(math.nan, False, fault)
 
@@ -218,7 +222,7 @@ class SensorGuard:
         for name, sensor in self._sensors.items():
             sensor.configure(limits[name])
 
-    def measure(self, time_s: float, values: dict[str, float]) -> Measurement:
+    def measure(self, time_s: float, values: dict[str, float], drives: Command | None = None) -> Measurement:
         """Return the measurement of a tick.
 
         Parameters
@@ -227,11 +231,22 @@ class SensorGuard:
             Stamp of the tick.
         values : dict of str to float
             Sample by sensor name (mm, N m, degC); absent where none came.
+        drives : Command, optional
+            Force and speed that act, as the drives report them at this tick.
         """
-        sensors, reasons = self._sensors, self.reasons
-        depth_mm, depth_valid, reasons["depth"] = sensors["depth"].update(time_s, values.get("depth"))
-        torque_nm, torque_valid, reasons["torque"] = sensors["torque"].update(time_s, values.get("torque"))
-        temperature_c, temperature_valid, reasons["thermocouple"] = sensors["thermocouple"].update(
-            time_s, values.get("thermocouple")
+        depth, torque, temperature = readings = [
+            self._sensors[name].update(time_s, values.get(name)) for name in SENSORS
+        ]
+        self.reasons.update(zip(SENSORS, (reading.reason for reading in readings), strict=True))
+        return Measurement(
+            time_s,
+            depth.value,
+            torque.value,
+            temperature.value,
+            depth.valid,
+            torque.valid,
+            temperature.valid,
+            held=tuple(name for name, reading in zip(SENSORS, readings, strict=True) if reading.held),
+            force_kn=math.nan if drives is None else drives.force_kn,
+            speed_rpm=math.nan if drives is None else drives.speed_rpm,
         )
-        return Measurement(time_s, depth_mm, torque_nm, temperature_c, depth_valid, torque_valid, temperature_valid)

@@ -71,4 +71,4 @@ def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
 
 def test_without_reference_there_is_no_healthy_proposal():
     proposal = answer(Scripted(Proposal(Command(1.0, 1.0))), GOOD, None, APPLIED, 0.1)
-    assert proposal.command == APPLIED and proposal.reason == "no reference received yet"
+    assert proposal.command == APPLIED and proposal.reason == "no set-point yet"

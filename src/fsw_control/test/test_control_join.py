@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.contract import SENSORS
+from fsw_control.contract import SENSORS, Command
 from fsw_control.join import TickJoin
 
 STEP_NS = 100_000_000
@@ -217,3 +217,43 @@ def test_any_order_within_a_tick_gives_every_tick_complete(data):
             ticks += join.add(sensor, k * STEP_NS, float(k), 0.0)
     assert [tick.stamp_ns for tick in ticks] == [k * STEP_NS for k in range(10)]
     assert all(set(tick.values) == set(SENSORS) for tick in ticks)
+
+
+ACTING = Command(78.4, 407.576)
+
+
+def test_the_drives_sample_rides_along_and_is_never_waited_for():
+    join = join_without_commands()
+    assert join.add_drives(STEP_NS, ACTING) == [] and join.begun_s is None, "it begins no tick"
+    ticks = add_all(join, 1) + add_all(join, 2)
+    assert [tick.drives for tick in ticks] == [ACTING, None]
+    assert join.add_drives(2 * STEP_NS, ACTING) == []
+    assert [tick.drives for tick in add_all(join, 3)] == [None], "what comes late is of no tick"
+
+
+def test_where_time_waits_a_tick_waits_for_the_drives_sample():
+    join = TickJoin(await_drives=True)
+    join._awaits_command = False
+    assert add_all(join, 1) == [] and join.lacking == {"drives"}
+    assert [tick.drives for tick in join.add_drives(STEP_NS, ACTING)] == [ACTING]
+    assert add_all(join, 2) == []
+    assert [tick.drives for tick in give_up(join)] == [None] and join.missed == {"drives"}
+    assert [tick.stamp_ns for tick in add_all(join, 3)] == [3 * STEP_NS], "what is lost is not waited for again"
+    join.add_drives(4 * STEP_NS, ACTING)
+    assert [tick.drives for tick in add_all(join, 4)] == [ACTING]
+    assert add_all(join, 5) == [], "it is back"
+
+
+def test_a_newer_drives_sample_ends_the_wait_for_an_older_one():
+    join = TickJoin(await_drives=True)
+    join._awaits_command = False
+    assert add_all(join, 1) == []
+    assert add_all(join, 2) == []
+    assert [tick.drives for tick in join.add_drives(2 * STEP_NS, ACTING)] == [None, ACTING]
+
+
+def test_drives_without_sensors_do_not_fill_the_memory():
+    join = TickJoin()
+    for k in range(1000):
+        join.add_drives(k * STEP_NS, ACTING)
+    assert len(join._drives) < 20

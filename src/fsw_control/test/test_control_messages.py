@@ -67,6 +67,45 @@ def test_status_carries_the_diagnosis():
     assert (status.healthy, status.reason, status.selected) == (False, "why", True)
 
 
+def test_quantities_are_converted_by_their_exact_names():
+    names, values = convert.wire_quantities(
+        {
+            "force_kn": 2.0,
+            "speed_rpm": 30.0,
+            "power_kw": 0.5,
+            "depth_mm": 1.0,
+            "temperature_c": -3.0,
+            "torque_nm": 7.0,
+            "torque_scale": 1.1,
+            "axial_force [kN]": 4.0,
+            "inner_mm": 5.0,
+        }
+    )
+    wire = dict(zip(names, values, strict=True))
+    assert wire == pytest.approx(
+        {
+            "force [N]": 2000.0,
+            "speed [rad/s]": math.pi,
+            "power [W]": 500.0,
+            "depth [m]": 1e-3,
+            "temperature [degC]": -3.0,
+            "torque [N m]": 7.0,
+            "torque_scale": 1.1,
+            "axial_force [kN]": 4.0,
+            "inner_mm": 5.0,
+        }
+    ), "a name that is not the core's own says its unit itself"
+
+
+@given(finite, finite, st.integers(0, 10**18))
+def test_drive_feedback_comes_back(force, speed, time_ns):
+    message = convert.drives_message(Command(force, speed), time_ns)
+    assert convert.stamp_ns(message.header.stamp) == time_ns
+    back = convert.drives(message)
+    assert back.force_kn == pytest.approx(force, rel=1e-12, abs=1e-12)
+    assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
+
+
 def test_prediction_and_diagnostics():
     plan = Plan((0.0, 0.1), (2.6, 2.7), (850.0, 851.0), (78.0, 79.0), (400.0, 401.0))
     message = convert.prediction_message(plan, 0)

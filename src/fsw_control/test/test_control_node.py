@@ -15,7 +15,15 @@ from fsw_control import Command, Diagnosis, Plan, Proposal, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
 from fsw_control.topics_ros import LATCHED, STREAM
-from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_msgs.msg import (
+    ControllerStatus,
+    DriveFeedback,
+    Prediction,
+    ShoulderDepth,
+    SpindleTorque,
+    WeldCommand,
+    WeldReference,
+)
 
 pytestmark = pytest.mark.usefixtures("domain_id")
 STEP_NS = 100_000_000
@@ -75,12 +83,13 @@ class Peer:
         self.depths = self.peer.create_publisher(ShoulderDepth, "/fsw/depth", STREAM)
         self.torques = self.peer.create_publisher(SpindleTorque, "/fsw/spindle_torque", STREAM)
         self.temperatures = self.peer.create_publisher(Temperature, "/fsw/thermocouple", STREAM)
+        self.drives = self.peer.create_publisher(DriveFeedback, "/fsw/drives", STREAM)
         self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
         self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
-        outputs = (self.depths, self.torques, self.temperatures, self.references, self.commands)
+        outputs = (self.depths, self.torques, self.temperatures, self.drives, self.references, self.commands)
         self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
         self.wait(lambda: self.peer.count_publishers("/fsw/echo/proposal") == 1)
 
@@ -111,9 +120,9 @@ class Peer:
         self.commands.publish(convert.command_message(Command(force, 400.0), k * STEP_NS, source))
 
     def refer(self, depth=2.66, stamp=0):
-        before = self.node._references._current, len(self.node._references._waiting)
+        before = len(self.node._references._waiting)
         self.references.publish(convert.reference_message(Reference(depth, 850.0), stamp))
-        self.wait(lambda: (self.node._references._current, len(self.node._references._waiting)) != before)
+        self.wait(lambda: len(self.node._references._waiting) > before)
 
     def tick(self, k, **how):
         count = len(self.got["proposal"])
@@ -181,14 +190,20 @@ def test_follows_the_applied_command_of_the_tick_before(start):
 def test_without_reference_it_is_not_healthy(start):
     proposal = start().tick(0)
     assert not proposal.healthy
-    assert proposal.reason == "no reference received yet"
+    assert proposal.reason == "no set-point yet"
 
 
-def test_who_starts_when_the_sender_is_gone_takes_the_reference_that_the_supervisor_keeps(start):
+@pytest.mark.parametrize("sender_is_gone", [True, False])
+def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(start, sender_is_gone):
+    """The sender's first reference says "at once" and comes after what the supervisor keeps."""
     peer = start()
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
-    kept.publish(convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS))
-    peer.wait(lambda: peer.node._references._current is not None)
+    issued_ns = peer.peer.get_clock().now().nanoseconds
+    kept.publish(convert.kept_reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
+    peer.wait(lambda: peer.node._references)
+    if not sender_is_gone:
+        peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
+        peer.wait(lambda: len(peer.node._references._waiting) == 2)
     assert peer.tick(9).healthy
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
 
@@ -225,6 +240,28 @@ def test_missing_sensor_is_bridged_then_unhealthy_with_the_reason(start):
     assert peer.tick(7).reason == "invalid sensor: depth"
     peer.tick(8)
     assert peer.tick(9).healthy
+
+
+def test_a_value_that_is_held_is_marked_and_never_fresh(start):
+    peer = start()
+    peer.refer()
+    for k in range(4):
+        peer.tick(k, sensors=("depth", "torque") if k == 2 else ("depth", "torque", "thermocouple"))
+    seen = [entry[0] for entry in peer.controller.seen]
+    assert [measurement.held for measurement in seen] == [(), (), ("thermocouple",), ()]
+    assert seen[2].temperature_valid and seen[2].temperature_c == seen[1].temperature_c
+
+
+def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
+    peer = start()
+    peer.refer()
+    peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
+    peer.wait(lambda: peer.node._join._drives)
+    peer.tick(1)
+    peer.tick(2)
+    with_drives, without = (entry[0] for entry in peer.controller.seen)
+    assert (with_drives.force_kn, with_drives.speed_rpm) == pytest.approx((81.5, 402.0))
+    assert math.isnan(without.force_kn) and math.isnan(without.speed_rpm)
 
 
 def test_nan_from_a_tolerated_sensor_stays_healthy(start):

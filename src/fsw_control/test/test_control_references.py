@@ -1,12 +1,16 @@
 """Which reference holds, for who hears all and for who starts in mid-weld."""
 
+import itertools
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
 
 SECOND = 1_000_000_000
-REFERENCE, OTHER, THIRD = Reference(2.66, 850.0), Reference(2.86, 850.0), Reference(2.5, 840.0)
+REFERENCE, OTHER, THIRD = Reference(2.66, 816.4), Reference(2.86, 816.4), Reference(2.5, 806.4)
 
 
 def test_reference_begins_at_its_stamp():
@@ -33,54 +37,67 @@ def test_a_newer_message_overrides_one_held_back():
     assert [queue.at(k * SECOND) for k in (2, 9, 10)] == [REFERENCE] * 3
 
 
-def test_who_starts_in_mid_weld_begins_with_what_is_handed_on():
+#: a scenario's three set-points, the first of them "at once"; issued 100 ns, 101 ns and 102 ns
+SCENARIO = [(0, REFERENCE, 100), (3 * SECOND, OTHER, 101), (20 * SECOND, THIRD, 102)]
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(4))))
+@pytest.mark.parametrize("tick_between", [False, True])
+def test_who_starts_in_mid_weld_takes_what_holds_in_whatever_order_it_is_told(order, tick_between):
+    told = [*SCENARIO, (3 * SECOND, OTHER, 101)]  # the last one by the supervisor, with the time of issue
     queue = ReferenceQueue()
-    queue.hand_on(3 * SECOND, OTHER)
+    for number in order:
+        queue.add(*told[number])
+        if tick_between:
+            queue.at(10 * SECOND)
+    assert [queue.at(k * SECOND) for k in (11, 19, 20)] == [OTHER, OTHER, THIRD]
+    assert queue.issued_ns == 102
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(4))))
+def test_who_overrides_a_scenario_by_hand_does_so_for_those_who_start_later_too(order):
+    by_hand = Reference(2.71, 820.0)
+    told = [*SCENARIO, (10 * SECOND, by_hand, 200)]
+    queue = ReferenceQueue()
+    for number in order:
+        queue.add(*told[number])
+    assert [queue.at(k * SECOND) for k in (11, 20, 21)] == [by_hand] * 3
+
+
+def test_a_supervisor_that_has_lost_a_set_point_takes_it_from_nobody():
+    queue = ReferenceQueue()
+    queue.add(0, REFERENCE, 100)
+    queue.add(0, OTHER, 200)
     assert queue.at(5 * SECOND) == OTHER
-    queue.hand_on(6 * SECOND, THIRD)
-    assert queue.at(7 * SECOND) == THIRD, "until there is something of its own"
-    queue.add(0, REFERENCE)
-    assert queue.at(8 * SECOND) == REFERENCE
-    queue.hand_on(8 * SECOND, THIRD)
-    assert queue.at(9 * SECOND) == REFERENCE
+    queue.add(6 * SECOND, REFERENCE, 100)  # restarted, it knows only the sender that is still there
+    assert queue.at(7 * SECOND) == OTHER
 
 
-def test_who_was_here_hears_for_himself():
+def test_when_time_begins_anew_what_held_goes_on():
     queue = ReferenceQueue()
-    queue.add(0, REFERENCE)
-    queue.at(SECOND)
-    for since_s in (1, 5):
-        queue.hand_on(since_s * SECOND, OTHER)
-        assert queue.at(5 * SECOND) == REFERENCE
-
-
-@pytest.mark.parametrize("handed_on_first", [False, True])
-@pytest.mark.parametrize("ticks_between", [0, 2])
-def test_what_a_sender_that_is_still_here_sent_for_earlier_is_superseded(handed_on_first, ticks_between):
-    queue = ReferenceQueue()
-    calls = [
-        lambda: [queue.add(k * SECOND, reference) for k, reference in ((1, REFERENCE), (3, THIRD), (20, REFERENCE))],
-        lambda: queue.hand_on(5 * SECOND, OTHER),
-    ]
-    first, second = reversed(calls) if handed_on_first else calls
-    first()
-    for k in range(ticks_between):
-        queue.at((10 + k) * SECOND)
-    second()
-    assert [queue.at(k * SECOND) for k in (12, 19, 20)] == [OTHER, OTHER, REFERENCE]
-
-
-def test_a_sender_that_says_now_is_believed_before_what_is_handed_on():
-    queue = ReferenceQueue()
-    queue.hand_on(5 * SECOND, OTHER)
-    queue.add(0, REFERENCE)
-    assert queue.at(10 * SECOND) == REFERENCE
-
-
-def test_when_time_begins_anew_own_references_count():
-    queue = ReferenceQueue()
-    queue.hand_on(100 * SECOND, OTHER)
+    queue.add(100 * SECOND, OTHER, 100)
     assert queue.at(101 * SECOND) == OTHER
     assert queue.at(SECOND) == OTHER
-    queue.add(2 * SECOND, REFERENCE)
+    queue.add(2 * SECOND, REFERENCE, 101)
     assert queue.at(2 * SECOND) == REFERENCE
+
+
+@given(
+    st.lists(st.integers(0, 40), min_size=1, max_size=8),
+    st.randoms(use_true_random=False),
+    st.integers(1, 40),
+)
+def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start_s):
+    """All messages reach one listener as they are issued, and a later one at its start, in any order."""
+    messages = [(stamp_s * SECOND, Reference(1.0 + k, 800.0), k) for k, stamp_s in enumerate(stamps_s)]
+    first, late = ReferenceQueue(), ReferenceQueue()
+    for message in messages:
+        first.add(*message)
+    holds = [first.at(k * SECOND) for k in range(start_s + 1)]
+    again = random.sample(messages, len(messages))
+    if holds[-1] is not None:
+        again.insert(random.randint(0, len(again)), (start_s * SECOND, holds[-1], first.issued_ns))
+    for message in again:
+        late.add(*message)
+    for k in range(start_s, 45):
+        assert late.at(k * SECOND) == first.at(k * SECOND)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fsw_control.contract import Command
 from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
@@ -120,6 +121,24 @@ def test_a_valid_reading_is_always_finite_and_in_range(values):
 def test_slow_signals_in_range_pass_or_are_frozen(values):
     for value, reading in zip(values, feed(SensorValidity(LIMITS), values), strict=True):
         assert reading.reason == "frozen" or (reading.valid and reading.value == value)
+
+
+def test_a_held_value_is_marked_in_the_measurement():
+    guard = SensorGuard()
+    good = {"depth": 2.66, "torque": 1030.0, "thermocouple": 816.4}
+    assert guard.measure(0.1, good).held == ()
+    spike = guard.measure(0.2, good | {"depth": 5.5})
+    assert spike.held == ("depth",) and spike.depth_valid and spike.depth_mm == 2.66
+    missing = [guard.measure(0.1 * k, {"torque": 1030.0, "thermocouple": math.nan}) for k in range(3, 7)]
+    assert [measurement.held for measurement in missing] == [("depth", "thermocouple")] * 2 + [("thermocouple",), ()]
+    assert missing[-1].invalid_sensors() == ("depth", "thermocouple")
+
+
+def test_the_drives_feedback_is_part_of_the_measurement():
+    guard = SensorGuard()
+    with_drives = guard.measure(0.1, {}, Command(81.5, 402.0))
+    assert (with_drives.force_kn, with_drives.speed_rpm) == (81.5, 402.0)
+    assert math.isnan(guard.measure(0.2, {}).force_kn)
 
 
 def test_limits_that_make_no_sense_are_refused():

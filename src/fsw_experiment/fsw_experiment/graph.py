@@ -181,7 +181,7 @@ class WeldGraph:
             return not player.running
 
         launcher.wait_until(over, limit_s, "the scenario's end", others)
-        if player.process.returncode != 0:
+        if player.process.returncode != 0 or "finished after" not in player.text():
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
         codes |= launcher.stop()

@@ -168,7 +168,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario has been played to its end, 1 when not, 2 when something in the arguments is wrong.
+        0 when the scenario has been played to its end, or when told to end before (which it says); 1 when it cannot be
+        played on, 2 when something in the arguments is wrong.
     """
     argv = list(sys.argv if args is None else args)
     plain = remove_ros_args(args=argv)[1:]
@@ -182,10 +183,10 @@ def main(args: Sequence[str] | None = None) -> int:
         return nodes[0]
 
     code = run(make, argv)
-    if code == 0 and not (nodes and nodes[0].finished and not nodes[0].failure):
-        if nodes and not nodes[0].finished:
-            print("scenario: ended before the scenario was over", file=sys.stderr)
+    if code == 0 and nodes and nodes[0].failure:
         return 1
+    if code == 0 and not (nodes and nodes[0].finished):
+        print("scenario: ended before the scenario was over", file=sys.stderr)
     return code
 
 

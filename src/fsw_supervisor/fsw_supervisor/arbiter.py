@@ -38,7 +38,6 @@ class Arbiter(Rules):
     def __init__(self, settings: ArbiterSettings, **options: Any) -> None:
         super().__init__(settings, **options)
         self._stamps = Stamps(silence_s=2.5 * settings.tick_period_s if not self.lockstep else _GAP_S)
-        self._drives: tuple[int, Command] | None = None
         self._silent = False
 
     # ---------------------------------------------------------------- inputs

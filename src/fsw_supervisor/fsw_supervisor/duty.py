@@ -241,7 +241,7 @@ class Duty:
         tick, believed = self._arbiter.tick, self._believed
         if tick is None or tick.drives is None or believed is None or tick.stamp_ns <= self._last_ns:
             return held
-        limits, acting = self._arbiter.settings.limits, tick.drives
+        limits, acting = self._arbiter.settings.limits, self._arbiter.commanded(tick.drives)
         if (
             abs(acting.force_kn - believed.force_kn) <= limits.force_step_kn / 2.0
             and abs(acting.speed_rpm - believed.speed_rpm) <= limits.speed_step_rpm / 2.0

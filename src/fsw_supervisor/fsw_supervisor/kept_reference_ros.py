@@ -16,8 +16,8 @@ class KeptReference:
     """Hears ``fsw/reference`` and tells, latched, on ``fsw/supervisor/reference`` what holds at present.
 
     An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
-    them. A topic of its own has one writer, the supervisor on duty, and can override nobody: a controller takes
-    from it only what it needs to begin.
+    them. A topic of its own has one writer, the supervisor on duty, and can override nobody: it states when each
+    set-point was issued, and of two the one issued last holds.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class KeptReference:
         self._node = node
         self._queue = ReferenceQueue()
         self._publisher: Publisher | None = None
-        self._told: Reference | None = None
+        self._told: tuple[Reference, int] | None = None
         self._tick_ns = -1
         subscribe_references(node, self._queue, lambda _: None)  # every controller says what is wrong
 
@@ -46,11 +46,14 @@ class KeptReference:
             self._publisher = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """Tell what holds at a tick if it has changed."""
+        """Tell what holds at a tick if it has changed, or if time has begun anew."""
         if tick_ns == self._tick_ns:
             return
+        if tick_ns < self._tick_ns:
+            self._told = None
         self._tick_ns = tick_ns
         present = self._queue.at(tick_ns)
-        if self._publisher is not None and present is not None and present != self._told:
-            self._told = present
-            self._publisher.publish(convert.reference_message(present, tick_ns))
+        if self._publisher is None or present is None or (present, self._queue.issued_ns) == self._told:
+            return
+        self._told = (present, self._queue.issued_ns)
+        self._publisher.publish(convert.kept_reference_message(present, tick_ns, self._queue.issued_ns))

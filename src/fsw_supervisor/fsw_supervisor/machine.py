@@ -112,6 +112,12 @@ class Machine:
             self._mode_tick = self.tick
             self.reason = f"as the supervisor on duty: {source}"
 
+    def explain(self, reason: str) -> None:
+        """Say why the present state lasts."""
+        if reason != self.reason:
+            self.reason = reason
+            self.revision += 1
+
     def note_takeover(self, reason: str) -> None:
         """Record that this machine is on duty from now on, in the state that it has."""
         self.slewing = self.settings.transition_ticks

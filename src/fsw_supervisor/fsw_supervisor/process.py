@@ -16,7 +16,7 @@ _LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Le
 
 def judge(
     tick: Tick,
-    applied: Command | None,
+    acting: Command | None,
     guard: SensorGuard,
     interlocks: Interlocks,
     machine: Machine,
@@ -27,9 +27,9 @@ def judge(
     Parameters
     ----------
     tick : Tick
-        Its samples, and the drives' feedback if there is one.
-    applied : Command or None
-        Command in force, which stands in for the drives' feedback.
+        Its samples.
+    acting : Command or None
+        Force and speed that act, as far as known.
     guard, interlocks : SensorGuard, Interlocks
         The judges.
     machine : Machine
@@ -55,7 +55,6 @@ def judge(
         "torque_nm": measurement.torque_nm,
         "temperature_c": measurement.temperature_c,
     }
-    acting = tick.drives if tick.drives is not None else applied
     if acting is not None:
         values["force_kn"] = acting.force_kn
         values["power_kw"] = kw_from_w(measurement.torque_nm * rad_s_from_rpm(acting.speed_rpm))

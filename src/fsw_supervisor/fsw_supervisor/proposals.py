@@ -14,6 +14,8 @@ from fsw_supervisor.tick import Tick
 
 #: ticks that a proposal may lag behind in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
+#: proposals of one controller kept for measurements that have not come yet; more than a burst after a stall
+_KEPT_EARLY = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +96,14 @@ class Proposals:
         self._order.clear()
         for record in self.roster:
             record.last_stamp_ns = -1
-            record.early = None
+            record.early.clear()
 
     def take(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
         """Take a proposal: to the present tick, to one that is over, or to one that has not begun here yet."""
         if tick is None or proposal.stamp_ns > tick.stamp_ns:
-            record.early = proposal
+            record.early.setdefault(proposal.stamp_ns, proposal)
+            if len(record.early) > _KEPT_EARLY:
+                del record.early[min(record.early)]
         elif proposal.stamp_ns == tick.stamp_ns:
             self._judge(record, proposal, tick, now_s)
         else:
@@ -108,11 +112,10 @@ class Proposals:
     def take_early(self, tick: Tick, now_s: float) -> None:
         """Take the proposals that came before their measurement."""
         for record in self.roster:
-            early, record.early = record.early, None
-            if early is not None and early.stamp_ns == tick.stamp_ns:
+            early = record.early.pop(tick.stamp_ns, None)
+            record.early = {stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns}
+            if early is not None:
                 self._judge(record, early, tick, now_s)
-            elif early is not None and early.stamp_ns > tick.stamp_ns:
-                record.early = early
 
     def close(self, tick: Tick) -> None:
         """Close the books of a tick: who answered and who did not."""
@@ -150,7 +153,7 @@ class Proposals:
                 tick.conflicts.add(record.name)
             return
         record.last_stamp_ns = tick.stamp_ns
-        if tick.decided and tick.stalled:
+        if tick.decided and tick.blameless:
             return
         latency_s = max(0.0, now_s - tick.started_s)
         record.latency.add(latency_s)

@@ -38,8 +38,8 @@ class ControllerRecord:
         Whether a status was received.
     last_stamp_ns : int
         Stamp of its newest proposal.
-    early : ProposalInput or None
-        A proposal to a measurement that has not reached the arbiter yet.
+    early : dict of int to ProposalInput
+        By stamp, proposals to measurements that have not reached the arbiter yet.
     """
 
     name: str
@@ -57,7 +57,7 @@ class ControllerRecord:
     tolerated_sensors: tuple[str, ...] = ()
     status_seen: bool = False
     last_stamp_ns: int = -1
-    early: ProposalInput | None = None
+    early: dict[int, ProposalInput] = field(default_factory=dict)
     latency: LatencyStatistics = field(default_factory=LatencyStatistics)
 
     def good(self) -> None:

@@ -24,9 +24,9 @@ from fsw_control import units
 from fsw_control.contract import Command
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
-from fsw_control.topics_ros import LATEST, STREAM, subscribe_sensors
+from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard
-from fsw_msgs.msg import ControllerStatus, PlantState, SupervisorState, WeldCommand
+from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import configuration, reports
 from fsw_supervisor.arbiter import Arbiter
@@ -92,9 +92,8 @@ class SupervisorNode(Node):
         self._on_housekeeping()
 
     def _open_topics(self) -> None:
+        subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)
-        # Only the part that real drives report: the force and the speed that act.
-        self.create_subscription(PlantState, "fsw/plant/truth", self._on_drives, STREAM)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATEST)
@@ -143,12 +142,8 @@ class SupervisorNode(Node):
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._publish(self._arbiter.on_sample(sensor, stamp_ns, value, time.monotonic()))
 
-    def _on_drives(self, message: PlantState) -> None:
-        feedback = Command(
-            units.kn_from_n(message.axial_force - message.force_disturbance),
-            units.rpm_from_rad_s(message.spindle_speed - message.speed_disturbance),
-        )
-        self._publish(self._arbiter.on_drives(convert.stamp_ns(message.header.stamp), feedback, time.monotonic()))
+    def _on_drives(self, stamp_ns: int, feedback: Command) -> None:
+        self._publish(self._arbiter.on_drives(stamp_ns, feedback, time.monotonic()))
 
     def _on_proposal(self, name: str, message: WeldCommand) -> None:
         stamp_ns = convert.stamp_ns(message.header.stamp)

@@ -45,7 +45,7 @@ class Takeover:
 
     def interrupt(self, applied: Command | None, active: str) -> None:
         """Remember the own state at a gap in the measurements."""
-        self.asking, self.was_active = False, active
+        self.asking, self.was_active = False, active or self.was_active
         self.seen = applied or self.seen
 
     def ends_s(self, wait_s: float) -> float | None:

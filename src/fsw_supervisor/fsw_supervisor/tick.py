@@ -42,6 +42,10 @@ class Tick:
         Whether its command is out.
     answered : bool
         Off duty: whether the one on duty has sent its command.
+    surprised : tuple of str
+        Sensors that have not come although they came in the tick before.
+    excuse : str
+        Why nobody is blamed for the way it was decided; empty if somebody may be.
     """
 
     stamp_ns: int
@@ -59,13 +63,22 @@ class Tick:
     stalled: bool = False
     decided: bool = False
     answered: bool = False
+    surprised: tuple[str, ...] = ()
+    excuse: str = ""
 
     @property
     def blameless(self) -> str:
-        """Why no controller can be blamed for not having answered; empty if it can."""
+        """Why no controller can be blamed for not having answered; empty if it can. Settled with the decision."""
+        if self.decided:
+            return self.excuse
         if self.stalled:
             return "the arbiter was held up"
         return "" if self.samples else "no sensor has come, only the drives' feedback"
+
+    def decide(self, excuse: str = "") -> None:
+        """Note that its command is out, or that it goes without one."""
+        self.excuse = excuse or self.blameless
+        self.decided = True
 
 
 @dataclass(frozen=True, slots=True)

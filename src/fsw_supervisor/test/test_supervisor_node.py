@@ -21,7 +21,7 @@ from fsw_control.contract import Command  # noqa: E402
 from fsw_control.free_domain import free_domain  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
     ControllerStatus,
-    PlantState,
+    DriveFeedback,
     ShoulderDepth,
     SpindleTorque,
     SupervisorState,
@@ -46,7 +46,8 @@ class Peer(Node):
         self.depths = self.create_publisher(ShoulderDepth, "fsw/depth", 10)
         self.torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
         self.temperatures = self.create_publisher(Temperature, "fsw/thermocouple", 10)
-        self.truths = self.create_publisher(PlantState, "fsw/plant/truth", 10)
+        self.drives = self.create_publisher(DriveFeedback, "fsw/drives", 10)
+        self.pushed_kn, self.reasons = 0.0, {}
         self.requests = self.create_publisher(String, "fsw/switch_request", 10)
         self.voices = {}
         self.wild = set()
@@ -79,18 +80,16 @@ class Peer(Node):
     def tick(self):
         self.stamp_ns += STEP_NS
         header = convert.header(self.stamp_ns)
-        self.truths.publish(
-            PlantState(
-                header=header, axial_force=self.applied.force_kn * 1e3, spindle_speed=self.applied.speed_rpm / 9.5493
-            )
-        )
+        acting = Command(self.applied.force_kn + self.pushed_kn, self.applied.speed_rpm)
+        self.drives.publish(convert.drives_message(acting, self.stamp_ns))
         self.depths.publish(convert.depth_message(2.66, self.stamp_ns))
         self.torques.publish(convert.torque_message(1050.0, self.stamp_ns))
         self.temperatures.publish(convert.temperature_message(850.0, self.stamp_ns))
         for name, (proposals, statuses) in self.voices.items():
             force = float("nan") if name in self.wild else self.applied.force_kn
             command = Command(force, self.applied.speed_rpm)
-            proposals.publish(convert.command_message(command, self.stamp_ns, name))
+            reason = self.reasons.get(name, "")
+            proposals.publish(convert.command_message(command, self.stamp_ns, name, not reason, reason))
             statuses.publish(ControllerStatus(header=header, controller=name, tolerated_sensors=["depth"]))
 
     def report(self, part):
@@ -125,7 +124,7 @@ class Bench:
         peer = self.peer
         for name in names or ("decentral", "nmpc"):
             peer.add(name)
-        topics = (peer.depths, peer.torques, peer.temperatures, peer.truths)
+        topics = (peer.depths, peer.torques, peer.temperatures, peer.drives)
         voices = [publisher for pair in peer.voices.values() for publisher in pair]
         self.until(lambda: all(publisher.get_subscription_count() for publisher in [*topics, *voices]))
         self.until(lambda: peer.count_publishers(peer.resolve_topic_name("fsw/command")) == 1 and peer.states)
@@ -321,6 +320,23 @@ def test_names_that_are_sources_already_are_no_controllers(bench):
     assert "unknown controller 'manual'" in bench.switch("manual").message
 
 
+def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
+    bench.peer.pushed_kn = 97.5 - bench.peer.applied.force_kn
+    bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
+    bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
+    assert bench.peer.states[-1].reason.startswith("force_high is trip: force_kn 97.5")
+
+
+def test_without_a_set_point_the_state_says_so(make_bench):
+    bench = make_bench()
+    bench.peer.reasons = dict.fromkeys(("decentral", "nmpc"), "no set-point yet")
+    bench.run()
+    assert bench.peer.states[-1].actual_mode == "hold"
+    bench.until(lambda: bench.peer.states[-1].reason == "starting: waiting for decentral: no set-point yet")
+    bench.peer.reasons.clear()
+    bench.until(lambda: bench.peer.states[-1].actual_controller == "decentral")
+
+
 def test_set_points_are_kept_for_those_who_come_when_their_sender_has_left(bench):
     bench.run()
     operator = rclpy.create_node("operator")
@@ -336,5 +352,6 @@ def test_set_points_are_kept_for_those_who_come_when_their_sender_has_left(bench
     bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", late.append, LATCHED)
     bench.until(lambda: late)
     assert len(heard) == len(late) == 1
+    assert convert.issued_ns(late[0]) > 0
     assert (late[0].depth, late[0].temperature) == (pytest.approx(2.7e-3), 845.0)
     assert 0 < convert.stamp_ns(late[0].header.stamp) <= bench.peer.stamp_ns

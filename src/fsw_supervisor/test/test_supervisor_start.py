@@ -70,12 +70,13 @@ def test_without_any_controller_it_holds_and_waits(make_rig):
 
 def test_an_unhealthy_configured_controller_is_waited_for(make_rig):
     rig = make_rig()
-    rig.spoil("decentral", healthy=False, reason="no reference received yet")
+    rig.spoil("decentral", healthy=False, reason="no set-point yet")
     rig.names = ["decentral"]
     for _ in range(20):
         rig.tick()
     assert rig.last.source == "hold"
-    assert "waiting for decentral" in rig.last.reason
+    assert rig.last.reason == "starting: waiting for decentral: no set-point yet"
+    assert rig.arbiter.machine.reason == rig.last.reason, "which is what an operator sees"
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"

@@ -137,8 +137,8 @@ def _status(arguments: argparse.Namespace) -> int:
         if state.interlocks:
             print(f"interlocks   {', '.join(state.interlocks)}")
     rows = [
-        ("depth", depth and units.mm_from_m(depth.depth), reference and units.mm_from_m(reference.depth), "mm"),
-        ("temperature", temperature and temperature.temperature, reference and reference.temperature, "degC"),
+        ("depth", depth and units.mm_from_m(depth.depth), reference and reference.depth_mm, "mm"),
+        ("temperature", temperature and temperature.temperature, reference and reference.temperature_c, "degC"),
         ("torque", torque and torque.torque, None, "N m"),
     ]
     for label, value, target, unit in rows:
@@ -173,11 +173,10 @@ def _reference(arguments: argparse.Namespace) -> int:
             depths = visit.watch(ShoulderDepth, "/fsw/depth")
             visit.wait_until(lambda: bool(set_points and depths))
             now_ns = convert.stamp_ns(depths[-1].header.stamp) if depths else None
-            last = set_points.in_force(now_ns)
-            if last is None:
+            present = set_points.in_force(now_ns)
+            if present is None:
                 missing = "--depth" if depth is None else "--temperature"
                 raise CommandError(f"reference: there is no set-point yet that could stay; give {missing} as well")
-            present = convert.reference(last)
             depth = present.depth_mm if depth is None else depth
             temperature = present.temperature_c if temperature is None else temperature
         publisher = visit.node.create_publisher(WeldReference, "/fsw/reference", LATCHED)

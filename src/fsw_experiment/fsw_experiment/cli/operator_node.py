@@ -12,10 +12,10 @@ import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from fsw_control import messages_ros as convert
-from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_control.contract import Reference
+from fsw_control.references import ReferenceQueue
+from fsw_control.topics_ros import STREAM, subscribe_references
 from fsw_experiment.cli.errors import CommandError
-from fsw_msgs.msg import WeldReference
 
 
 class Operator:
@@ -81,9 +81,7 @@ def operator(timeout_s: float) -> Iterator[Operator]:
 
 
 class SetPoints:
-    """What is known of the set-points that hold.
-
-    The supervisor tells them; without one, what is still kept of those that were sent.
+    """What is known of the set-points that hold, of those that were sent and those that the supervisor keeps.
 
     Parameters
     ----------
@@ -91,16 +89,16 @@ class SetPoints:
     """
 
     def __init__(self, visit: Operator) -> None:
-        self._kept = visit.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
-        self._sent = visit.watch(WeldReference, "/fsw/reference", LATCHED)
+        self._queue = ReferenceQueue()
+        self._clock = visit.node.get_clock()
+        subscribe_references(visit.node, self._queue, lambda _: None)
 
     def __bool__(self) -> bool:
-        return bool(self._kept or self._sent)
+        return bool(self._queue)
 
-    def in_force(self, now_ns: int | None) -> WeldReference | None:
-        """The message that holds at a time (a scenario sends its set-points ahead); None if there is none."""
-        begun = [one for one in self._sent if now_ns is None or convert.stamp_ns(one.header.stamp) <= now_ns]
-        return next(iter([*reversed(self._kept), *reversed(begun)]), None)
+    def in_force(self, now_ns: int | None) -> Reference | None:
+        """Those that hold at a time of the weld, by default now; None if there are none."""
+        return self._queue.at(self._clock.now().nanoseconds if now_ns is None else now_ns)
 
 
 def nothing_there() -> CommandError:

@@ -1,0 +1,95 @@
+"""Every interlock trips on the emulated plant, by what its sensors and drives report and nothing else."""
+
+import pytest
+
+from fsw_control import weld
+from fsw_control.validity import SensorGuard
+from fsw_plant import PlantConfig, PlantEmulator
+from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
+from fsw_supervisor.modes import Mode
+
+#: by interlock: disturbances and sensor faults of the plant that lead to it, and no other one
+_CAUSES = {
+    "temperature_low": [("temperature", -30.0)],
+    "temperature_high": [("temperature", 96.0)],
+    "depth_high": [("depth", 1.1)],
+    "force_high": [("axial_force", 97.2 - weld.FORCE_KN)],
+    "torque_high": [("spindle_speed", -100.0), ("torque", 680.0)],
+    "power_high": [("spindle_speed", 92.0), ("torque", 300.0)],
+}
+
+
+class Loop:
+    """Plant and arbiter, with a controller that repeats the start's command."""
+
+    def __init__(self):
+        self.plant = PlantEmulator(PlantConfig.from_values({"noise": False}))
+        self.arbiter = Arbiter(ArbiterSettings(), guard=SensorGuard())
+        self.start = self.plant.applied
+        self.now_s = 100.0
+
+    def tick(self):
+        reading, self.now_s, out = self.plant.measure(), self.now_s + weld.TICK_S, []
+        out += self.arbiter.on_drives(reading.stamp_ns, reading.drives, self.now_s)
+        samples = zip(
+            ("depth", "torque", "thermocouple"),
+            (reading.depth_mm, reading.torque_nm, reading.temperature_c),
+            strict=True,
+        )
+        for sensor, (sample,) in samples:
+            out += self.arbiter.on_sample(sensor, sample.stamp_ns, sample.value, self.now_s)
+        out += self.arbiter.on_proposal(
+            "decentral", ProposalInput(reading.stamp_ns, "decentral", self.start), self.now_s
+        )
+        out += self.arbiter.on_status("decentral", (), False, self.now_s)
+        out += self.arbiter.on_time(self.now_s + 0.08)
+        for decision in out:
+            assert self.plant.apply(decision.command, decision.stamp_ns, decision.source) == ""
+        self.plant.step()
+
+    def run(self, ticks):
+        for _ in range(ticks):
+            self.tick()
+        return self.arbiter.machine.mode
+
+
+@pytest.mark.parametrize("interlock", _CAUSES)
+def test_interlock_trips_into_a_safe_stop(interlock):
+    loop = Loop()
+    assert loop.run(10) is Mode.AUTO
+    for target, amplitude in _CAUSES[interlock]:
+        if target == "torque":
+            loop.plant.set_fault(target, "bias", amplitude)
+        else:
+            loop.plant.set_disturbance(target, "step", amplitude)
+    assert loop.run(10) is Mode.SAFE_STOP
+    assert f"interlock: {interlock} is trip" in "\n".join(
+        f"{event.who}: {event.text}" for event in loop.arbiter.machine.events.history
+    )
+    assert loop.arbiter.machine.reason.startswith(f"{interlock} is trip"), "by this one and no other"
+
+
+def test_a_push_that_no_command_asked_for_trips_though_the_command_stays_in_its_bounds():
+    loop = Loop()
+    loop.run(10)
+    loop.plant.set_disturbance("axial_force", "step", 97.2 - weld.FORCE_KN)
+    for _ in range(3):
+        assert loop.run(1) is Mode.AUTO, "a spike is no trip"
+        assert loop.arbiter.applied == loop.start
+    assert loop.run(1) is Mode.SAFE_STOP
+
+
+def test_a_drives_sample_that_is_lost_hides_nothing():
+    """Two of three drive samples are lost; the last one stands in, as with the sensors."""
+    loop = Loop()
+    loop.run(10)
+    loop.plant.set_disturbance("axial_force", "step", 97.2 - weld.FORCE_KN)
+    loop.tick()
+    hear, count = loop.arbiter.on_drives, [0]
+
+    def sometimes(*sample):
+        count[0] += 1
+        return hear(*sample) if count[0] % 3 == 1 else []
+
+    loop.arbiter.on_drives = sometimes
+    assert loop.run(6) is Mode.SAFE_STOP

@@ -1,0 +1,35 @@
+"""What the controllers really send of their estimators: SI, with the unit in the name."""
+
+import pytest
+
+from fsw_control import Command, Measurement, Reference, weld
+from fsw_control import messages_ros as convert
+from fsw_decentral import DecentralController
+from fsw_nmpc import NmpcController
+
+_OF_CORE = {
+    "force [N]": ("force_kn", 1e3),
+    "power [W]": ("power_kw", 1e3),
+    "depth [m]": ("depth_mm", 1e-3),
+    "temperature [degC]": ("temperature_c", 1.0),
+    "torque_scale": ("torque_scale", 1.0),
+}
+
+
+@pytest.mark.parametrize("make", [NmpcController, DecentralController])
+def test_estimated_disturbances_go_out_in_si(make):
+    controller, applied = make(), Command(weld.FORCE_KN, weld.SPEED_RPM)
+    controller.reset(applied)
+    reference = Reference(weld.DEPTH_MM, weld.TEMPERATURE_C)
+    for k in range(1, 20):
+        measurement = Measurement(0.1 * k, weld.DEPTH_MM + 0.02, 1030.0, weld.TEMPERATURE_C + 2.0)
+        proposal = controller.step(measurement, reference, applied, weld.TICK_S)
+    core = proposal.diagnosis.disturbances
+    message = convert.status_message(proposal, 1, controller.name, False, ())
+    assert len(message.disturbance_names) == len(core)
+    for name, value in zip(message.disturbance_names, message.disturbances, strict=True):
+        core_name, factor = _OF_CORE[name]
+        assert value == pytest.approx(core[core_name] * factor)
+    if make is NmpcController:
+        assert set(message.disturbance_names) == set(_OF_CORE)
+        assert all(core.values()), "with zeros the units would not show"
