@@ -2,7 +2,7 @@
 
 import pytest
 
-from fsw_control import SENSORS, weld
+from fsw_control import weld
 from fsw_control.validity import SensorGuard
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput

@@ -20,7 +20,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_references, subscribe_sensors
+from fsw_control.topics_ros import STREAM, StatedReference, subscribe_drives, subscribe_references, subscribe_sensors
 from fsw_control.validity import SensorGuard, SensorLimits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 
@@ -86,6 +86,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
         self._predictions = self.create_publisher(Prediction, f"fsw/{self._controller_name}/prediction", STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
         self._deadline.cancel()
@@ -156,6 +157,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
+        self._followed.tell(tick.stamp_ns, reference, self._references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s

@@ -39,8 +39,8 @@ from fsw_supervisor.modes import Mode
 from fsw_supervisor.requests import SwitchRequest
 from fsw_supervisor.tick import Decision
 
-#: sources that are no controllers, so no controller may be called so
-RESERVED = ("manual", "hold", "safe_stop")
+#: no controller may be called so: sources that are none, and whose topics would be mistaken
+RESERVED = ("manual", "hold", "safe_stop", "supervisor")
 _DISCOVERY_S = 0.2
 _REPORT_S = 1.0
 
@@ -309,6 +309,7 @@ class SupervisorNode(Node):
         self._subscribed.add(name)
         self.create_subscription(WeldCommand, f"fsw/{name}/proposal", partial(self._on_proposal, name), STREAM)
         self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
+        self._kept_reference.hear(name)
 
     def _diagnose(self) -> None:
         now = self.get_clock().now().to_msg()
