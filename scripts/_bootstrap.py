@@ -1,12 +1,14 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only, no compiler) and goes
-on inside it; when that is done already it only takes the few milliseconds of a new interpreter. In a shell where ROS 2
-is sourced, a second environment (``.venv-ros``) sees the system's packages, and the genuine rclpy is used.
+``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
+Where there is no C compiler for the NMPC, one is installed as a wheel, too. When all is done already it only takes
+the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``) sees
+the system's packages, and the genuine rclpy is used.
 """
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -44,6 +46,8 @@ def ensure(dev=False, oldest=False):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
+    if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
+        names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
     if not _is_ready(home, locks):
         with _Lock(home.with_suffix(".lock")):

@@ -8,6 +8,7 @@ an environment of its own with the oldest supported versions of numpy, scipy, ma
 arguments all tests run: units first, then several processes over DDS.
 """
 
+import signal
 import subprocess
 import sys
 
@@ -28,6 +29,7 @@ def run(title: str, *command: str) -> int:
 
 def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
     arguments = sys.argv[1:]
     if arguments[:1] in (["-h"], ["--help"]):
         print(__doc__)

@@ -120,11 +120,13 @@ def test_contexts_of_a_process_have_one_range_in_a_domain(
     context: Context, domain_id: int, name: str, value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = Context()
-    monkeypatch.setenv(name, value)
-    with pytest.raises(RCLError, match=f"domain {domain_id} .* cannot be joined with .*{value}"):
+    with (
+        monkeypatch.context() as changed,
+        pytest.raises(RCLError, match=f"domain {domain_id} .* cannot be joined with .*{value}"),
+    ):
+        changed.setenv(name, value)
         other.init(args=[])
     assert not other.ok()
-    monkeypatch.delenv(name)
     other.init(args=[])
     other.destroy()
     context.destroy()

@@ -18,7 +18,7 @@ from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import Limits
 
 COLOURS = ("#0b62a4", "#d1495b", "#2e8540", "#8d5fd3", "#e08214", "#444444")
-_STYLE = {
+STYLE = {
     "font.size": 10.0,
     "axes.grid": True,
     "grid.alpha": 0.3,
@@ -156,7 +156,7 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
     pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
     pages.append((f"{prefix}overview.png", "Overview", _OVERVIEW, 2))
     paths: list[Path] = []
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         for file, title, panels, columns in pages:
             figure, axes = _page(title + suffix, len(panels), columns)
             for axis, panel in zip(axes, panels, strict=False):
@@ -179,7 +179,7 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
     path : Path
         PNG file to write.
     """
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure, axes = _page(title, len(_OPEN_LOOP), 1)
         for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
             _label(axis, panel)

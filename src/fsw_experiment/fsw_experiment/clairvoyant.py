@@ -130,7 +130,7 @@ class Clairvoyant:
         found = self._program(x0=guess.ravel(), p=given, **self._bounds)
         rows = np.array(found["x"]).reshape(n, _WIDTH)
         states = np.vstack([start.state.x, rows[:, 2 : 2 + N_STATES] * _SIZES])
-        depth = np.array([float(depth_mm(p, *x[:3], x[4])) for x in states])
+        depth = np.array([float(depth_mm(p, x[0], x[1], x[2], x[4])) for x in states])
         return Optimum(
             (depth - goal[0])[:n],
             (states[:, 4] - goal[1])[:n],
@@ -139,7 +139,9 @@ class Clairvoyant:
             bool(self._program.stats()["success"]),
         )
 
-    def front(self, event: Event, weights: Sequence[float] = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0)) -> list[Optimum]:
+    def front(
+        self, event: Event, weights: Sequence[float] = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0)
+    ) -> list[Optimum]:
         """Pareto front of depth and temperature: optima for weights of 1 mm in degC."""
         return [self.best(event, weight, 1.0) for weight in weights]
 
@@ -163,7 +165,11 @@ class Clairvoyant:
         error = ca.vertcat(depth - goal[0], states[4, :] - goal[1])
         size = above + below
         rows = ca.vertcat(
-            scaled - ahead[0] / ca.repmat(sizes, 1, n), power - ahead[1], error - above + below, moves, size[1, :] - bound
+            scaled - ahead[0] / ca.repmat(sizes, 1, n),
+            power - ahead[1],
+            error - above + below,
+            moves,
+            size[1, :] - bound,
         )
         cost = STEP_S * ca.sum2(weights.T @ size) + _REGULARISATION * ca.sumsqr(moves / ca.repmat(largest, 1, n))
         low, high = np.zeros((n, rows.shape[0])), np.zeros((n, rows.shape[0]))

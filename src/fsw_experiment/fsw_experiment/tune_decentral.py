@@ -250,7 +250,11 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
 def cost(gains: Gains, bounds: Bounds, parameters: ModelParameters) -> float:
     """Errors relative to a usual size, and a steep penalty beyond the bounds."""
     peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
-    ratios = (*(peak / bounds.sensitivity for peak in peaks), moves[0] / bounds.force_move_kn, moves[1] / bounds.speed_move_rpm)
+    ratios = (
+        *(peak / bounds.sensitivity for peak in peaks),
+        moves[0] / bounds.force_move_kn,
+        moves[1] / bounds.speed_move_rpm,
+    )
     excess = sum(max(ratio - _MARGIN, 0.0) for ratio in ratios)
     try:
         k = errors(gains, parameters)
@@ -300,7 +304,13 @@ def tune(
         x = np.log([max(getattr(gains, key), 0.02) for key in SEARCHED])
         down = np.array([-1.0 if most < math.inf else 1.0 for most in SEARCHED.values()])
         simplex = np.vstack([x, x + size * np.diag(down)])
-        options = {"maxfev": evaluations // 3, "initial_simplex": simplex, "xatol": 0.01, "fatol": 1e-3, "adaptive": True}
+        options = {
+            "maxfev": evaluations // 3,
+            "initial_simplex": simplex,
+            "xatol": 0.01,
+            "fatol": 1e-3,
+            "adaptive": True,
+        }
         gains = gains_of(minimize(cost_of, x, method="Nelder-Mead", options=options).x)
     rounded = {f.name: float(f"{getattr(gains, f.name):.3g}") for f in fields(Gains)}
     return replace(gains, **rounded)

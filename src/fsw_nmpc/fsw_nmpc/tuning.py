@@ -237,7 +237,7 @@ class Tuning:
             raise ValueError(f"{path}: {error}") from None
 
 
-#: (28)-(37): L1 cost (37) outside dead-bands about first-order corridors (32), (33)
+#: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37)
 PAPER = Tuning(
     trajectory="recentred",
     depth_time_s=5.0,

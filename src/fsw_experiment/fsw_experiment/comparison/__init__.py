@@ -1,0 +1,1 @@
+"""Controllers compared on the same welds: nominal, with noise, on other processes, and against what is possible."""

@@ -1,0 +1,145 @@
+"""What controllers are compared on: events, and processes that differ from the model."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import yaml
+
+from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
+from fsw_experiment import scenario_file
+from fsw_experiment.scenario import Scenario
+
+CONSERVATIVE, TIGHT = "decentral:conservative", "decentral:tight"
+PAPER, DEFAULT = "nmpc:paper", "nmpc:default"
+DECENTRALIZED = (CONSERVATIVE, TIGHT)
+CONTROLLERS = (*DECENTRALIZED, PAPER, DEFAULT)
+
+Event = dict[str, Any]
+
+
+def set_point(at_s: float, **values: Any) -> Event:
+    """Event: new set-points."""
+    return {"at_s": at_s, "reference": values}
+
+
+def disturbance(at_s: float, channel: str, amplitude: float) -> Event:
+    """Event: step disturbance."""
+    units = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm"}
+    return {
+        "at_s": at_s,
+        "disturbance": {"channel": channel, "shape": "step", f"amplitude_{units[channel]}": amplitude},
+    }
+
+
+#: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_experiment.
+_OWN: dict[str, tuple[float, list[Event]]] = {
+    "tracking": (
+        200.0,
+        [
+            set_point(40.0, depth_mm=DEPTH_MM + 0.2),
+            set_point(80.0, temperature_c=TEMPERATURE_C + 10.0),
+            set_point(120.0, depth_mm=DEPTH_MM),
+            set_point(160.0, temperature_c=TEMPERATURE_C),
+        ],
+    ),
+    "disturbances": (160.0, [disturbance(40.0, "depth", 0.1), disturbance(100.0, "temperature", -5.0)]),
+    "rest": (300.0, []),
+    "small_steps": (
+        220.0,
+        [set_point(2.0, depth_mm=DEPTH_MM + 0.01), set_point(4.0, temperature_c=TEMPERATURE_C + 0.5)],
+    ),
+    "other_sizes": (
+        300.0,
+        [
+            set_point(10.0, depth_mm=DEPTH_MM + 0.06),
+            set_point(50.0, depth_mm=DEPTH_MM - 0.09),
+            set_point(90.0, temperature_c=TEMPERATURE_C + 4.0),
+            set_point(130.0, temperature_c=TEMPERATURE_C - 8.0),
+            disturbance(180.0, "depth", -0.12),
+            disturbance(220.0, "temperature", 7.0),
+            disturbance(265.0, "depth", 0.03),
+        ],
+    ),
+    "input_disturbances": (
+        160.0,
+        [disturbance(20.0, "axial_force", 1.0), disturbance(80.0, "spindle_speed", -4.0)],
+    ),
+}
+TUNING_CASES = ("tracking", "disturbances")
+VALIDATION_CASES = (
+    "other_sizes",
+    "input_disturbances",
+    "ramp_and_sine",
+    "simultaneous_events",
+    "quick",
+    "saturation",
+)
+
+#: Processes that differ from the model: factors on its parameters, and the plant's own parameters.
+SWEEP: dict[str, dict[str, float]] = {
+    "nominal": {},
+    **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"torque × {k:g}": {"model.sliding_friction": k, "model.sticking_stress_pa": k} for k in (0.7, 1.4)},
+    **{f"softening × {k:g}": {"model.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
+    **{f"dead time {s:g} s": {"model.dead_time_s": s / 2.8} for s in (1.8, 3.8)},
+    "drive lag 0.3 s": {"actuators.lag_s": 0.3},
+}
+#: The nine of the count of wins.
+FIXED = (
+    "thermal gain × 0.7",
+    "thermal gain × 1.4",
+    "depth gain × 0.7",
+    "depth gain × 1.4",
+    "softening × 0.5",
+    "softening × 2",
+    "dead time 1.8 s",
+    "dead time 3.8 s",
+    "drive lag 0.3 s",
+)
+#: Of the random processes: independent, uniform.
+_RANDOM: dict[str, tuple[float, float]] = {
+    "model.thermal_gain_c_per_kw": (0.7, 1.4),
+    "model.copper_lag_s": (0.7, 1.4),
+    "model.tool_lag_s": (0.5, 2.0),
+    "model.depth_gain_mm_per_kn_s": (0.7, 1.4),
+    "model.depth_zero_s": (0.8, 1.25),
+    "model.sliding_friction": (0.9, 1.1),
+    "model.softening_per_c": (0.5, 2.0),
+    "model.dead_time_s": (1.8 / 2.8, 3.8 / 2.8),
+}
+
+
+def random_processes(count: int, seed: int = 2026) -> list[dict[str, float]]:
+    """Parameters of `count` plants, drawn independently and uniformly."""
+    generator = random.Random(seed)
+    return [{name: generator.uniform(*span) for name, span in _RANDOM.items()} for _ in range(count)]
+
+
+def scenario(case: str, plant: Mapping[str, float | bool] | None = None, controller: str = "decentral") -> Scenario:
+    """A case as a scenario.
+
+    Parameters
+    ----------
+    case : str
+    plant : mapping of str to float or bool, optional
+        Parameters of the plant, e.g. ``noise`` or ``model.<name>``.
+    controller : str
+        The one that is selected.
+    """
+    values = {
+        name: str(value).lower() if isinstance(value, bool) else repr(value) for name, value in (plant or {}).items()
+    }
+    overrides: Sequence[str] = [
+        f"controller={controller}",
+        *(f"plant.{name}={value}" for name, value in values.items()),
+    ]
+    if case not in _OWN:
+        return scenario_file.load(case, list(overrides))
+    duration_s, events = _OWN[case]
+    text = yaml.safe_dump({"name": case, "duration_s": duration_s, "events": events})
+    return scenario_file.parse(text, case, list(overrides))

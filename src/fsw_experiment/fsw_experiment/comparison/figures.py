@@ -1,0 +1,115 @@
+"""Figures of the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure as Canvas
+
+from fsw_analysis.figures import COLOURS, STYLE, Run, draw
+from fsw_experiment.closed_loop import ClosedLoop
+from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, scenario
+from fsw_experiment.comparison.runs import Job, weld
+from fsw_experiment.comparison.study import JUDGED, ratios
+from fsw_nmpc import NmpcController
+
+_SHORT = {
+    "tracking iae_depth_mm_s": "set-points, depth",
+    "tracking iae_temperature_c_s": "set-points, temperature",
+    "disturbances iae_depth_mm_s": "disturbances, depth",
+    "disturbances iae_temperature_c_s": "disturbances, temperature",
+}
+
+
+def papers(folder: Path) -> list[Path]:
+    """The paper's Figs. 6 to 9, with all controllers, without noise."""
+    paths: list[Path] = []
+    for case, numbers in (("tracking", (6, 7)), ("disturbances", (8, 9))):
+        runs = [Run(label, weld(Job(label, case))) for label in CONTROLLERS]
+        made = draw(runs, numbers, folder, case)
+        made.pop().unlink()  # the overview shows the same once more
+        paths += made
+    return paths
+
+
+def corridors(folder: Path) -> list[Path]:
+    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open."""
+    runs = []
+    for name in ("constant", "cold_start", "recentred"):
+        with TemporaryDirectory() as scratch:
+            file = Path(scratch) / "tuning.yaml"
+            file.write_text(f"trajectory: {name}\n", encoding="utf-8")
+            controller = NmpcController({"preset": "paper", "tuning_file": str(file)})
+        loop = ClosedLoop(scenario("tracking", {"noise": False}, "nmpc"), {"nmpc": controller})
+        runs.append(Run(name, loop.run()))
+    made = draw(runs, (6, 7), folder, "corridors")
+    made.pop().unlink()
+    return made
+
+
+def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
+    """Per event: the front that no controller can pass, and where the controllers are."""
+    with rc_context(STYLE):
+        canvas = Canvas(figsize=(11.0, 6.6), layout="constrained")
+        axes = canvas.subplots(2, 3).flat
+        for axis, (name, found) in zip(axes, bounds.items(), strict=True):
+            points = np.array(sorted(found["front"]))
+            axis.plot(points[:, 0], points[:, 1], "k.-", label="clairvoyant optimum")
+            for colour, label in zip(COLOURS, CONTROLLERS, strict=False):
+                event = nominal[label]["clean"]["events"][name]
+                axis.plot(event["iae_depth_mm_s"], event["iae_temperature_c_s"], "o", color=colour, label=label)
+            axis.set(title=name, xlabel="IAE depth [mm s]", ylabel="IAE temperature [°C s]")
+        handles, labels = canvas.axes[0].get_legend_handles_labels()
+        canvas.set_layout_engine("constrained", rect=(0.0, 0.05, 1.0, 0.95))
+        canvas.legend(handles, labels, loc="lower center", ncols=5, frameon=False)
+        canvas.savefig(path)
+
+
+def sweep(data: Mapping[str, Any], path: Path) -> None:
+    """IAE of tight PI and default NMPC over that of the conservative PI, per process."""
+    plants = [name for name, runs in data.items() if not any("error" in run for run in runs.values())]
+    with rc_context({**STYLE, "axes.grid": False}):
+        canvas = Canvas(figsize=(11.0, 0.32 * len(plants) + 2.2), layout="constrained")
+        axes = canvas.subplots(1, 2, sharey=True)
+        for axis, label in zip(axes, (DECENTRALIZED[1], DEFAULT), strict=True):
+            table = np.array(
+                [
+                    [data[p][label][f"{c} {k}"] / data[p][DECENTRALIZED[0]][f"{c} {k}"] for c, k in JUDGED]
+                    for p in plants
+                ]
+            )
+            image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
+            for (row, column), value in np.ndenumerate(table):
+                axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
+            axis.set_title(f"{label}: IAE over decentral:conservative", fontsize=10.0)
+            axis.set_xticks(range(len(JUDGED)), [_SHORT[f"{c} {k}"].replace(", ", "\n") for c, k in JUDGED])
+            axis.set_yticks(range(len(plants)), plants)
+        bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
+        bar.ax.set_yticklabels(["half", "equal", "double"])
+        canvas.savefig(path)
+
+
+def random_plants(data: Mapping[str, Any], path: Path) -> None:
+    """Distribution of the default NMPC's IAE over the better PI's."""
+    with rc_context(STYLE):
+        canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
+        axis = canvas.subplots()
+        for colour, (key, values) in zip(COLOURS, ratios(data, DECENTRALIZED).items(), strict=False):
+            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=_SHORT[key])
+        axis.axvline(1.0, color="black", linewidth=0.8)
+        axis.set(
+            xlabel="IAE, default NMPC over the better PI tuning",
+            ylabel="plants [%]",
+            title=f"{len(data)} random plants, sensor noise on",
+            xscale="log",
+        )
+        ticks = [0.5, 0.7, 1.0, 1.4, 2.0]
+        axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axis.minorticks_off()
+        axis.legend(loc="lower right")
+        canvas.savefig(path)

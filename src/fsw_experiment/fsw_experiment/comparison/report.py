@@ -1,0 +1,209 @@
+"""The results of the comparison as a page of text and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT
+from fsw_experiment.comparison.runs import KPIS, VARIATIONS
+from fsw_experiment.comparison.study import JUDGED, conservative_ratios, quantiles, ratios
+
+_EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
+_TITLES = {
+    "tracking iae_depth_mm_s": "set-points, depth",
+    "tracking iae_temperature_c_s": "set-points, temperature",
+    "disturbances iae_depth_mm_s": "disturbances, depth",
+    "disturbances iae_temperature_c_s": "disturbances, temperature",
+}
+_MOST_LOSSES = 60
+_BOUNDS = (
+    "The clairvoyant optimum knows the process, the event and all that follows; every move is free within the drives'",
+    "limits. The lower row minimises that output alone: no controller can be below it. The upper row minimises",
+    "100 per mm and 1 per °C together.",
+    "",
+    "![Fronts between depth and temperature, and the controllers](fronts.png)",
+    "",
+)
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = ["| " + " | ".join(header) + " |", "|---|" + "---:|" * (len(header) - 1)]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+
+
+def _own(event: str) -> str:
+    """The figure that an event is about."""
+    return "iae_depth_mm_s" if event in ("z up", "z down", "dz") else "iae_temperature_c_s"
+
+
+def events(nominal: Mapping[str, Any], bounds: Mapping[str, Any], kind: str = "clean") -> list[str]:
+    """IAE of each event, and the largest error it leaves in the other output."""
+    units = {name: "mm s" if _own(name).startswith("iae_depth") else "°C s" for name in _EVENTS}
+    rows = [[label, *(f"{nominal[label][kind]['events'][e][_own(e)]:.3g}" for e in _EVENTS)] for label in CONTROLLERS]
+    if kind == "clean" and bounds:
+        joint = {e: bounds[e]["joint"][0 if _own(e).startswith("iae_depth") else 1] for e in _EVENTS}
+        rows.append(["clairvoyant, both outputs", *(f"{joint[e]:.3g}" for e in _EVENTS)])
+        rows.append(["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)])
+    lines = _table(["IAE", *(f"{e} [{units[e]}]" for e in _EVENTS)], rows)
+    crossed = []
+    for label in CONTROLLERS:
+        found, cells = nominal[label][kind]["events"], []
+        for e in _EVENTS:
+            of_depth = _own(e).startswith("iae_depth")
+            peak = found[e]["peak_temperature_error_c"] if of_depth else 1e3 * found[e]["peak_depth_error_mm"]
+            cells.append(f"{peak:.3g} {'°C' if of_depth else 'µm'}")
+        crossed.append([label, *cells])
+    return [*lines, *_table(["peak of the other output", *_EVENTS], crossed)]
+
+
+def totals(nominal: Mapping[str, Any]) -> list[str]:
+    """Whole cases, without noise, and movement at rest with noise."""
+    header = ["", "tracking z / T", "disturbances z / T", "noisy tracking z / T", "noisy disturbances z / T"]
+    header += ["force at rest [kN/s]", "speed at rest [rpm/s]"]
+    rows = []
+    for label in CONTROLLERS:
+        cells = []
+        for kind in ("clean", "noisy"):
+            for case in ("tracking", "disturbances"):
+                found = nominal[label][kind][case]
+                cells.append(f"{found['iae_depth_mm_s']:.3g} / {found['iae_temperature_c_s']:.3g}")
+        rows.append([label, *cells, *(f"{nominal[label]['rest'][key]:.2g}" for key in VARIATIONS)])
+    return _table(header, rows)
+
+
+def sweep(data: Mapping[str, Any]) -> list[str]:
+    """IAE on processes that differ from the model, and whether anything still swings at the end."""
+    rows, skipped = [], []
+    for name, runs in data.items():
+        error = next((run["error"] for run in runs.values() if "error" in run), None)
+        if error is not None:
+            skipped.append(f"- {name}: not run: {error}")
+            continue
+        cells = [name]
+        for case, key in JUDGED:
+            values = [runs[label][f"{case} {key}"] for label in (*DECENTRALIZED, DEFAULT)]
+            cells.append(" / ".join(f"{value:.3g}" for value in values))
+        cells.append(", ".join(label for label, run in runs.items() if run["swings"]) or "–")
+        rows.append(cells)
+    header = ["plant", *(_TITLES[f"{case} {key}"] for case, key in JUDGED), "still swings at the end"]
+    return [*_table(header, rows), *skipped, *([""] if skipped else [])]
+
+
+def worse_than_conservative(data: Mapping[str, Any]) -> list[str]:
+    """Where the default NMPC is worse than the conservative PI on the same plant."""
+    lines = []
+    for name, runs in data.items():
+        if any("error" in run for run in runs.values()):
+            continue
+        worse = {key: ratio for key, ratio in conservative_ratios(runs).items() if ratio > 1.0}
+        lines += [f"- {name}: {_TITLES[key]}, {ratio:.2f} times" for key, ratio in worse.items()]
+    return [*(lines or ["Nowhere."]), ""]
+
+
+def margins(data: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Gain and delay margins."""
+    rows = []
+    for label, found in data.items():
+        gains = ["> 8" if math.isinf(found[key]) else f"{found[key]:.2g}" for key in ("depth_gain", "temperature_gain")]
+        rows.append([label, *gains, f"{found['depth_delay_s']:.1f} s", f"{found['temperature_delay_s']:.1f} s"])
+    return _table(["", "depth: gain", "temperature: gain", "depth: delay", "temperature: delay"], rows)
+
+
+def random_plants(data: Mapping[str, Any]) -> list[str]:
+    """Distribution of the ratio to the better PI tuning."""
+    rows = []
+    for key, values in ratios(data, DECENTRALIZED).items():
+        q = quantiles(values)
+        cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]
+        rows.append([_TITLES[key], *cells])
+    swings = {
+        label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in (*DECENTRALIZED, DEFAULT)
+    }
+    text = ", ".join(f"{label}: {count}" for label, count in swings.items())
+    header = ["default NMPC over the better PI", "median", "95 %", "largest", "plants at or below 1"]
+    return [*_table(header, rows), f"Plants on which something still swings at the end: {text}.", ""]
+
+
+def wins(data: Mapping[str, Any]) -> list[str]:
+    """How many KPIs are won, and the list of those that are not."""
+    lines = []
+    for part in ("tuning", "validation"):
+        won, total = data[part]
+        lines.append(f"- events for {part}: {won} of {total} ({100 * won / max(total, 1):.1f} %)")
+    losses = sorted(data["losses"], key=lambda loss: -loss[-1])
+    lines += ["", f"Lost ({len(losses)}):", ""]
+    for name, case, noise, title, ratio in losses[:_MOST_LOSSES]:
+        lines.append(f"- {case}{', noise' if noise else ''}, plant {name}: {title}, {ratio:.2f} times")
+    if len(losses) > _MOST_LOSSES:
+        lines.append(f"- and {len(losses) - _MOST_LOSSES} more in comparison.json")
+    return [*lines, ""]
+
+
+def page(data: Mapping[str, Any]) -> str:
+    """All results as markdown."""
+    kpis = ", ".join(title for _, title, _ in KPIS)
+    parts = [
+        "# Controllers compared",
+        "",
+        "Made by `python3 scripts/compare_controllers.py`; the same numbers are in comparison.json. All controllers",
+        "see the same plant emulator, sensors and noise; errors are those of the true outputs. Events: +0.2 mm (z up),",
+        "+10 °C (T up), −0.2 mm (z down), −10 °C (T down); disturbances of the outputs of +0.1 mm (dz) and −5 °C (dT).",
+        "",
+        "## Nominal process, without noise",
+        "",
+        *events(data["nominal"], data.get("bounds", {})),
+        *(_BOUNDS if "bounds" in data else ()),
+        "![Fig. 6](tracking_fig6.png)",
+        "![Fig. 7](tracking_fig7.png)",
+        "![Fig. 8](disturbances_fig8.png)",
+        "![Fig. 9](disturbances_fig9.png)",
+        "",
+        "## The corridors of the paper's tuning",
+        "",
+        "Preset `paper` with its corridors (32), (33) held at the set-point (constant), begun once at the output",
+        "(cold_start) and begun at the output in every cycle (recentred), which the preset uses.",
+        "",
+        "![Outputs with each kind of corridor](corridors_fig6.png)",
+        "![Force and speed with each kind of corridor](corridors_fig7.png)",
+        "",
+        "## With sensor noise",
+        "",
+        *events(data["nominal"], {}, "noisy"),
+        *totals(data["nominal"]),
+    ]
+    if "margins" in data:
+        parts += [
+            "## Margins",
+            "",
+            "Largest factor on a loop's gain and largest delay added to it at which small steps still die out, the",
+            "other loop closed; found by simulation.",
+            "",
+            *margins(data["margins"]),
+        ]
+    parts += [
+        "## Processes that differ from the model",
+        "",
+        "Sensor noise on. IAE of conservative PI / tight PI / default NMPC; depth in mm s, temperature in °C s.",
+        "",
+        *sweep(data["sweep"]),
+        "Where the default NMPC is worse than the conservative PI:",
+        "",
+        *worse_than_conservative(data["sweep"]),
+        "![IAE relative to the conservative PI](sweep.png)",
+        "",
+    ]
+    if "random" in data:
+        parts += [f"## {len(data['random'])} random plants", "", *random_plants(data["random"])]
+        parts += ["![Distribution over random plants](random_plants.png)", ""]
+    if "wins" in data:
+        parts += [
+            "## At or below both PI tunings",
+            "",
+            "The default NMPC over the nominal and nine other processes, without and with noise. A KPI counts as won",
+            f"when it is at or below both PI tunings' (total variation: the tight one's) to 0.5 %. KPIs: {kpis}.",
+            "",
+            *wins(data["wins"]),
+        ]
+    return "\n".join(parts)

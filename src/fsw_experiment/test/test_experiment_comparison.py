@@ -1,0 +1,122 @@
+"""The comparison: what the controllers reach, what nobody can beat, and the tables."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fsw_experiment.clairvoyant import EVENTS, Clairvoyant, Event
+from fsw_experiment.comparison import report, study
+from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
+from fsw_experiment.comparison.runs import Job, figures, is_stable
+from fsw_model import ProcessModel
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return study.nominal(lambda text: None)
+
+
+@pytest.fixture(scope="module")
+def clairvoyant():
+    return Clairvoyant(window_s=20.0)
+
+
+def test_default_nmpc_is_calm_quick_and_nearly_decoupled(nominal):
+    clean = nominal[DEFAULT]["clean"]
+    assert clean["tracking"]["iae_depth_mm_s"] < 1.40
+    assert clean["tracking"]["iae_temperature_c_s"] < 140.0
+    assert clean["disturbances"]["iae_depth_mm_s"] < 0.29
+    assert clean["disturbances"]["iae_temperature_c_s"] < 30.5
+    events = clean["events"]
+    assert max(events[name]["peak_temperature_error_c"] for name in ("z up", "z down", "dz")) < 0.15
+    assert max(events[name]["peak_depth_error_mm"] for name in ("T up", "T down", "dT")) < 3e-3
+    calm = nominal["decentral:conservative"]["rest"]
+    assert all(nominal[DEFAULT]["rest"][key] < calm[key] for key in calm)
+
+
+def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
+    for kind in ("clean", "noisy"):
+        for name, own in nominal[DEFAULT][kind]["events"].items():
+            for rival in DECENTRALIZED:
+                other = nominal[rival][kind]["events"][name]
+                key = "iae_depth_mm_s" if name in ("z up", "z down", "dz") else "iae_temperature_c_s"
+                assert own[key] < other[key], (kind, name, rival)
+
+
+@pytest.mark.parametrize("event", [EVENTS[0], EVENTS[4]], ids=lambda event: event.name)
+def test_nobody_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
+    best = clairvoyant.best(event, 1e4, 1e-3)
+    assert best.solved
+    for label in CONTROLLERS:
+        assert nominal[label]["clean"]["events"][event.name]["iae_depth_mm_s"] >= best.iae[0]
+
+
+def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
+    event = Event("both", depth_mm=0.1, shown_c=-2.0)
+    best = clairvoyant.best(event, 100.0, 1.0)
+    model = ProcessModel()
+    state = model.equilibrium(event.at_mm, event.at_c).state.copy()
+    force, speed = best.force_kn, best.speed_rpm
+    held = model.equilibrium(event.at_mm, event.at_c)
+    for k in range(60):
+        shown = model.outputs(state, force[k], speed[k])
+        assert shown.depth_mm - event.at_mm - event.depth_mm == pytest.approx(best.depth_error_mm[k], abs=1e-6)
+        assert shown.temperature_c - event.at_c + event.shown_c == pytest.approx(best.temperature_error_c[k], abs=1e-4)
+        model.step(state, force[k], speed[k])
+    moves = np.abs(np.diff(np.concatenate([[held.force_kn], force])))
+    assert moves.max() <= 1.0 + 1e-6
+    assert force.max() <= 95.0 + 1e-6 and speed.max() <= 500.0 + 1e-6
+
+
+def test_late_and_strong_plants_end_stability():
+    label = DECENTRALIZED[0]
+    assert is_stable(label, {})
+    assert not is_stable(label, {}, force_ticks=60)
+    assert not is_stable(label, {"model.thermal_gain_c_per_kw": 8.0})
+
+
+def test_a_plant_that_cannot_run_is_told_in_the_table():
+    data = study.sweep(
+        lambda text: None, {"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}}
+    )
+    assert all("error" in run for run in data["too weak"].values())
+    text = "\n".join(report.sweep(data))
+    assert "too weak: not run: start" in text
+
+
+def test_random_plants_are_the_same_each_time():
+    assert random_processes(3) == random_processes(3)
+    assert random_processes(3)[0] != random_processes(3)[1]
+
+
+def test_ratios_take_the_better_rival():
+    def run(value):
+        return {**{f"{case} {key}": value for case, key in study.JUDGED}, "swings": False}
+
+    data = {"a": dict(zip((*DECENTRALIZED, DEFAULT), map(run, (2.0, 4.0, 1.0)), strict=True))}
+    assert all(values == [0.5] for values in study.ratios(data, DECENTRALIZED).values())
+    assert report.worse_than_conservative(data) == ["Nowhere.", ""]
+    assert study.quantiles([0.5, 2.0])["share"] == 0.5
+
+
+def test_page_says_what_was_measured(nominal):
+    plants = {"nominal": SWEEP["nominal"]}
+    data = {"nominal": nominal, "sweep": study.sweep(lambda text: None, plants)}
+    data["margins"] = {
+        DEFAULT: {"depth_gain": math.inf, "temperature_gain": 2.0, "depth_delay_s": 1.0, "temperature_delay_s": 2.0}
+    }
+    data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
+    page = report.page(data)
+    iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
+    assert f"| {DEFAULT} | {iae:.3g} |" in page
+    assert "1 of 2 (50.0 %)" in page
+    assert "tracking, noise, plant nominal: IAE, 1.50 times" in page
+    assert "| > 8 | 2 |" in page
+
+
+def test_figures_say_whether_something_swings():
+    strong = {"model.thermal_gain_c_per_kw": 8.0}
+    assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
+    assert not figures(Job(DEFAULT, "tracking"))["swings"]
+    assert scenario("rest").events == ()
