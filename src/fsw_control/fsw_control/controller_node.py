@@ -21,7 +21,7 @@ from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
 from fsw_control.topics_ros import STREAM, StatedReference, subscribe_drives, subscribe_references, subscribe_sensors
-from fsw_control.validity import SensorGuard, SensorLimits
+from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 
 #: from the controller's parameters (empty if it has none) to the controller
@@ -58,7 +58,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
-        self._guard = SensorGuard(self._limits(self._settings.values))
+        self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
         self._join = TickJoin(await_drives=self._lockstep)
@@ -72,8 +72,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._open_topics()
 
     def _open_parameters(self) -> None:
-        self._settings.on_change(lambda values: self._guard.configure(self._limits(values)))
-        self._settings.add_check(self._check_limits)
+        self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
+        self._settings.add_check(_wrong_limits)
         check = getattr(self._controller, "check", None)
         if check is not None:
             self._own.add_check(check)
@@ -232,27 +232,13 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             )
         )
 
-    @staticmethod
-    def _limits(values: dict[str, Any]) -> dict[str, SensorLimits]:
-        return {
-            sensor: SensorLimits(
-                minimum=values[f"validity.{sensor}.minimum"],
-                maximum=values[f"validity.{sensor}.maximum"],
-                max_rate=values[f"validity.{sensor}.max_rate"],
-                hold_s=values["validity.hold"],
-                frozen_samples=values["validity.frozen_samples"],
-                confirm_samples=values["validity.confirm_samples"],
-            )
-            for sensor in SENSORS
-        }
 
-    @classmethod
-    def _check_limits(cls, values: dict[str, Any]) -> str | None:
-        try:
-            cls._limits(values)
-        except ValueError as error:
-            return f"sensor validity: {error}"
-        return None
+def _wrong_limits(values: dict[str, Any]) -> str | None:
+    try:
+        sensor_limits(values)
+    except ValueError as error:
+        return f"sensor validity: {error}"
+    return None
 
 
 def run_controller(

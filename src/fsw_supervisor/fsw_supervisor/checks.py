@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isclose, isfinite
+from math import isclose
 
+from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
-
-#: largest excess over a limit that is rounding of the unit conversion and not a violation [kN, rpm]
-ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,33 +69,14 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         Good, or refused with the first reason found.
     """
     command = proposal.command
-
-    def refuse(reason: str, jump: bool = False) -> Verdict:
-        return Verdict(False, command, reason, content=True, jump=jump)
-
     if proposal.source != name:
-        return refuse(f"proposal names the source {proposal.source[:40]!r} instead of {name!r}")
+        words = f"proposal names the source {proposal.source[:40]!r} instead of {name!r}"
+        return Verdict(False, command, words, content=True)
     if not proposal.healthy:
         return Verdict(False, command, proposal.reason or "the controller says it is unhealthy, without a reason")
-    if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
-        return refuse(f"not finite: force {command.force_kn} kN, speed {command.speed_rpm} rpm")
-    if not limits.force_min_kn - ROUNDING <= command.force_kn <= limits.force_max_kn + ROUNDING:
-        return refuse(
-            f"force {command.force_kn:.3f} kN is outside {limits.force_min_kn:g} to {limits.force_max_kn:g} kN"
-        )
-    if not limits.speed_min_rpm - ROUNDING <= command.speed_rpm <= limits.speed_max_rpm + ROUNDING:
-        return refuse(
-            f"speed {command.speed_rpm:.3f} rpm is outside {limits.speed_min_rpm:g} to {limits.speed_max_rpm:g} rpm"
-        )
-    if previous is not None:
-        force_step = abs(command.force_kn - previous.force_kn)
-        speed_step = abs(command.speed_rpm - previous.speed_rpm)
-        if force_step > limits.force_step_kn + ROUNDING:
-            text = f"force would jump by {force_step:.3f} kN, more than {limits.force_step_kn:g} kN per tick"
-            return refuse(text, jump=True)
-        if speed_step > limits.speed_step_rpm + ROUNDING:
-            text = f"speed would jump by {speed_step:.3f} rpm, more than {limits.speed_step_rpm:g} rpm per tick"
-            return refuse(text, jump=True)
+    refused = refusal(command, limits, previous, limits)
+    if refused is not None:
+        return Verdict(False, command, refused.words, content=True, jump=refused.flaw is Flaw.JUMP)
     return Verdict(True, command)
 
 

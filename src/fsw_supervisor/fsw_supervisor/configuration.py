@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from fsw_control.contract import SENSORS, Limits
-from fsw_control.validity import SensorLimits
+from fsw_control.contract import Limits
+from fsw_control.validity import sensor_limits
 from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlock
 from fsw_supervisor.settings import ArbiterSettings
 
@@ -37,21 +37,6 @@ def interlocks(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
         )
         for item in DEFAULT_INTERLOCKS
     )
-
-
-def sensor_limits(values: Mapping[str, Any]) -> dict[str, SensorLimits]:
-    """What the sensors may show; errors as :func:`settings`."""
-    return {
-        name: SensorLimits(
-            minimum=values[f"validity.{name}.minimum"],
-            maximum=values[f"validity.{name}.maximum"],
-            max_rate=values[f"validity.{name}.max_rate"],
-            hold_s=values["validity.hold"],
-            frozen_samples=values["validity.frozen_samples"],
-            confirm_samples=values["validity.confirm_samples"],
-        )
-        for name in SENSORS
-    }
 
 
 def problem(values: Mapping[str, Any]) -> str | None:

@@ -25,7 +25,7 @@ from fsw_control.contract import Command
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_control.validity import SensorGuard
+from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import configuration, reports
@@ -64,7 +64,7 @@ class SupervisorNode(Node):
         self._arbiter = Arbiter(
             configuration.settings(values),
             lockstep=bool(self.get_parameter("use_sim_time").value) if lockstep == "auto" else lockstep == "on",
-            guard=SensorGuard(configuration.sensor_limits(values)),
+            guard=SensorGuard(sensor_limits(values)),
             interlocks=Interlocks(configuration.interlocks(values), values["interlocks.persistence_ticks"]),
         )
         self._values.add_check(configuration.problem)
@@ -134,7 +134,7 @@ class SupervisorNode(Node):
 
     def _configure(self, values: dict[str, Any]) -> None:
         self._arbiter.settings = configuration.settings(values)
-        self._arbiter.guard.configure(configuration.sensor_limits(values))
+        self._arbiter.guard.configure(sensor_limits(values))
         self._arbiter.interlocks.configure(configuration.interlocks(values), values["interlocks.persistence_ticks"])
 
     # ---------------------------------------------------------------- topics
