@@ -15,7 +15,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.contract import SENSORS, Command, Controller, Proposal
 from fsw_control.host import answer
-from fsw_control.join import Tick, TickJoin
+from fsw_control.message_synchronizer import MessageSynchronizer, Tick
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
@@ -61,7 +61,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._join = TickJoin(await_drives=self._lockstep)
+        self._synchronizer = MessageSynchronizer(await_drives=self._lockstep)
         self._health: tuple[bool, str] | None = None
         self._steps = 0
         self._unhealthy_steps = 0
@@ -98,18 +98,18 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         subscribe_sensors(self, self._on_sample)
 
     def _on_drives(self, stamp_ns: int, acting: Command) -> None:
-        self._consume(self._join.add_drives(stamp_ns, acting))
+        self._consume(self._synchronizer.add_drives(stamp_ns, acting))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
-        self._consume(self._join.add(sensor, stamp_ns, value, time.monotonic()))
+        self._consume(self._synchronizer.add(sensor, stamp_ns, value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
         header = message.header
         seen = AppliedCommand(
             convert.stamp_ns(header.stamp), convert.command(message), message.source, header.frame_id, message.healthy
         )
-        if self._applied.add(seen, self._join.newest_ns, time.monotonic()):
-            self._consume(self._join.add_command(seen.stamp_ns))
+        if self._applied.add(seen, self._synchronizer.newest_ns, time.monotonic()):
+            self._consume(self._synchronizer.add_command(seen.stamp_ns))
         elif self._applied.complaint:
             text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
@@ -120,18 +120,18 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _on_deadline(self) -> None:
         self._armed_s = None
         self._deadline.cancel()
-        self._consume(self._join.expire(time.monotonic(), self._patience_s()))
+        self._consume(self._synchronizer.expire(time.monotonic(), self._patience_s()))
 
     def _patience_s(self) -> float:
         # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
-        if self._lockstep and not self._join.lacking <= self._join.missed:
+        if self._lockstep and not self._synchronizer.lacking <= self._synchronizer.missed:
             return float(self._settings["lockstep_deadline"])
         return float(self._settings["deadline"])
 
     def _consume(self, ticks: list[Tick]) -> None:
         for tick in ticks:
             self._tick(tick)
-        begun_s = self._join.begun_s
+        begun_s = self._synchronizer.begun_s
         due_s = begun_s + self._patience_s() if begun_s is not None else None
         if due_s == self._armed_s:
             return
@@ -210,7 +210,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         if not healthy and self._steps:
             level = DiagnosticStatus.ERROR
         text = reason or ", ".join(f"{sensor}: {why}" for sensor, why in reasons.items()) or "proposing"
-        counts = self._join.counts
+        counts = self._synchronizer.counts
         values: dict[str, object] = {
             "steps": self._steps,
             "unhealthy steps": self._unhealthy_steps,
@@ -218,7 +218,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
             "applied from": self._applied.source,
             "commands ignored": self._applied.ignored,
-            "jumps of time": counts.jumps,
+            "jumps of time": self._synchronizer.jumps,
         }
         for sensor in SENSORS:
             values[f"{sensor} late"] = counts.late[sensor]

@@ -256,7 +256,7 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     peer = start()
     peer.refer()
     peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
-    peer.wait(lambda: peer.node._join._drives)
+    peer.wait(lambda: peer.node._synchronizer._drives)
     peer.tick(1)
     peer.tick(2)
     with_drives, without = (entry[0] for entry in peer.controller.seen)

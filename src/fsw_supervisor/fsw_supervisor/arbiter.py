@@ -11,12 +11,13 @@ from math import isfinite
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
+from fsw_control.message_synchronizer import StampFilter
 from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.events import Level
 from fsw_supervisor.modes import OPERATOR_TRIGGERS, Mode, Trigger
 from fsw_supervisor.rules import Rules
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Decision, Stamps, Tick
+from fsw_supervisor.tick import Decision, Tick
 
 #: name under which the drives' feedback of force and speed takes part in the making of ticks
 DRIVES = "drives"
@@ -37,7 +38,7 @@ class Arbiter(Rules):
 
     def __init__(self, settings: ArbiterSettings, **options: Any) -> None:
         super().__init__(settings, **options)
-        self._stamps = Stamps(silence_s=2.5 * settings.tick_period_s if not self.lockstep else _GAP_S)
+        self._stamps = StampFilter(2.5 * settings.tick_period_s if not self.lockstep else _GAP_S)
         self._silent = False
 
     # ---------------------------------------------------------------- inputs
@@ -195,14 +196,18 @@ class Arbiter(Rules):
     def _see(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
         """Let a stamp begin a tick, or enter the sample in the tick that it belongs to."""
         self._pass_time(now_s)
-        begun = self._stamps.offer(source, stamp_ns, value, now_s)
-        if begun is not None:
+        newest_ns = self._stamps.newest_ns
+        believed = self._stamps.offer(source, stamp_ns, value, now_s)
+        if believed is None:
+            return
+        # Without a jump, a clock that went back a little is caught up with soon.
+        if believed.jumped or newest_ns is None or stamp_ns > newest_ns:
             self._begin(stamp_ns)
         tick = self._tick
         if tick is not None and stamp_ns == tick.stamp_ns:
             if self._drives is not None and self._drives[0] == stamp_ns:
                 tick.drives = self._drives[1]
-            for name, sample in (begun or {source: value}).items():
+            for name, sample in believed.samples.items():
                 if name in SENSORS:
                     tick.samples.setdefault(name, sample)
 

@@ -14,7 +14,6 @@ from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlocks
 from fsw_supervisor.modes import TRANSITIONS, Mode, Trigger, next_mode
 from fsw_supervisor.requests import SwitchRequest
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Stamps
 from fsw_supervisor.timing import LatencyStatistics
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
@@ -103,18 +102,6 @@ def test_the_diagram_needs_its_marks(tmp_path):
     page.write_text(f"before\n{diagram.BEGIN}\nold\n{diagram.END}\nafter\n")
     assert diagram.main([str(page)]) == 0
     assert page.read_text() == f"before\n{diagram.block()}\nafter\n"
-
-
-def test_stamps_begin_ticks_once_and_believe_jumps_when_confirmed():
-    second = 10**9
-    stamps = Stamps(silence_s=0.25)
-    assert stamps.offer("depth", 10 * second, 1.0, 0.0) == {"depth": 1.0}
-    assert stamps.offer("torque", 10 * second, 2.0, 0.0) is None
-    assert stamps.offer("depth", 99 * second, 1.5, 0.1) is None
-    assert stamps.offer("torque", 99 * second, 2.5, 0.1) == {"depth": 1.5, "torque": 2.5}
-    assert stamps.offer("depth", 5 * second, 3.0, 0.2) is None
-    assert stamps.offer("depth", 5 * second + 1, 3.5, 0.4) == {"depth": 3.5}, "nothing else came for long enough"
-    assert stamps.jumps == 2
 
 
 def test_an_event_log_hands_over_each_event_once():
