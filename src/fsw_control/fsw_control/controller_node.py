@@ -20,7 +20,8 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import STREAM, StatedReference, subscribe_drives, subscribe_references, subscribe_sensors
+from fsw_control.references_ros import StatedReference, subscribe_references
+from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 

@@ -7,23 +7,22 @@ import pytest
 
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, load
-from fsw_supervisor import configuration, diagram
-from fsw_supervisor.checks import ProposalInput, check
-from fsw_supervisor.events import Event, EventLog, Level
-from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlocks
-from fsw_supervisor.modes import TRANSITIONS, Mode, Trigger, next_mode
-from fsw_supervisor.requests import SwitchRequest
+from fsw_supervisor import state_machine
+from fsw_supervisor.controller_registry import LatencyStatistics
+from fsw_supervisor.operator_requests import SwitchRequest
+from fsw_supervisor.safety_monitor import DEFAULT_INTERLOCKS, Interlocks, interlocks_from, problem
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.timing import LatencyStatistics
+from fsw_supervisor.state_machine import TRANSITIONS, Event, EventLog, Level, Mode, Trigger, next_mode
+from fsw_supervisor.tick import ProposalInput, check
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
 
 
 def test_the_shipped_parameters_are_the_defaults_of_the_core():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    assert configuration.problem(values) is None
-    assert configuration.settings(values) == ArbiterSettings()
-    assert configuration.interlocks(values) == DEFAULT_INTERLOCKS
+    assert problem(values) is None
+    assert ArbiterSettings.from_values(values) == ArbiterSettings()
+    assert interlocks_from(values) == DEFAULT_INTERLOCKS
 
 
 @pytest.mark.parametrize(
@@ -41,7 +40,7 @@ def test_the_shipped_parameters_are_the_defaults_of_the_core():
 )
 def test_parameters_that_contradict_each_other_are_refused_in_words(changes, words):
     values = defaults(load("fsw_supervisor", "supervisor.yaml")) | changes
-    assert words in (configuration.problem(values) or "")
+    assert words in (problem(values) or "")
 
 
 @pytest.mark.parametrize("changes", [{"hold_timeout_s": float("nan")}, {"warm_ticks": 0}, {"storm_window_s": -1.0}])
@@ -85,11 +84,11 @@ def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
 
 def test_the_diagram_in_the_documentation_is_up_to_date():
     text = DOCUMENT.read_text(encoding="utf-8")
-    assert diagram.renew(text) == text, "run: python -m fsw_supervisor.diagram docs/arbiter.md"
+    assert state_machine.renew_document(text) == text, "run: python -m fsw_supervisor.diagram docs/arbiter.md"
 
 
 def test_the_diagram_shows_every_transition():
-    text = diagram.mermaid()
+    text = state_machine.mermaid_diagram()
     for row in TRANSITIONS:
         line = next(line for line in text.splitlines() if line.startswith(f"    {row.source} --> {row.target} :"))
         assert str(row.trigger) in line
@@ -97,11 +96,11 @@ def test_the_diagram_shows_every_transition():
 
 def test_the_diagram_needs_its_marks(tmp_path):
     with pytest.raises(ValueError, match="marks"):
-        diagram.renew("no marks here")
+        state_machine.renew_document("no marks here")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{diagram.BEGIN}\nold\n{diagram.END}\nafter\n")
-    assert diagram.main([str(page)]) == 0
-    assert page.read_text() == f"before\n{diagram.block()}\nafter\n"
+    page.write_text(f"before\n{state_machine.BEGIN}\nold\n{state_machine.END}\nafter\n")
+    assert state_machine.main([str(page)]) == 0
+    assert page.read_text() == f"before\n{state_machine.document_block()}\nafter\n"
 
 
 def test_an_event_log_hands_over_each_event_once():
