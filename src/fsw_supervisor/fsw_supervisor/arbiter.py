@@ -172,9 +172,9 @@ class Arbiter:
 
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
         """Off duty: take over what the one on duty has commanded."""
-        applied = self._arbitration.applied = self.settings.limits.clip(command, None)
+        applied = self.settings.limits.clip(command, None)
+        self._arbitration.note_applied(applied)
         self.last = Decision(stamp_ns, applied, source)
-        self._start.asking = False
         if self._tick is not None and stamp_ns == self._tick.stamp_ns:
             self._tick.answered, self._rehearsed = True, None
         elif self._tick is not None:
@@ -183,18 +183,15 @@ class Arbiter:
 
     def follow_wish(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
         """Off duty: take over what the operator has asked the one on duty for, and who is inhibited there and why."""
-        machine = self.machine
-        machine.target = controller or machine.target
-        machine.target_mode = next((item for item in OPERATOR_TRIGGERS if item == mode), machine.target_mode)
-        for record in self.registry:
-            record.inhibited = inhibited.get(record.name, "")
+        self.machine.want(controller, next((item for item in OPERATOR_TRIGGERS if item == mode), None))
+        self.registry.follow_inhibitions(inhibited)
 
     def take_duty(self, reason: str) -> list[Decision]:
         """Send from now on, beginning with the tick that has just been rehearsed; ``reason`` is empty at a start."""
         self.on_duty = True
         if reason:
             self.machine.note_takeover(reason)
-        self.operator.manual = self.applied
+        self.operator.begin_manual_at(self.applied)
         decision, self._rehearsed = self._rehearsed, None
         if decision is not None:
             self._send(decision)
@@ -206,9 +203,8 @@ class Arbiter:
         self._disown(unsent)
         self.on_duty = False
         # What was decided last has perhaps not been obeyed: what acts is heard from the one on duty or the drives.
-        self._arbitration.applied = None
+        self._arbitration.forget_applied(self._tick)
         if self._tick is not None:
-            self._tick.before = None
             self._tick.answered = True
         self.operator.dismiss(f"refused: {reason}")
         self.machine.log(Level.WARN, "duty", f"on standby: {reason}")
@@ -321,9 +317,7 @@ class Arbiter:
     def _interrupt(self, reason: str) -> None:
         """The plant or this process was away: whatever acts now must be found out anew."""
         self._start.interrupt(self.applied, self.machine.active)
-        self._arbitration.applied = None
-        assert self._tick is not None
-        self._tick.before = None
+        self._arbitration.forget_applied(self._tick)
         self.machine.log(Level.WARN, "sensors", reason)
         self.machine.fire(Trigger.INTERRUPTED, reason, "start")
 
@@ -359,8 +353,8 @@ class Arbiter:
             self.lost_ticks += 1
 
     def _send(self, decision: Decision) -> None:
-        self._arbitration.applied, self.last = decision.command, decision
-        self._start.asking = False
+        self._arbitration.note_applied(decision.command)
+        self.last = decision
         self.commands += 1
         self._outbox.append(decision)
         self.watch.sent(decision)

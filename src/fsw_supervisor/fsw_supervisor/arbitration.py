@@ -156,6 +156,17 @@ class Arbitration:
         """How long a decision waits for the rest of the tick's sensors."""
         return max(self.settings.sensor_grace_s, _LOCKSTEP_GRACE_S) if self._lockstep else self.settings.sensor_grace_s
 
+    def note_applied(self, command: Command) -> None:
+        """Take a command that has been sent, here or by the supervisor on duty."""
+        self.applied = command
+        self.start.asking = False
+
+    def forget_applied(self, tick: Tick | None) -> None:
+        """Find out anew what is in force, beginning with ``tick``."""
+        self.applied = None
+        if tick is not None:
+            tick.before = None
+
     def decide(self, tick: Tick, now_s: float, final: bool = False) -> Decision | None:
         """Decide a tick if that can be done now; returns the command, None if there is none (yet).
 
@@ -259,7 +270,8 @@ class Arbitration:
             obstacle = record.blind_to(self._safety.invalid_sensors)
         if informed and not obstacle:
             reason = f"{name} was active before" if before.was_active else f"{name} is configured to start with"
-            machine.target, before.was_active = name, ""
+            machine.want(name)
+            before.was_active = ""
             machine.fire(Trigger.READY, reason, "start", name)
             return
         assert self.applied is not None
@@ -367,8 +379,7 @@ class Arbitration:
         self._failure = f"{name} failed: {reason}"
         record = self.registry.get(name)
         if record is not None and latch:
-            record.inhibited = reason
-            record.bad(reason)
+            record.inhibit(reason)
         self.machine.log(Level.ERROR, "failover", self._failure)
         self._requests.failed(name, self._failure)
 
@@ -404,7 +415,7 @@ class Arbitration:
             speed = _towards(self.applied.speed_rpm, proposal.speed_rpm, self.settings.speed_transition_rpm)
             command = Command(force, speed)
             arrived = same(command, proposal)
-            self.machine.slewing = 0 if arrived else self.machine.slewing - 1
+            self.machine.slew(arrived)
             reason = "" if arrived else "slewing after a swap"
         self._commit(tick, command, self.machine.active, reason)
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from math import ceil, fsum, sqrt
+from math import ceil, sqrt
+from statistics import fmean
 
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.safety_monitor import SafetyMonitor
@@ -35,7 +36,7 @@ class LatencyStatistics:
     @property
     def mean_s(self) -> float:
         """Mean latency [s], 0 before the first."""
-        return fsum(self._values) / len(self._values) if self._values else 0.0
+        return fmean(self._values) if self._values else 0.0
 
     @property
     def max_s(self) -> float:
@@ -45,10 +46,8 @@ class LatencyStatistics:
     @property
     def jitter_s(self) -> float:
         """Standard deviation of the latency [s]."""
-        if len(self._values) < 2:
-            return 0.0
-        mean = self.mean_s
-        return sqrt(fsum((value - mean) ** 2 for value in self._values) / len(self._values))
+        mean_s = self.mean_s
+        return sqrt(fmean((value - mean_s) ** 2 for value in self._values)) if self._values else 0.0
 
     def quantile_s(self, fraction: float) -> float:
         """Latency [s] that ``fraction`` (0 to 1) of the window stays at or below."""
@@ -119,6 +118,11 @@ class ControllerRecord:
         """Note a tick that was not good."""
         self.consecutive_good = 0
         self.problem = problem
+
+    def inhibit(self, reason: str) -> None:
+        """Note that it failed while active: it may not be selected until it is readmitted."""
+        self.inhibited = reason
+        self.bad(reason)
 
     def obstacle(self, warm_ticks: int, invalid_sensors: tuple[str, ...], duplicate_ticks: int) -> str:
         """Why the controller may not be selected now, in words; empty when it may."""
@@ -229,6 +233,11 @@ class ControllerRegistry:
         if record is not None and record.present:
             record.present = False
             self._machine.log(Level.WARN, name, f"controller {name} has left the graph")
+
+    def follow_inhibitions(self, reasons: Mapping[str, str]) -> None:
+        """Take over from another supervisor who is inhibited, and why."""
+        for record in self:
+            record.inhibited = reasons.get(record.name, "")
 
     def readmit_all(self, who: str) -> list[str]:
         """Let all inhibited controllers take part again; returns their names."""

@@ -95,6 +95,10 @@ class OperatorRequests:
         self._lockstep = lockstep
         self._pending: SwitchRequest | None = None
 
+    def begin_manual_at(self, values: Command | None) -> None:
+        """Let manual begin with these values, until the operator gives others."""
+        self.manual = values
+
     @property
     def waiting(self) -> bool:
         """Whether a switch is asked for and has not been made."""
@@ -126,13 +130,12 @@ class OperatorRequests:
         if self._pending is not None:
             self._drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
-            machine.target = name
+            machine.want(name)
             return self._answer(request, True, f"{name} is active already")
         obstacle = self._obstacle(name)
         if obstacle and (strict or timeout_s == 0.0):
             return self._answer(request, False, f"refused: {obstacle}")
-        machine.target = name
-        machine.revision += 1
+        machine.want(name)
         if machine.mode is not Mode.AUTO:
             text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
             return self._answer(request, True, text)
@@ -168,8 +171,7 @@ class OperatorRequests:
             controller = machine.active or self._registry.first_ready()
             if not controller:
                 return False, f"refused: {self._registry.obstacle(machine.target)}"
-        machine.target_mode = wanted
-        machine.revision += 1
+        machine.want(mode=wanted)
         if wanted is machine.mode:
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO and self._pending is not None:
@@ -235,7 +237,7 @@ class OperatorRequests:
         if request is None:
             return
         if self._machine.target == request.name and self._machine.active:
-            self._machine.target = self._machine.active
+            self._machine.want(self._machine.active)
         self._answer(request, False, message)
 
     def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import Any
 
+from fsw_control import weld
 from fsw_control.contract import Limits
 
 
@@ -61,7 +62,7 @@ class ArbiterSettings:
     controller: str = "decentral"
     fallbacks: tuple[str, ...] = ("decentral", "nmpc")
     limits: Limits = field(default_factory=Limits)
-    tick_period_s: float = 0.1
+    tick_period_s: float = weld.TICK_S
     deadline_s: float = 0.08
     lockstep_deadline_s: float = 1.5
     lockstep_shadow_wait_s: float = 0.5
@@ -71,8 +72,8 @@ class ArbiterSettings:
     takeover_ticks: int = 2
     warm_ticks: int = 5
     readmit_ticks: int = 30
-    force_transition_kn: float = 1.0
-    speed_transition_rpm: float = 3.0
+    force_transition_kn: float = weld.FORCE_STEP_KN
+    speed_transition_rpm: float = weld.SPEED_STEP_RPM
     transition_ticks: int = 20
     hold_timeout_s: float = 10.0
     storm_swaps: int = 4

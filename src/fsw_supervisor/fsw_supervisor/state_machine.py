@@ -1,18 +1,13 @@
 """The supervisor's state machine: modes, the transitions between them as data, and how they came about.
 
-A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing.
-``python -m fsw_supervisor.state_machine docs/arbiter.md`` draws the table as a diagram.
+A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scripts/draw_state_machine.py`` draws them.
 """
 
 from __future__ import annotations
 
-import re
-import sys
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 from fsw_supervisor.settings import ArbiterSettings
 
@@ -248,6 +243,17 @@ class Machine:
             self._asked_tick = self.tick
         self._note(reason, who, f"{before} -> {name}")
 
+    def want(self, controller: str = "", mode: Mode | None = None) -> None:
+        """Note the controller and the mode that are wanted; what is not given stays."""
+        wanted = (controller or self.target, mode or self.target_mode)
+        if wanted != (self.target, self.target_mode):
+            self.target, self.target_mode = wanted
+            self.revision += 1
+
+    def slew(self, arrived: bool) -> None:
+        """Count a tick under the transition limits, which end when the new controller's values are reached."""
+        self.slewing = 0 if arrived else self.slewing - 1
+
     def mirror(self, source: str) -> None:
         """Be in the mode in which a command of ``source`` is sent: off duty the one on duty is copied."""
         mode = next((mode for mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) if mode == source), Mode.AUTO)
@@ -277,68 +283,3 @@ class Machine:
         self.reason, self.requested_by, self.since_ns = reason, who, self._stamp_ns
         self.transitions += 1
         self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason}")
-
-
-#: marks in the documentation between which the diagram stands
-BEGIN = "<!-- generated from fsw_supervisor/state_machine.py: begin -->"
-END = "<!-- generated from fsw_supervisor/state_machine.py: end -->"
-
-_NOTES = {
-    Mode.START: "holds what acts, until it is known who was applied",
-    Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
-    Mode.MANUAL: "goes to the operator's values within the move limits",
-    Mode.HOLD: "repeats the last command",
-    Mode.SAFE_STOP: "ramps the force down with the spindle turning, only the operator leads out",
-}
-
-
-def mermaid_diagram() -> str:
-    """State diagram in mermaid's language; arrows with the same ends are joined."""
-    lines = ["stateDiagram-v2", f"    [*] --> {Mode.START}"]
-    lines += [f"    {mode} : {mode}\\n{note}" for mode, note in _NOTES.items()]
-    labels: dict[tuple[Mode, Mode], list[str]] = {}
-    for row in TRANSITIONS:
-        labels.setdefault((row.source, row.target), []).append(str(row.trigger))
-    lines += [f"    {source} --> {target} : {' / '.join(names)}" for (source, target), names in labels.items()]
-    return "\n".join(lines)
-
-
-def transition_table() -> str:
-    """The transitions as a markdown table: trigger, meaning, from, to."""
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for row in TRANSITIONS:
-        rows.setdefault((str(row.trigger), row.meaning, str(row.target)), []).append(str(row.source))
-    lines = ["| trigger | when | from | to |", "|---|---|---|---|"]
-    lines += [f"| `{name}` | {why} | {', '.join(sources)} | {to} |" for (name, why, to), sources in rows.items()]
-    return "\n".join(lines)
-
-
-def document_block() -> str:
-    """What stands between the two marks in the documentation."""
-    return f"{BEGIN}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{END}"
-
-
-def renew_document(text: str) -> str:
-    """Return ``text`` with the block between the marks renewed.
-
-    Raises
-    ------
-    ValueError
-        When the marks are not in the text.
-    """
-    pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
-    if not pattern.search(text):
-        raise ValueError(f"the marks {BEGIN!r} and {END!r} are missing")
-    return pattern.sub(lambda _: document_block(), text)
-
-
-def main(args: Sequence[str]) -> int:
-    """Renew the files named; returns the exit code."""
-    for name in args:
-        path = Path(name)
-        path.write_text(renew_document(path.read_text(encoding="utf-8")), encoding="utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

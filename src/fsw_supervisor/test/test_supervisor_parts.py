@@ -1,5 +1,6 @@
 """The parts of the arbiter one by one: settings, parameters, statistics, table, diagram."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,6 @@ import pytest
 
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, load
-from fsw_supervisor import state_machine
 from fsw_supervisor.controller_registry import LatencyStatistics
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.safety_monitor import DEFAULT_INTERLOCKS, Interlocks, interlocks_from, problem
@@ -16,6 +16,9 @@ from fsw_supervisor.state_machine import TRANSITIONS, Event, EventLog, Level, Mo
 from fsw_supervisor.tick import ProposalInput, check
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
+sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
+
+import draw_state_machine  # noqa: E402
 
 
 def test_the_shipped_parameters_are_the_defaults_of_the_core():
@@ -84,11 +87,11 @@ def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
 
 def test_the_diagram_in_the_documentation_is_up_to_date():
     text = DOCUMENT.read_text(encoding="utf-8")
-    assert state_machine.renew_document(text) == text, "run: python -m fsw_supervisor.diagram docs/arbiter.md"
+    assert draw_state_machine.renew_document(text) == text, "run scripts/draw_state_machine.py"
 
 
 def test_the_diagram_shows_every_transition():
-    text = state_machine.mermaid_diagram()
+    text = draw_state_machine.mermaid_diagram()
     for row in TRANSITIONS:
         line = next(line for line in text.splitlines() if line.startswith(f"    {row.source} --> {row.target} :"))
         assert str(row.trigger) in line
@@ -96,11 +99,11 @@ def test_the_diagram_shows_every_transition():
 
 def test_the_diagram_needs_its_marks(tmp_path):
     with pytest.raises(ValueError, match="marks"):
-        state_machine.renew_document("no marks here")
+        draw_state_machine.renew_document("no marks here")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{state_machine.BEGIN}\nold\n{state_machine.END}\nafter\n")
-    assert state_machine.main([str(page)]) == 0
-    assert page.read_text() == f"before\n{state_machine.document_block()}\nafter\n"
+    page.write_text(f"before\n{draw_state_machine.BEGIN}\nold\n{draw_state_machine.END}\nafter\n")
+    assert draw_state_machine.main([str(page)]) == 0
+    assert page.read_text() == f"before\n{draw_state_machine.document_block()}\nafter\n"
 
 
 def test_an_event_log_hands_over_each_event_once():

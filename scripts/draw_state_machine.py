@@ -1,0 +1,81 @@
+#!/usr/bin/env python3
+"""Draws the supervisor's state machine into its documentation: ``draw_state_machine.py [FILE ...]``."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure()
+
+from fsw_supervisor.state_machine import TRANSITIONS, Mode
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "arbiter.md"
+#: marks in the documentation between which the diagram stands
+BEGIN = "<!-- generated from fsw_supervisor/state_machine.py: begin -->"
+END = "<!-- generated from fsw_supervisor/state_machine.py: end -->"
+
+_NOTES = {
+    Mode.START: "holds what acts, until it is known who was applied",
+    Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
+    Mode.MANUAL: "goes to the operator's values within the move limits",
+    Mode.HOLD: "repeats the last command",
+    Mode.SAFE_STOP: "ramps the force down with the spindle turning, only the operator leads out",
+}
+
+
+def mermaid_diagram() -> str:
+    """State diagram in mermaid's language; arrows with the same ends are joined."""
+    lines = ["stateDiagram-v2", f"    [*] --> {Mode.START}"]
+    lines += [f"    {mode} : {mode}\\n{note}" for mode, note in _NOTES.items()]
+    labels: dict[tuple[Mode, Mode], list[str]] = {}
+    for row in TRANSITIONS:
+        labels.setdefault((row.source, row.target), []).append(str(row.trigger))
+    lines += [f"    {source} --> {target} : {' / '.join(names)}" for (source, target), names in labels.items()]
+    return "\n".join(lines)
+
+
+def transition_table() -> str:
+    """The transitions as a markdown table: trigger, meaning, from, to."""
+    rows: dict[tuple[str, str, str], list[str]] = {}
+    for row in TRANSITIONS:
+        rows.setdefault((str(row.trigger), row.meaning, str(row.target)), []).append(str(row.source))
+    lines = ["| trigger | when | from | to |", "|---|---|---|---|"]
+    lines += [f"| `{name}` | {why} | {', '.join(sources)} | {to} |" for (name, why, to), sources in rows.items()]
+    return "\n".join(lines)
+
+
+def document_block() -> str:
+    """What stands between the two marks in the documentation."""
+    return f"{BEGIN}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{END}"
+
+
+def renew_document(text: str) -> str:
+    """Return ``text`` with the block between the marks renewed.
+
+    Raises
+    ------
+    ValueError
+        When the marks are not in the text.
+    """
+    pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
+    if not pattern.search(text):
+        raise ValueError(f"the marks {BEGIN!r} and {END!r} are missing")
+    return pattern.sub(lambda _: document_block(), text)
+
+
+def main(args: Sequence[str]) -> int:
+    """Renew the files named; returns the exit code."""
+    for name in args:
+        path = Path(name)
+        path.write_text(renew_document(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:] or [str(DOCUMENT)]))
