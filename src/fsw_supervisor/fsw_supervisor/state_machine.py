@@ -152,7 +152,7 @@ class EventLog:
 
 
 class Machine:
-    """State of the arbiter as an operator sees it; changes only by the table in ``modes.py`` and by swaps.
+    """State of the arbiter as an operator sees it; changes only by the table above and by swaps.
 
     Attributes
     ----------
