@@ -1,6 +1,6 @@
 """The parts of the arbiter one by one: settings, parameters, statistics, table, diagram."""
 
-import sys
+import importlib.util
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +15,17 @@ from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import TRANSITIONS, Event, EventLog, Level, Mode, Trigger, next_mode
 from fsw_supervisor.tick import ProposalInput, check
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
-sys.path.insert(0, str(Path(__file__).parents[3] / "scripts"))
+WORKSPACE = Path(__file__).parents[3]
+DOCUMENT = WORKSPACE / "docs" / "arbiter.md"
 
-import draw_state_machine  # noqa: E402
+
+@pytest.fixture(scope="module")
+def drawing():
+    """The script that draws the state machine into the documentation."""
+    spec = importlib.util.spec_from_file_location("drawing", WORKSPACE / "scripts" / "draw_state_machine.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_the_shipped_parameters_are_the_defaults_of_the_core():
@@ -85,25 +92,25 @@ def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
             assert next_mode(mode, Trigger.INTERLOCK_TRIP) is Mode.SAFE_STOP
 
 
-def test_the_diagram_in_the_documentation_is_up_to_date():
+def test_the_diagram_in_the_documentation_is_up_to_date(drawing):
     text = DOCUMENT.read_text(encoding="utf-8")
-    assert draw_state_machine.renew_document(text) == text, "run scripts/draw_state_machine.py"
+    assert drawing.renew_document(text) == text, "run scripts/draw_state_machine.py"
 
 
-def test_the_diagram_shows_every_transition():
-    text = draw_state_machine.mermaid_diagram()
+def test_the_diagram_shows_every_transition(drawing):
+    text = drawing.mermaid_diagram()
     for row in TRANSITIONS:
         line = next(line for line in text.splitlines() if line.startswith(f"    {row.source} --> {row.target} :"))
         assert str(row.trigger) in line
 
 
-def test_the_diagram_needs_its_marks(tmp_path):
+def test_the_diagram_needs_its_marks(drawing, tmp_path):
     with pytest.raises(ValueError, match="marks"):
-        draw_state_machine.renew_document("no marks here")
+        drawing.renew_document("no marks here")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{draw_state_machine.BEGIN}\nold\n{draw_state_machine.END}\nafter\n")
-    assert draw_state_machine.main([str(page)]) == 0
-    assert page.read_text() == f"before\n{draw_state_machine.document_block()}\nafter\n"
+    page.write_text(f"before\n{drawing.BEGIN}\nold\n{drawing.END}\nafter\n")
+    assert drawing.main([str(page)]) == 0
+    assert page.read_text() == f"before\n{drawing.document_block()}\nafter\n"
 
 
 def test_an_event_log_hands_over_each_event_once():
