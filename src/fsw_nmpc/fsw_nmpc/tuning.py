@@ -39,13 +39,13 @@ class EstimatorTuning:
     depth_noise_mm: float = 2e-3
     torque_noise_nm: float = 2.0
     temperature_noise_c: float = 0.1
-    creep_walk_mm: float = 2e-5
+    creep_walk_mm: float = 1e-5
     copper_walk_c: float = 1e-3
     motor_walk_nm: float = 0.05
-    force_walk_kn: float = 5e-3
+    force_walk_kn: float = 1.2e-3
     heat_walk_kw: float = 5e-4
-    torque_scale_walk: float = 1e-4
-    depth_offset_walk_mm: float = 5e-5
+    torque_scale_walk: float = 5e-5
+    depth_offset_walk_mm: float = 2e-5
     temperature_offset_walk_c: float = 3e-2
     offset_memory_s: float = 600.0
     jump_sigmas: float = 4.0
@@ -77,13 +77,13 @@ class Tuning:
     """
 
     trajectory: str = "approach"
-    depth_time_s: float = 1.1
+    depth_time_s: float = 1.0
     temperature_time_s: float = 0.84
     dead_band_depth_mm: float = 0.0
     dead_band_temperature_c: float = 0.0
     weight_depth_per_mm: float = 0.0
     weight_temperature_per_c: float = 0.0
-    depth_scale_mm: float = 0.003
+    depth_scale_mm: float = 0.0025
     temperature_scale_c: float = 0.08
     move_force_per_kn: float = 0.0
     move_speed_per_rpm: float = 0.0

@@ -353,4 +353,4 @@ def test_reference_solver_in_the_loop_does_the_same():
             assert proposal.healthy, proposal.reason
     assert loops[0].shown.depth_mm == pytest.approx(loops[1].shown.depth_mm, abs=5e-4)
     assert loops[0].applied.force_kn == pytest.approx(loops[1].applied.force_kn, abs=0.2)
-    assert loops[0].applied.speed_rpm == pytest.approx(loops[1].applied.speed_rpm, abs=0.5)
+    assert loops[0].applied.speed_rpm == pytest.approx(loops[1].applied.speed_rpm, abs=1.0)  # of 33 rpm moved
