@@ -18,7 +18,7 @@ from fsw_nmpc.horizon import Horizon, make_horizon
 from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS
 
 Vector = NDArray[np.float64]
-MAX_OUT, MAX_HISTORY, MAX_CHANGES, N_STATES = 54, 100, 8, 10
+MAX_OUT, MAX_HISTORY, MAX_CHANGES, LATEST, N_STATES = 54, 100, 8, 20, 10
 DISTURBANCES = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c")
 _double_p, _int_p = ctypes.POINTER(c_double), ctypes.POINTER(c_int)
 _two = c_double * 2
@@ -215,6 +215,8 @@ class EstimatorStruct(ctypes.Structure):
         ("acting_force_kn", c_double),
         ("acting_speed_rpm", c_double),
         ("last_speed_rpm", c_double),
+        ("command", (c_double * LATEST) * 2),
+        ("beyond", c_double * 2),
         ("blind_s", c_double * 3),
         ("started", c_int),
         ("innovation", c_double * 3),

@@ -65,10 +65,25 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[
   return soft * moved;
 }
 
+/* What a drive adds to the command. It may lag: as long as what acts lies among the commands of the last ticks, nothing
+ * new is known. So `beyond` changes no more than it must for `acting - beyond` to lie among them. */
+static void take_drive(fsw_estimator *e, int input, double acting, double applied) {
+  double *command = e->command[input], low = applied, high = applied;
+  for (int k = FSW_LATEST - 1; k > 0; k--) {
+    command[k] = command[k - 1];
+    low = command[k] < low ? command[k] : low;
+    high = command[k] > high ? command[k] : high;
+  }
+  command[0] = applied;
+  e->beyond[input] = fsw_clip(e->beyond[input], acting - high, acting - low);
+}
+
 /* Inputs that acted: as the drives report them, as commanded where they do not. */
 static void take_inputs(fsw_estimator *e, const fsw_input *in) {
   e->acting_force_kn = fsw_is_finite(in->force_kn) ? in->force_kn : in->applied_force_kn;
   e->acting_speed_rpm = fsw_is_finite(in->speed_rpm) ? in->speed_rpm : in->applied_speed_rpm;
+  take_drive(e, 0, e->acting_force_kn, in->applied_force_kn);
+  take_drive(e, 1, e->acting_speed_rpm, in->applied_speed_rpm);
 }
 
 static int plausible_depth(double depth_mm) { return depth_mm > 0.0 && depth_mm < DEEPEST_MM; }
@@ -78,6 +93,11 @@ static int plausible_rise(double rise_c) { return rise_c > -LARGEST_DEVIATION_C 
 int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
+  for (int k = 0; k < FSW_LATEST; k++) {
+    e->command[0][k] = in->applied_force_kn;
+    e->command[1][k] = in->applied_speed_rpm;
+  }
+  e->beyond[0] = e->beyond[1] = 0.0;
   take_inputs(e, in);
   const double torque = fsw_torque_at(m, e->acting_force_kn, in->depth_mm).value;
   const double friction = fsw_friction(m, e->acting_speed_rpm);

@@ -17,6 +17,7 @@
 #define FSW_MAX_OUT 54                       /* output points, one per interval */
 #define FSW_MAX_HISTORY 100                  /* ticks of dead time */
 #define FSW_MAX_VARS (2 * FSW_MAX_BLOCKS)
+#define FSW_LATEST 20                        /* ticks by which a drive may be late */
 #define FSW_MAX_CHANGES 8                    /* future set-points that are known */
 #define FSW_MODES 10
 #define FSW_STATES 10
@@ -132,6 +133,8 @@ typedef struct {
   double x[FSW_STATES], p[FSW_STATES][FSW_STATES], a[FSW_STATES][FSW_STATES];
   double history[3 * FSW_MAX_HISTORY];
   double acting_force_kn, acting_speed_rpm, last_speed_rpm;
+  double command[2][FSW_LATEST];           /* commands of the last ticks, newest first */
+  double beyond[2];                        /* what the drives add to the command */
   double blind_s[3];
   int started;
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
