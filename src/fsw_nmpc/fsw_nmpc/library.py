@@ -246,7 +246,9 @@ class ControllerHead(ctypes.Structure):
         ("plan", PlanStruct),
         ("problem", ProblemStruct),
         ("corridor", _two),
+        ("rate", _two),
         ("has_corridor", c_int),
+        ("has_rate", c_int),
         ("has_reference", c_int),
         ("applied", _two),
         ("reference", _two),
@@ -370,7 +372,7 @@ class Library:
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
-        for name in ("estimator", "corridor", "has_corridor", "has_reference", "reference", "late_s", "bad_cycles"):
+        for name in ("estimator", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s", "bad_cycles"):
             setattr(self.state, name, getattr(other.state, name))
         mine, its = self.state.plan, other.state.plan
         ctypes.pointer(mine)[0] = its

@@ -59,7 +59,7 @@ static void clear_plan(fsw_controller *c) {
 
 void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm) {
   c->estimator.started = 0;
-  c->has_corridor = c->has_reference = 0;
+  c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
   c->late_s = 0.0;
   c->applied[0] = force_kn;
@@ -84,7 +84,7 @@ static int estimate(fsw_controller *c, const fsw_input *in) {
     if (c->estimator.started) return 1;
     clear_plan(c);
   }
-  c->has_corridor = 0;
+  c->has_corridor = c->has_rate = 0;
   c->late_s = 0.0;
   return fsw_estimator_start(&c->estimator, &c->model, &now);
 }

@@ -155,8 +155,8 @@ typedef struct {
   fsw_estimator estimator;
   fsw_plan plan;
   fsw_problem problem;
-  double corridor[2];
-  int has_corridor, has_reference;
+  double corridor[2], rate[2];             /* of the trajectories of the last tick */
+  int has_corridor, has_rate, has_reference;
   double applied[2], reference[2], late_s;
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;

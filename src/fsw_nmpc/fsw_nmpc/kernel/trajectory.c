@@ -31,6 +31,9 @@
 #define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
 
+/* Share of the last rate that is kept: a fifth of the difference is let go in a tick, or one part in 14. */
+static const double KEPT[2] = {0.8, 0.93};
+
 typedef struct {
   double slow_s, fast_s, at_rest, acceleration, least_rate, top_rate;
   double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
@@ -176,6 +179,16 @@ static motion temperature_ahead(const fsw_controller *c) {
   return ahead;
 }
 
+/* The rate that an approach begins with: as it is, and the rate that the last approach had for this tick. Where one output
+ * gives way to the other, the rate would fall behind a little at every tick; so it is made up for. */
+static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, double goal) {
+  motion next;
+  if (c->has_rate) now->rate += KEPT[q] * (c->rate[q] - now->rate);
+  next = *now;
+  advance(a, &next, goal, FSW_TICK_S);
+  c->rate[q] = next.rate;
+}
+
 static void approaches(fsw_controller *c, const fsw_input *in, double *depth, double *temp) {
   const fsw_model *m = &c->model;
   const fsw_tuning *t = &c->tuning;
@@ -184,12 +197,16 @@ static void approaches(fsw_controller *c, const fsw_input *in, double *depth, do
   target targets[FSW_MAX_CHANGES + 1];
   authority(c, &to_depth, &to_temp);
   int n = targets_of(&to_depth, c, in, 0, targets);
-  follow(&to_depth, depth_now(c), 0.0, targets, n, m->time_s, 0, m->n_out, depth);
+  motion now = depth_now(c);
+  keep_rate(c, &to_depth, 0, &now, targets[0].value);
+  follow(&to_depth, now, 0.0, targets, n, m->time_s, 0, m->n_out, depth);
 
-  const motion ahead = temperature_ahead(c);
+  motion ahead = temperature_ahead(c);
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
   n = targets_of(&to_temp, c, in, 1, targets);
+  keep_rate(c, &to_temp, 1, &ahead, targets[0].value);
+  c->has_rate = 1;
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
 }
 
@@ -216,7 +233,7 @@ void fsw_trajectories(fsw_controller *c, const fsw_input *in) {
     const double *x = c->estimator.x;
     corridor(c, 0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
     corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
-    c->has_corridor = 1;
+    c->has_rate = 1;
   }
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {
