@@ -17,7 +17,7 @@ from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.tick import Stamps
 from fsw_supervisor.timing import LatencyStatistics
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "arbiter.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "concepts" / "arbiter.md"
 
 
 def test_the_shipped_parameters_are_the_defaults_of_the_core():
