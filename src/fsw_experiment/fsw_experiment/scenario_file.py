@@ -1,4 +1,4 @@
-"""Reads scenarios from YAML and checks every word of them."""
+"""Reads scenarios from YAML and checks every entry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The document tells the same as the code."""
+"""The document agrees with the code."""
 
 from dataclasses import asdict
 from pathlib import Path

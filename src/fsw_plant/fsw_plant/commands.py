@@ -77,7 +77,7 @@ class CommandGate:
         if not isfinite(force) or not isfinite(speed):
             return self._refuse("not_finite", f"force {force} kN, speed {speed} rpm")
         if not healthy:
-            return self._refuse("unhealthy", f"{source!r} says that it must not be applied")
+            return self._refuse("unhealthy", f"{source!r} marked it as not to be applied")
         force_kn = min(max(force, limits.force_min_kn), limits.force_max_kn)
         speed_rpm = min(max(speed, limits.speed_min_rpm), limits.speed_max_rpm)
         if abs(force_kn - force) > _SLACK * limits.force_max_kn:

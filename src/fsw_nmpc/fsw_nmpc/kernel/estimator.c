@@ -2,12 +2,12 @@
  *
  * Three disturbances integrate, one per sensor: of the axial force, of the heat, and of the torque's scale; so the
  * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
- * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
+ * at once what a sensor shows but does not act on the process, and hand over to the integrators with a time constant of
  * minutes, so that every state stays detectable.
  *
  * A measurement far off its expectation is left out once, as a spike. The second in a row is a jump: its excess over the
- * expected size widens the variances of what can have jumped, and the measurements tell which has. For the depth these
- * are the offset and the depth itself, which the torque tells apart; the temperature of the process cannot jump. */
+ * expected size widens the variances of what can have jumped, and the measurements decide which has. For the depth these
+ * are the offset and the depth itself, which the torque distinguishes; the temperature of the process cannot jump. */
 #include <math.h>
 
 #include "internal.h"
@@ -49,7 +49,7 @@ double fsw_friction(const fsw_model *m, double speed_rpm) {
 
 static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
 
-/* Depth that the tool feels and, unless row is NULL, its derivative by the states. */
+/* Contact depth of the tool and, unless row is NULL, its derivative by the states. */
 double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[N]) {
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
@@ -278,7 +278,7 @@ static int is_sound(const fsw_estimator *e, const fsw_model *m) {
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
- * the estimate is sound; if it is not, it has ended and must be started anew. */
+ * the estimate is sound; if it is not, it has ended and must be started again. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
   take_inputs(e, in);
   predict(e, m, t);
