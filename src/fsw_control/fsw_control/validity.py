@@ -10,6 +10,8 @@ from fsw_control.contract import SENSORS, Command, Measurement
 
 #: probability at which a run of equal samples is no longer believed to be chance
 _CHANCE = 1e-9
+#: relative difference of samples that are equal but for rounding, as a simulation without noise has them
+_ROUNDING = 1e-9
 #: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth signal: ~0)
 _NOISY = 0.25
 
@@ -95,7 +97,7 @@ class Frozen:
 
     def update(self, value: float) -> bool:
         """Take the next sample; return whether the sensor is frozen."""
-        if value == self._last:
+        if abs(value - self._last) <= _ROUNDING * abs(value):
             self.run += 1
             return self.run >= self.samples - 1 and self._is_frozen()
         # A run of equal samples is remembered only once it has ended, and not if it was a freeze:

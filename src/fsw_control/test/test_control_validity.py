@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Command
-from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity
+from fsw_control.validity import DEFAULT_LIMITS, Frozen, SensorGuard, SensorLimits, SensorValidity
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 
@@ -167,3 +167,9 @@ def test_guard_takes_new_limits_without_forgetting():
     guard.configure({name: SensorLimits(0.0, 1.0, 1.0, hold_s=0.2) for name in good})
     assert guard.measure(0.1, good).depth_mm == 2.66
     assert guard.reasons["depth"] == "out of range, held"
+
+
+def test_rounding_is_no_noise_that_could_freeze():
+    sensor = SensorValidity(DEFAULT_LIMITS["torque"])
+    readings = [sensor.update(0.1 * k, 1052.86 * (1.0 + 2e-16 * (-1) ** k if k < 40 else 1.0)) for k in range(200)]
+    assert all(reading.valid and not reading.held for reading in readings)

@@ -178,12 +178,17 @@ class DecentralController:
             excess_rpm = (applied_rpm if elsewhere else self._proposed.speed_rpm) - power.output
             if excess_rpm:
                 kw_per_rpm = power.slow_nm * KW_PER_NM_RPM
-                excess_kw = applied_rpm * kw_per_rpm - loop.output if elsewhere else excess_rpm * kw_per_rpm
-                power.follow(excess_rpm, elsewhere)
-                if loop.started:
-                    loop.follow(excess_kw, elsewhere)
-                elif elsewhere:
+                bounded = not self.limits.speed_min_rpm < self._proposed.speed_rpm < self.limits.speed_max_rpm
+                power.follow(excess_rpm, bounded, elsewhere)
+                if elsewhere and not loop.started:
                     loop.output = applied_rpm * kw_per_rpm
+                elif elsewhere:
+                    loop.follow(applied_rpm * kw_per_rpm - loop.output, True)
+                elif bounded and loop.started:
+                    # what the move limit delays the power loop makes up for; what a bound takes is lost
+                    excess_kw = self._proposed.speed_rpm * kw_per_rpm - loop.output
+                    if excess_kw * excess_rpm > 0.0:
+                        loop.follow(excess_kw, False)
         self._measure_torque(measurement, applied_rpm)
         temperature = measurement.temperature_c
         if measurement.temperature_valid and _finite(temperature) and _finite(self._reference.temperature_c):

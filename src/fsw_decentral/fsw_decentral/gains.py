@@ -23,7 +23,7 @@ class Gains:
     depth_integral_time, depth_derivative_time : float
         s; derivative acts on the measurement, 0 switches it off.
     depth_filter : float
-        Time constant of the first-order filter of the measurement, s.
+        Time constant of each of the two first-order filters of the measurement in series, s.
     depth_weight : float
         Share of the set-point that enters the proportional part, 0 to 1.
     depth_reference_filter : float
@@ -31,11 +31,15 @@ class Gains:
     depth_tracking_time : float
         Time constant of back-calculation while limits act, s.
     temperature_gain : float
-        Power per temperature error, kW/degC; the other ``temperature_*`` as for depth.
+        Power per temperature error, kW/degC; the other ``temperature_*`` as for depth, but for the tracking time, which
+        counts while the speed is at a bound only.
     power_gain : float
         Speed per power error, rpm/kW.
     power_integral_time, power_filter : float
         s; the filter is that of the measured torque.
+    power_tracking_time : float
+        Time constant of back-calculation while the move limit acts, s. A long one keeps the energy that is missing
+        while the speed cannot follow, and the loop makes up for it afterwards.
     feedforward_filter : float
         Time constant of the filter of the torque that turns the power reference into speed, s.
     """
@@ -49,6 +53,7 @@ class Gains:
     depth_tracking_time: float
     temperature_gain: float
     temperature_integral_time: float
+    temperature_derivative_time: float
     temperature_filter: float
     temperature_weight: float
     temperature_reference_filter: float
@@ -56,6 +61,7 @@ class Gains:
     power_gain: float
     power_integral_time: float
     power_filter: float
+    power_tracking_time: float
     feedforward_filter: float
 
     def __post_init__(self) -> None:

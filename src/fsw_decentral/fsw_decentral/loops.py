@@ -21,11 +21,16 @@ def share(time_constant_s: float, dt_s: float) -> float:
 
 
 class FeedbackLoop:
-    """PI(D) with filtered measurement, filtered and weighted set-point, and derivative on the measurement."""
+    """PID, derivative on the measurement; the set-point is filtered and weighted.
+
+    The measurement passes two equal first-order filters in series: behind one alone the derivative would pass on too
+    much noise.
+    """
 
     __slots__ = (
         "_derivative",
         "_filter",
+        "_first_stage",
         "_gain",
         "_integral",
         "_reference_filter",
@@ -40,7 +45,7 @@ class FeedbackLoop:
 
     def __init__(self) -> None:
         self.started = False
-        self.measured = nan
+        self.measured = self._first_stage = nan
         self.reference = nan
         self.integrator = 0.0
         self.output = nan
@@ -71,7 +76,7 @@ class FeedbackLoop:
 
     def start(self, measured: float, reference: float, output: float) -> None:
         """Begin such that the output is ``output`` now."""
-        self.measured = measured
+        self.measured = self._first_stage = measured
         if self.reference != self.reference:
             self.reference = reference
         self.integrator = output - self._gain * (self._weight * self.reference - measured)
@@ -89,7 +94,8 @@ class FeedbackLoop:
 
     def step(self, measured: float, reference: float) -> float:
         """Return the output for the next measurement."""
-        move = self._filter * (measured - self.measured)
+        self._first_stage += self._filter * (measured - self._first_stage)
+        move = self._filter * (self._first_stage - self.measured)
         self.measured += move
         self.reference += self._reference_filter * (reference - self.reference)
         self.integrator += self._integral * (self.reference - self.measured)
@@ -106,6 +112,7 @@ class PowerLoop:
         "_feedforward",
         "_filter",
         "_gain",
+        "_gained",
         "_integral",
         "_tracking",
         "fast_nm",
@@ -118,17 +125,24 @@ class PowerLoop:
         self.fast_nm = self.slow_nm = torque_nm
         self.integrator = 0.0
         self.output = nan
-        self._gain = self._integral = self._filter = self._feedforward = self._tracking = 0.0
+        self._gain = self._integral = self._filter = self._feedforward = 0.0
+        self._gained = self._tracking = 0.0
 
     def configure(
-        self, gain: float, integral_time_s: float, filter_s: float, feedforward_filter_s: float, dt_s: float
+        self,
+        gain: float,
+        integral_time_s: float,
+        filter_s: float,
+        tracking_time_s: float,
+        feedforward_filter_s: float,
+        dt_s: float,
     ) -> None:
         """Take new gains."""
         self._gain = gain
         self._integral = gain * dt_s / integral_time_s
         self._filter = share(filter_s, dt_s)
         self._feedforward = share(feedforward_filter_s, dt_s)
-        self._tracking = min(dt_s / integral_time_s, 1.0)
+        self._tracking = min(dt_s / tracking_time_s, 1.0)
 
     def start(self, torque_nm: float) -> None:
         """Begin at a process torque."""
@@ -140,17 +154,24 @@ class PowerLoop:
         self.fast_nm += self._filter * (torque_nm - self.fast_nm)
         self.slow_nm += self._feedforward * (torque_nm - self.slow_nm)
 
-    def follow(self, excess_rpm: float, elsewhere: bool) -> None:
-        """Note how far the last output was from what was applied; as for the feedback loops."""
+    def follow(self, excess_rpm: float, bounded: bool, elsewhere: bool) -> None:
+        """Note how far the last output was from what was applied, by a bound, the move limit or another command.
+
+        At a bound the loop does not integrate further outwards. What the move limit has taken bleeds off slowly, so
+        that the loop makes up for the energy that was missing while the speed could not follow.
+        """
         if elsewhere:
             self.integrator = 0.0
-        else:
+        elif not bounded:
             self.integrator += self._tracking * excess_rpm
+        elif excess_rpm * self._gained < 0.0:
+            self.integrator -= self._gained
 
     def step(self, reference_kw: float, speed_rpm: float) -> float:
         """Return the speed for a power reference, ``speed_rpm`` being the present one."""
         error_kw = reference_kw - self.fast_nm * speed_rpm * KW_PER_NM_RPM
-        self.integrator += self._integral * error_kw
+        self._gained = self._integral * error_kw
+        self.integrator += self._gained
         self.output = reference_kw / (self.slow_nm * KW_PER_NM_RPM) + self._gain * error_kw + self.integrator
         return self.output
 
@@ -170,11 +191,18 @@ def configure(depth: FeedbackLoop, temperature: FeedbackLoop, power: PowerLoop, 
     temperature.configure(
         gains.temperature_gain,
         gains.temperature_integral_time,
-        0.0,
+        gains.temperature_derivative_time,
         gains.temperature_filter,
         gains.temperature_weight,
         gains.temperature_reference_filter,
         gains.temperature_tracking_time,
         dt_s,
     )
-    power.configure(gains.power_gain, gains.power_integral_time, gains.power_filter, gains.feedforward_filter, dt_s)
+    power.configure(
+        gains.power_gain,
+        gains.power_integral_time,
+        gains.power_filter,
+        gains.power_tracking_time,
+        gains.feedforward_filter,
+        dt_s,
+    )

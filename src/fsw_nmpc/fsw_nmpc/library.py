@@ -215,7 +215,6 @@ class EstimatorStruct(ctypes.Structure):
         ("acting_speed_rpm", c_double),
         ("last_speed_rpm", c_double),
         ("blind_s", c_double * 3),
-        ("suspect", c_int * 3),
         ("started", c_int),
         ("innovation", c_double * 3),
         ("expected", c_double * 3),

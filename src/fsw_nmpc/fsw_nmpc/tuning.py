@@ -17,7 +17,7 @@ from fsw_nmpc.library import N_STATES, TuningStruct
 #: Reference trajectories, in the order of the library's ``FSW_APPROACH`` ...; see ``kernel/trajectory.c``.
 TRAJECTORIES = ("approach", "constant", "cold_start", "recentred")
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
-_APPROACH_PER_DEAD_TIME = 0.8
+_APPROACH_PER_DEAD_TIME = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class EstimatorTuning:
     offset_memory_s : float
         Time constant with which the two offsets leak.
     jump_sigmas : float
-        A measurement further off is a spike, and two in a row are a jump; 0: never.
+        A measurement further off is a jump; 0: never.
     """
 
     depth_noise_mm: float = 2e-3
@@ -78,7 +78,7 @@ class Tuning:
 
     trajectory: str = "approach"
     depth_time_s: float = 1.1
-    temperature_time_s: float = 2.24
+    temperature_time_s: float = 0.84
     dead_band_depth_mm: float = 0.0
     dead_band_temperature_c: float = 0.0
     weight_depth_per_mm: float = 0.0

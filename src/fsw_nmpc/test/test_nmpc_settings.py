@@ -39,7 +39,7 @@ def test_presets():
     assert Settings.of({}).tuning == Tuning.preset("default", nominal())
     assert Settings.of({"preset": "paper"}).tuning == PAPER
     slower = nominal().with_values(dead_time_s=4.0)
-    assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.8 * 4.0)
+    assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
 
 
 def test_tuning_file_over_a_preset(tmp_path):

@@ -2,12 +2,13 @@
  *
  * Three disturbances integrate, one per sensor: of the axial force, of the heat, and of the torque's scale; so the
  * prediction is free of offset in depth, temperature and torque. The offsets of depth and temperature leak: they take in
- * at once what a sensor shows but does not act on the process, and hand over to the integrators with a time constant of
+ * at once what a sensor shows and the process does not feel, and hand over to the integrators with a time constant of
  * minutes, so that every state stays detectable.
  *
- * A measurement far off its expectation is left out once, as a spike. The second in a row is a jump: its excess over the
- * expected size widens the variances of what can have jumped, and the measurements decide which has. For the depth these
- * are the offset and the depth itself, which the torque distinguishes; the temperature of the process cannot jump. */
+ * A measurement far off its expectation is a jump: its excess over the expected size widens the variances of what can
+ * have jumped, and the measurements tell which has. For the depth these are the offset and the depth itself, which the
+ * torque tells apart; the temperature of the process cannot jump. A single spike is a jump there and back: waiting for
+ * a second sample would cost every disturbance a tick, and the moves of one tick are too small to do harm. */
 #include <math.h>
 
 #include "internal.h"
@@ -49,7 +50,7 @@ double fsw_friction(const fsw_model *m, double speed_rpm) {
 
 static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
 
-/* Contact depth of the tool and, unless row is NULL, its derivative by the states. */
+/* Depth that the tool feels and, unless row is NULL, its derivative by the states. */
 double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[N]) {
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
@@ -101,7 +102,6 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *i
   }
   for (int s = 0; s < 3; s++) {
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
-    e->suspect[s] = 0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
   e->started = 1;
@@ -205,19 +205,16 @@ static double spread(const fsw_estimator *e, const double row[N], double cross[N
   return variance;
 }
 
-/* Scalar Kalman update with the measurement's linearisation `row`, unless the measurement is a spike. A jump widens the
- * variances of the states in `jumping`, by the squares of their shares. */
+/* Scalar Kalman update with the measurement's linearisation `row`. A jump widens the variances of the states in `jumping`,
+ * by the squares of their shares. */
 static void update(fsw_estimator *e, const fsw_tuning *t, int sensor, const double row[N], double innovation, double noise,
                    const double jumping[N]) {
   double cross[N];
   double expected = spread(e, row, cross) + noise * noise + LEAST_VARIANCE;
   const double excess = innovation * innovation - t->jump_sigmas * t->jump_sigmas * expected;
-  const int is_far = t->jump_sigmas > 0.0 && excess > 0.0, was_far = e->suspect[sensor];
   e->innovation[sensor] = innovation;
   e->expected[sensor] = expected;
-  e->suspect[sensor] = is_far;
-  if (is_far && !was_far) return;
-  if (is_far) {
+  if (t->jump_sigmas > 0.0 && excess > 0.0) {
     for (int i = 0; i < N; i++) e->p[i][i] += excess * jumping[i] * jumping[i];
     expected = spread(e, row, cross) + noise * noise;
   }
@@ -278,7 +275,7 @@ static int is_sound(const fsw_estimator *e, const fsw_model *m) {
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
- * the estimate is sound; if it is not, it has ended and must be started again. */
+ * the estimate is sound; if it is not, it has ended and must be started anew. */
 int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
   take_inputs(e, in);
   predict(e, m, t);

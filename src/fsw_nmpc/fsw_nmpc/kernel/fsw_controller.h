@@ -74,7 +74,7 @@ typedef struct {
   double noise[3];             /* standard deviations: depth, torque, temperature */
   double walk[FSW_STATES];     /* random walk of each state per tick */
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
-  double jump_sigmas;          /* a measurement further off is a spike, two in a row are a jump; 0: never */
+  double jump_sigmas;          /* a measurement further off is a jump; 0: never */
   double blind_limit_s;        /* longest time without a sensor */
 } fsw_tuning;
 
@@ -132,7 +132,6 @@ typedef struct {
   double history[3 * FSW_MAX_HISTORY];
   double acting_force_kn, acting_speed_rpm, last_speed_rpm;
   double blind_s[3];
-  int suspect[3];
   int started;
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
 } fsw_estimator;

@@ -16,25 +16,23 @@
 
 /* Faster time constants near the set-point: some ticks, in which force and power get to where the approach wants them. */
 #define FORCE_TIME_S 0.4
-#define POWER_TIME_S 0.2
-/* Distance within which the time constants hold, mm and degC. */
-#define NEAR_MM 0.02
-#define NEAR_C 0.2
+#define POWER_TIME_S 0.3
 /* Depth accelerates faster than the speed can keep the power, by what the lags of the temperature smooth out. */
 #define SMOOTHED 1.3
 /* Share of the acceleration with which an approach counts on braking; of the largest rate of the temperature. */
-#define BRAKE_SHARE 0.8
+#define BRAKE_SHARE 0.7
 #define RATE_SHARE 0.8
 /* A plant that cannot move gets at least so much: kN about the force that holds, degC/s. */
 #define LEAST_FORCE_KN 1.0
 #define LEAST_RATE_C_S 0.1
 #define LEAST_POWER_KW 1.0
-/* an approach is at its end within this share of `near` */
-#define AT_REST 1e-4
+/* An approach is at its end within this distance. */
+#define AT_REST_MM 2e-6
+#define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
 
 typedef struct {
-  double slow_s, fast_s, near, acceleration, least_rate, top_rate;
+  double slow_s, fast_s, at_rest, acceleration, least_rate, top_rate;
   double lag_s;                /* the output follows what is steered with this lag; 0: it is what is steered */
 } approach;
 
@@ -45,11 +43,11 @@ typedef struct { double steered, rate, output; } motion;
 /* One step of an approach to `goal`. */
 static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double distance = now->steered - goal, size = fabs(distance), before = now->steered, last = now->rate;
-  const double ends = a->near / a->slow_s;
-  const double speed =
-      size <= a->near ? size / a->slow_s : sqrt(ends * ends + 2.0 * BRAKE_SHARE * a->acceleration * (size - a->near));
+  const double braking = BRAKE_SHARE * a->acceleration;
+  const double near = braking * a->slow_s * a->slow_s; /* from here on braking is slower than the time constant */
+  const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
-  const double change = (wanted - last) / a->fast_s - (size <= a->near ? last / a->slow_s : 0.0);
+  const double change = (wanted - last) / a->fast_s - (size <= near ? last / a->slow_s : 0.0);
   now->rate += fsw_clip(change, -a->acceleration, a->acceleration) * dt_s;
   now->steered += 0.5 * (last + now->rate) * dt_s;
   if (a->lag_s > 0.0) /* trapezoidal */
@@ -59,7 +57,7 @@ static void advance(const approach *a, motion *now, double goal, double dt_s) {
 }
 
 static int is_at_rest(const approach *a, const motion *now, double goal) {
-  const double size = AT_REST * a->near;
+  const double size = a->at_rest;
   return fabs(now->steered - goal) < size && fabs(now->output - goal) < size && fabs(now->rate) * a->slow_s < size;
 }
 
@@ -181,8 +179,8 @@ static motion temperature_ahead(const fsw_controller *c) {
 static void approaches(fsw_controller *c, const fsw_input *in, double *depth, double *temp) {
   const fsw_model *m = &c->model;
   const fsw_tuning *t = &c->tuning;
-  approach to_depth = {t->time_s[0], FORCE_TIME_S, NEAR_MM, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->time_s[1], POWER_TIME_S, NEAR_C, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
+  approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
   authority(c, &to_depth, &to_temp);
   int n = targets_of(&to_depth, c, in, 0, targets);

@@ -1,0 +1,141 @@
+"""The shipped gains keep the bounds and reach the targets they are documented with; the tuner's formulas are right."""
+
+import json
+import math
+import random
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fsw_decentral import tunings
+from fsw_experiment import decentral_loop, tune_decentral
+from fsw_experiment.decentral_loop import Loop, constant, noise_moves, sensitivity, simulated_sensitivity
+from fsw_experiment.evolution import minimise
+from fsw_experiment.tune_decentral import BOUNDS, MISMATCH, SEARCHED, TARGETS, main
+from fsw_model import nominal
+
+SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "tune_decentral.py"
+BOTH = pytest.mark.parametrize("name", ["conservative", "tight"])
+
+
+@BOTH
+def test_shipped_gains_are_within_the_bounds(name):
+    gains, bounds = tunings()[name], BOUNDS[name]
+    assert max(simulated_sensitivity(gains)) <= bounds.sensitivity
+    force_kn, speed_rpm = noise_moves(gains)
+    assert force_kn <= bounds.force_move_kn
+    assert speed_rpm <= bounds.speed_move_rpm
+
+
+@BOTH
+def test_shipped_gains_reach_their_targets(name):
+    found = decentral_loop.errors(tunings()[name])
+    assert {key: found[key] for key, target in TARGETS[name].items() if found[key] > target} == {}
+    assert found["unsettled_c"] < 0.3
+
+
+@BOTH
+def test_shipped_gains_are_stable_on_processes_unlike_the_model(name):
+    for factors in MISMATCH.values():
+        assert max(simulated_sensitivity(tunings()[name], nominal().scaled(**factors))) < 3.5
+
+
+@BOTH
+def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
+    """Away from the shipped gains as well, and with every filter and derivative in play."""
+    gains = tunings()[name]
+    other = replace(
+        gains,
+        depth_derivative_time=0.3,
+        temperature_derivative_time=0.4,
+        temperature_filter=0.8,
+        power_filter=0.5,
+        feedforward_filter=0.7,
+    )
+    for these in (gains, other):
+        assert sensitivity(these) == pytest.approx(simulated_sensitivity(these), rel=0.01)
+
+
+def test_noise_moves_of_the_formulas_are_the_simulated_ones():
+    gains, source = tunings()["tight"], random.Random(3)
+    rows = Loop(gains).run(
+        8000, constant, lambda k: tuple(source.gauss(0.0, deviation) for deviation in decentral_loop.NOISE)
+    )
+    moves = np.diff(rows[200:, 2:], axis=0).std(axis=0)
+    assert tuple(moves) == pytest.approx(noise_moves(gains), rel=0.05)
+
+
+def test_an_unstable_loop_has_no_finite_sensitivity():
+    gains = replace(tunings()["tight"], temperature_gain=5.0)
+    assert simulated_sensitivity(gains)[1] == math.inf
+
+
+def test_the_search_finds_the_bottom_of_a_narrow_valley():
+    """Twelve variables whose scales differ by 1e3, turned against the axes."""
+    random_numbers = np.random.default_rng(0)
+    turn, _ = np.linalg.qr(random_numbers.standard_normal((12, 12)))
+    scales, bottom = np.geomspace(1.0, 1e3, 12), random_numbers.standard_normal(12)
+
+    def cost(x):
+        return float(((scales * (turn @ (x - bottom))) ** 2).sum())
+
+    shares = []
+    found = minimise(cost, np.zeros(12), 0.5, 8000, progress=shares.append)
+    assert found == pytest.approx(bottom, abs=1e-3)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    assert np.array_equal(minimise(cost, np.zeros(12), 0.5, 200), minimise(cost, np.zeros(12), 0.5, 200))
+
+
+def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
+    other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
+    found = tune_decentral.tune("conservative", other, evaluations=60)
+    start = tune_decentral.start_of("conservative", other)
+    assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(start, "conservative", other)
+    assert set(SEARCHED) == set(asdict(found))
+    for key, (low, high) in SEARCHED.items():
+        assert low <= getattr(found, key) <= high
+
+
+def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
+    file = tmp_path / "figures.json"
+    assert main(["--check", "--json", str(file)]) == 0
+    written = json.loads(file.read_text(encoding="utf-8"))
+    assert written["tight"]["gains"] == asdict(tunings()["tight"])
+    assert written["tight"]["figures"]["tracking_iae_depth_mm_s"] == pytest.approx(
+        decentral_loop.errors(tunings()["tight"])["tracking_iae_depth_mm_s"]
+    )
+    assert "dead time +20 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--model", "missing.yaml"], 1, "missing.yaml"),
+        (["--model", "bad.yaml"], 1, "unknown model parameter"),
+        (["--json", "missing/figures.json"], 1, "missing/figures.json"),
+        (["--evaluations", "0"], 2, "whole number"),
+        (["--tuning", "loose"], 2, "loose"),
+        (["--write", "--model", "bad.yaml"], 2, "--model"),
+        (["--write", "--check"], 2, "--check"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments, code, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.yaml").write_text("warmth: 1.0\n", encoding="utf-8")
+    try:
+        returned = main(arguments)
+    except SystemExit as error:
+        returned = error.code
+    assert returned == code
+    errors = [line for line in capsys.readouterr().err.splitlines() if "error:" in line]
+    assert len(errors) == 1 and said in errors[0]
+
+
+def test_the_script_is_the_command():
+    told = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
+    assert told.returncode == 0
+    assert "--evaluations" in told.stdout
