@@ -62,7 +62,7 @@ class Meter:
         from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
         rclpy.init(args=[], domain_id=domain)
-        self._convert, self._start, self._temperature_c = (
+        self._convert, self._acting, self._temperature_c = (
             convert,
             Command(weld.FORCE_KN, weld.SPEED_RPM),
             weld.TEMPERATURE_C,
@@ -109,7 +109,7 @@ class Meter:
     def _tick(self):
         convert, stamp, noise = self._convert, time.time_ns(), self._noise.gauss
         self.sent[stamp] = time.monotonic()
-        self._drives.publish(convert.drives_message(self._start, stamp))
+        self._drives.publish(convert.drives_message(self._acting, stamp))
         self._depths.publish(convert.depth_message(noise(2.66, 1e-3), stamp))
         self._torques.publish(convert.torque_message(noise(1022.0, 1.0), stamp))
         self._temperatures.publish(convert.temperature_message(noise(self._temperature_c, 0.2), stamp))
@@ -121,7 +121,7 @@ class Meter:
         stamp = self._convert.stamp_ns(message.header.stamp)
         self.commanded.setdefault(stamp, time.monotonic())
         self.sources[stamp] = message.source
-        self._truth.axial_force, self._truth.spindle_speed = message.axial_force, message.spindle_speed
+        self._acting = self._convert.command(message)
 
     def close(self):
         """Leave the graph."""

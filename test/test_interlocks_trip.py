@@ -6,7 +6,7 @@ from fsw_control import weld
 from fsw_control.validity import SensorGuard
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
-from fsw_supervisor.modes import Mode
+from fsw_supervisor.state_machine import Mode
 
 #: by interlock: disturbances and sensor faults of the plant that lead to it, and no other one
 _CAUSES = {

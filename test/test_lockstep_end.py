@@ -26,15 +26,20 @@ def wait_for(condition, what, timeout_s=30.0):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_every_process_ends_cleanly_and_the_bag_is_whole(sign, tmp_path):
+@pytest.mark.parametrize(
+    "signs",
+    [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)],
+    ids=["Ctrl-C", "SIGTERM", "Ctrl-C from terminal and launch"],
+)
+def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
     scenario = load("reference_tracking")
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         graph = WeldGraph(scenario, tmp_path / "weld")
         player = graph.start(launcher)
         launcher.wait_for_text("scenario", "progress 1")
         for child in launcher.children.values():
-            child.process.send_signal(sign)
+            for sign in signs:
+                child.process.send_signal(sign)
         wait_for(lambda: not any(child.running for child in launcher.children.values()), "all processes to end")
         for name in NODES:
             child = launcher.children[name]

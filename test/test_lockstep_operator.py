@@ -1,10 +1,12 @@
 """The operator's command against a running graph."""
 
+import time
+
 import pytest
 
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.main import main
-from fsw_experiment.graph import WeldGraph
+from fsw_experiment.graph import CONTROLLER_MODULES, WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import load
 
@@ -91,3 +93,29 @@ def test_an_empty_domain_is_told(capsys, monkeypatch):
             assert main([*arguments, "--timeout", "0.5"]) == 1
             error = capsys.readouterr().err
             assert error.count("\n") == 1
+
+
+def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys, monkeypatch):
+    """As after weld.launch.py without a scenario."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        for name, module in (
+            ("decentral", CONTROLLER_MODULES["decentral"]),
+            ("supervisor", "fsw_supervisor.supervisor_node"),
+            ("plant", "fsw_plant.plant_node"),
+        ):
+            launcher.start(name, module)
+        launcher.wait_for_text("supervisor", "role: active", 60.0)
+        end_s = time.monotonic() + 30.0
+        printed = ""
+        while "no set-point yet" not in printed:
+            assert time.monotonic() < end_s, printed
+            assert main(["status", "--timeout", "20"]) == 0
+            printed = capsys.readouterr().out
+        assert "hold, no controller: starting: waiting for decentral: no set-point yet" in printed
+        assert "set-points   none yet" in printed
+        assert main(["reference", "--depth", "2.66", "--temperature", "816.4", "--timeout", "20"]) == 0
+        launcher.wait_for_text("supervisor", "start -> auto", 30.0)
+        assert main(["status", "--timeout", "20"]) == 0
+        assert "auto, decentral" in capsys.readouterr().out

@@ -11,7 +11,7 @@ import pytest
 from fsw_control import messages_ros as convert
 
 DEADLINE = "no proposal at the deadline"
-FALLBACK = "fallback in the same tick, latched out"
+FALLBACK = "fallback in the same tick, inhibited"
 
 
 def test_a_nominal_weld_loses_nothing(weld, table):

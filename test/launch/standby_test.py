@@ -37,7 +37,7 @@ class TestStandby(unittest.TestCase):
             first = states[-1].header.frame_id
             self.assertEqual({command.header.frame_id for command in commands}, {first})
             self.assertEqual(eye.node.count_publishers("/fsw/command"), 1)
-            kill(domain, "supervisor", but="standby")
+            kill(domain, "fsw_supervisor", but="standby")
             eye.until(lambda: states[-1].requested_by == "takeover", "the standby on duty")
             goal = len(commands) + TICKS
             eye.until(lambda: len(commands) > goal, f"{TICKS} more commands")

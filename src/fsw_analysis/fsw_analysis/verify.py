@@ -21,7 +21,7 @@ from fsw_control.contract import SENSORS, Command, Controller, Proposal, Referen
 from fsw_control.host import answer
 from fsw_control.parameters import ParameterError, load, validate
 from fsw_control.units import kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
-from fsw_control.validity import SensorGuard, SensorLimits
+from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_recorder.errors import BagError
 
 #: from the controller's recorded parameters to the controller
@@ -151,7 +151,7 @@ def verify(path: Path | str, name: str, make: Make, parameters: tuple[str, str] 
 
 
 def _replay(recorded: _Recorded, controller: Controller, settings: dict[str, Any], result: Verification) -> None:
-    guard = SensorGuard(_limits(settings))
+    guard = SensorGuard(sensor_limits(settings))
     applied = Command(settings["initial_force"], settings["initial_speed"])
     controller.reset(applied)
     stamps: list[int] = recorded.proposals.stamp_ns.tolist()
@@ -268,17 +268,3 @@ def _recorded_parameters(messages: WeldMessages, name: str, notes: list[str]) ->
 
 def _known(specs: Mapping[str, Any], recorded: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, Any]]:
     return specs, {key: value for key, value in recorded.items() if key in specs}
-
-
-def _limits(settings: Mapping[str, Any]) -> dict[str, SensorLimits]:
-    return {
-        sensor: SensorLimits(
-            minimum=settings[f"validity.{sensor}.minimum"],
-            maximum=settings[f"validity.{sensor}.maximum"],
-            max_rate=settings[f"validity.{sensor}.max_rate"],
-            hold_s=settings["validity.hold"],
-            frozen_samples=settings["validity.frozen_samples"],
-            confirm_samples=settings["validity.confirm_samples"],
-        )
-        for sensor in SENSORS
-    }

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import isfinite
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 
 #: More than a controller ever lags behind.
@@ -105,9 +105,9 @@ class AppliedCommands:
         return True
 
     def _complaint(self, seen: AppliedCommand, last: AppliedCommand, newest_ns: int | None, now_s: float) -> str:
-        command = seen.command
-        if not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
-            return f"it is not finite: {command}"
+        refused = refusal(seen.command)
+        if refused is not None:
+            return f"it is {refused.words}"
         if not seen.healthy:
             return "it says that it must not be applied"
         if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > self._reach_ns:

@@ -15,13 +15,14 @@ from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.contract import SENSORS, Command, Controller, Proposal
 from fsw_control.host import answer
-from fsw_control.join import Tick, TickJoin
+from fsw_control.message_synchronizer import MessageSynchronizer, Tick
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_references, subscribe_sensors
-from fsw_control.validity import SensorGuard, SensorLimits
+from fsw_control.references_ros import StatedReference, subscribe_references
+from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_sensors
+from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
 
 #: from the controller's parameters (empty if it has none) to the controller
@@ -58,10 +59,10 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
-        self._guard = SensorGuard(self._limits(self._settings.values))
+        self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._join = TickJoin(await_drives=self._lockstep)
+        self._synchronizer = MessageSynchronizer(await_drives=self._lockstep)
         self._health: tuple[bool, str] | None = None
         self._steps = 0
         self._unhealthy_steps = 0
@@ -72,8 +73,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._open_topics()
 
     def _open_parameters(self) -> None:
-        self._settings.on_change(lambda values: self._guard.configure(self._limits(values)))
-        self._settings.add_check(self._check_limits)
+        self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
+        self._settings.add_check(_wrong_limits)
         check = getattr(self._controller, "check", None)
         if check is not None:
             self._own.add_check(check)
@@ -86,6 +87,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
         self._predictions = self.create_publisher(Prediction, f"fsw/{self._controller_name}/prediction", STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
         self._deadline.cancel()
@@ -97,18 +99,18 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         subscribe_sensors(self, self._on_sample)
 
     def _on_drives(self, stamp_ns: int, acting: Command) -> None:
-        self._consume(self._join.add_drives(stamp_ns, acting))
+        self._consume(self._synchronizer.add_drives(stamp_ns, acting))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
-        self._consume(self._join.add(sensor, stamp_ns, value, time.monotonic()))
+        self._consume(self._synchronizer.add(sensor, stamp_ns, value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
         header = message.header
         seen = AppliedCommand(
             convert.stamp_ns(header.stamp), convert.command(message), message.source, header.frame_id, message.healthy
         )
-        if self._applied.add(seen, self._join.newest_ns, time.monotonic()):
-            self._consume(self._join.add_command(seen.stamp_ns))
+        if self._applied.add(seen, self._synchronizer.newest_ns, time.monotonic()):
+            self._consume(self._synchronizer.add_command(seen.stamp_ns))
         elif self._applied.complaint:
             text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
@@ -119,18 +121,18 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
     def _on_deadline(self) -> None:
         self._armed_s = None
         self._deadline.cancel()
-        self._consume(self._join.expire(time.monotonic(), self._patience_s()))
+        self._consume(self._synchronizer.expire(time.monotonic(), self._patience_s()))
 
     def _patience_s(self) -> float:
         # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
-        if self._lockstep and not self._join.lacking <= self._join.missed:
+        if self._lockstep and not self._synchronizer.lacking <= self._synchronizer.missed:
             return float(self._settings["lockstep_deadline"])
         return float(self._settings["deadline"])
 
     def _consume(self, ticks: list[Tick]) -> None:
         for tick in ticks:
             self._tick(tick)
-        begun_s = self._join.begun_s
+        begun_s = self._synchronizer.begun_s
         due_s = begun_s + self._patience_s() if begun_s is not None else None
         if due_s == self._armed_s:
             return
@@ -156,6 +158,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
+        self._followed.tell(tick.stamp_ns, reference, self._references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s
@@ -208,7 +211,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         if not healthy and self._steps:
             level = DiagnosticStatus.ERROR
         text = reason or ", ".join(f"{sensor}: {why}" for sensor, why in reasons.items()) or "proposing"
-        counts = self._join.counts
+        counts = self._synchronizer.counts
         values: dict[str, object] = {
             "steps": self._steps,
             "unhealthy steps": self._unhealthy_steps,
@@ -216,7 +219,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
             "applied from": self._applied.source,
             "commands ignored": self._applied.ignored,
-            "jumps of time": counts.jumps,
+            "jumps of time": self._synchronizer.jumps,
         }
         for sensor in SENSORS:
             values[f"{sensor} late"] = counts.late[sensor]
@@ -230,27 +233,13 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             )
         )
 
-    @staticmethod
-    def _limits(values: dict[str, Any]) -> dict[str, SensorLimits]:
-        return {
-            sensor: SensorLimits(
-                minimum=values[f"validity.{sensor}.minimum"],
-                maximum=values[f"validity.{sensor}.maximum"],
-                max_rate=values[f"validity.{sensor}.max_rate"],
-                hold_s=values["validity.hold"],
-                frozen_samples=values["validity.frozen_samples"],
-                confirm_samples=values["validity.confirm_samples"],
-            )
-            for sensor in SENSORS
-        }
 
-    @classmethod
-    def _check_limits(cls, values: dict[str, Any]) -> str | None:
-        try:
-            cls._limits(values)
-        except ValueError as error:
-            return f"sensor validity: {error}"
-        return None
+def _wrong_limits(values: dict[str, Any]) -> str | None:
+    try:
+        sensor_limits(values)
+    except ValueError as error:
+        return f"sensor validity: {error}"
+    return None
 
 
 def run_controller(

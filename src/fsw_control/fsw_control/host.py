@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
 
 
@@ -27,16 +27,13 @@ def answer(
         return Proposal(applied, healthy=False, reason="no set-point yet")
     try:
         proposal = controller.step(measurement, reference, applied, dt_s)
-        command = proposal.command
-        finite = math.isfinite(command.force_kn) and math.isfinite(command.speed_rpm)
+        refused = refusal(proposal.command)
     except Exception as error:
         # A user's controller may fail in any way; the weld must go on under another one.
         text = " ".join(str(error).split())
         return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
-    if not finite:
-        return Proposal(
-            applied, healthy=False, reason=f"command is not finite: {command}", diagnosis=proposal.diagnosis
-        )
+    if refused is not None:
+        return Proposal(applied, healthy=False, reason=f"command is {refused.words}", diagnosis=proposal.diagnosis)
     if proposal.healthy and not (
         measurement.depth_valid and measurement.torque_valid and measurement.temperature_valid
     ):

@@ -118,7 +118,7 @@ def reference_message(value: Reference, time_ns: int) -> WeldReference:
     )
 
 
-def kept_reference_message(value: Reference, since_ns: int, issued_ns: int) -> WeldReference:
+def stated_reference_message(value: Reference, since_ns: int, issued_ns: int) -> WeldReference:
     """Reference message of who did not issue it but states that it holds since ``since_ns``."""
     message = reference_message(value, since_ns)
     message.header.frame_id = str(issued_ns)
@@ -126,7 +126,7 @@ def kept_reference_message(value: Reference, since_ns: int, issued_ns: int) -> W
 
 
 def issued_ns(message: WeldReference) -> int:
-    """When the reference that a :func:`kept_reference_message` states was issued; 0: not told."""
+    """When the reference that a :func:`stated_reference_message` states was issued; 0: not told."""
     text = message.header.frame_id
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 

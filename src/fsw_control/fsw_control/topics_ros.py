@@ -1,4 +1,4 @@
-"""The topics of the weld as all nodes use them: quality of service, sensors and set-points."""
+"""The topics of the weld as all nodes use them: quality of service, sensors and drives."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Command
-from fsw_control.references import ReferenceQueue
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldReference
+from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: the last message is kept for who comes later
@@ -62,33 +61,3 @@ def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
         take(convert.stamp_ns(message.header.stamp), convert.drives(message))
 
     node.create_subscription(DriveFeedback, "fsw/drives", on_feedback, STREAM)
-
-
-def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], None]) -> None:
-    """Subscribe to the set-points that are sent, and to those that a supervisor states for who comes later.
-
-    Parameters
-    ----------
-    node : Node
-    queue : ReferenceQueue
-        Takes them.
-    refuse : callable
-        Gets what is wrong with a message that is not taken.
-    """
-
-    def take(message: WeldReference, issued_ns: int) -> None:
-        try:
-            reference = convert.reference(message)
-        except ValueError as error:
-            refuse(str(error))
-            return
-        queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
-
-    def on_sent(message: WeldReference, info: Any) -> None:
-        take(message, info["source_timestamp"])
-
-    def on_kept(message: WeldReference) -> None:
-        take(message, convert.issued_ns(message))
-
-    node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
-    node.create_subscription(WeldReference, "fsw/supervisor/reference", on_kept, LATEST)

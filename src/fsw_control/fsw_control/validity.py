@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fsw_control.contract import SENSORS, Command, Measurement
 
@@ -55,6 +56,27 @@ DEFAULT_LIMITS = {
     "torque": SensorLimits(100.0, 3000.0, 3000.0),
     "thermocouple": SensorLimits(300.0, 1080.0, 400.0),
 }
+
+
+def sensor_limits(values: Mapping[str, Any]) -> dict[str, SensorLimits]:
+    """Limits of all sensors from a node's parameters ``validity.*``.
+
+    Raises
+    ------
+    ValueError
+        When they contradict each other; the message says which.
+    """
+    return {
+        sensor: SensorLimits(
+            minimum=values[f"validity.{sensor}.minimum"],
+            maximum=values[f"validity.{sensor}.maximum"],
+            max_rate=values[f"validity.{sensor}.max_rate"],
+            hold_s=values["validity.hold"],
+            frozen_samples=values["validity.frozen_samples"],
+            confirm_samples=values["validity.confirm_samples"],
+        )
+        for sensor in SENSORS
+    }
 
 
 class Reading(NamedTuple):

@@ -199,7 +199,7 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(st
     peer = start()
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
     issued_ns = peer.peer.get_clock().now().nanoseconds
-    kept.publish(convert.kept_reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
+    kept.publish(convert.stated_reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
     peer.wait(lambda: peer.node._references)
     if not sender_is_gone:
         peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
@@ -256,7 +256,7 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     peer = start()
     peer.refer()
     peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
-    peer.wait(lambda: peer.node._join._drives)
+    peer.wait(lambda: peer.node._synchronizer._drives)
     peer.tick(1)
     peer.tick(2)
     with_drives, without = (entry[0] for entry in peer.controller.seen)

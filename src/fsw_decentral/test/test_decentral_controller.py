@@ -103,13 +103,13 @@ def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
     controller = DecentralController({"tuning": tuning})
     rows = closed_loop(controller, lambda t: REFERENCE, 300, override=lambda t: other if t < 60.0 else None)
     shadow = [row[4].command for row in rows[10:600]]
-    assert max(abs(command.force_kn - other.force_kn) for command in shadow) < 0.5
+    assert max(abs(command.force_kn - other.force_kn) for command in shadow) < 0.6
     assert max(abs(command.speed_rpm - other.speed_rpm) for command in shadow) < 0.5
     moves = [
         (abs(b[4].command.force_kn - a[4].command.force_kn), abs(b[4].command.speed_rpm - a[4].command.speed_rpm))
         for a, b in pairwise(rows[598:701])
     ]
-    assert max(force for force, _ in moves) < 0.5
+    assert max(force for force, _ in moves) < 0.6
     assert max(speed for _, speed in moves) < 2.5
     assert abs(rows[-1][1] - DEPTH_MM) < 5e-3
     assert abs(rows[-1][2] - TEMPERATURE_C) < 0.2

@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.clairvoyant import EVENTS, Clairvoyant, Event
 from fsw_experiment.comparison import report, study
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
-from fsw_experiment.comparison.runs import Job, figures, is_stable
+from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
 from fsw_model import ProcessModel
 
 
@@ -121,3 +122,12 @@ def test_figures_say_whether_something_swings():
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
     assert scenario("rest").events == ()
+
+
+@pytest.mark.parametrize("plant", [{}, {"actuators.lag_s": 0.3}], ids=["nominal", "drive lag"])
+def test_what_the_drives_add_leaves_no_offset(plant):
+    """+1 kN and -4 rpm behind the drives: the load cell and the speed sensor see them."""
+    truth = weld(Job(DEFAULT, "input_disturbances", plant=plant)).truth
+    depth_um, temperature_c = 1e3 * (truth.depth_mm - DEPTH_MM), truth.temperature_c - TEMPERATURE_C
+    assert np.abs(depth_um).max() < 2.0 and np.abs(temperature_c).max() < 0.1
+    assert np.abs(depth_um[-100:]).max() < 0.05 and np.abs(temperature_c[-100:]).max() < 0.01

@@ -194,6 +194,7 @@ class Start(ctypes.Structure):
         ("torque_scale", c_double),
         ("depth_offset_mm", c_double),
         ("temp_offset_c", c_double),
+        ("speed_offset_rpm", c_double),
     ]
 
 

@@ -11,21 +11,28 @@ from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.library import Start, Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the power history.
-N_START = 12
+N_START = 13
 
 
 def start_vector(start: Start) -> Vector:
-    """The ``start`` of :func:`prediction_function`, shape (12,)."""
+    """The ``start`` of :func:`prediction_function`, shape (13,)."""
     s = start
-    offsets = [s.force_offset_kn, s.heat_offset_kw, s.torque_scale, s.depth_offset_mm, s.temp_offset_c]
+    offsets = [
+        s.force_offset_kn,
+        s.heat_offset_kw,
+        s.torque_scale,
+        s.depth_offset_mm,
+        s.temp_offset_c,
+        s.speed_offset_rpm,
+    ]
     return np.array([*s.x, s.force_kn, s.speed_rpm, *offsets])
 
 
 def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Function:
-    """CasADi function (moves, start (12,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
+    """CasADi function (moves, start (13,), history (3 n_history,)) -> (depth (n_out,), temperature (n_out,)).
 
     ``start`` holds the state (5), the applied force and speed, the offsets of force and heat, the torque scale and the
-    offsets of depth and temperature; ``history`` the power's coefficients, oldest first.
+    offsets of depth, temperature and speed; ``history`` the power's coefficients, oldest first.
     """
     p = parameters
     moves = ca.SX.sym("moves", 2 * horizon.n_blocks)
@@ -33,7 +40,7 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
     history = ca.SX.sym("history_kw", 3 * horizon.n_history)
     creep, slow, copper, tool, motor = ca.vertsplit(start[:5])
     force, speed = start[5], start[6]
-    force_offset, heat_offset, scale, depth_offset, temperature_offset = ca.vertsplit(start[7:])
+    force_offset, heat_offset, scale, depth_offset, temperature_offset, speed_offset = ca.vertsplit(start[7:])
     segments = [history[3 * j : 3 * j + 3] for j in range(horizon.n_history)]
     poles, gains = depth_modes(p)
     fast_gain = -gains[2] / poles[2]
@@ -60,9 +67,10 @@ def prediction_function(parameters: ModelParameters, horizon: Horizon) -> ca.Fun
         depth = (settled + creep + slow) * (1.0 + p.softening_per_c * tool)
         rise = scale * process_torque_nm(p, acting, depth) - left
         begin = left - lag * rise
-        friction = friction_torque_nm(p, speed)
+        turning = speed + speed_offset
+        friction = friction_torque_nm(p, turning)
         rest = motor - friction - begin
-        segments.append(power_kw(ca.vertcat(begin, rise, rest), speed) - ca.DM([p.operating_power_kw, 0.0, 0.0]))
+        segments.append(power_kw(ca.vertcat(begin, rise, rest), turning) - ca.DM([p.operating_power_kw, 0.0, 0.0]))
         motor = begin + rise + friction + motor_decay * rest
         if horizon.out_step[interval] == k:
             depths.append(depth + depth_offset)

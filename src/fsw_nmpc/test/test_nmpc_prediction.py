@@ -8,7 +8,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import horizon_of, make_horizon, paper_grid
 from fsw_nmpc.library import Start
-from fsw_nmpc.prediction import prediction_function, start_vector
+from fsw_nmpc.prediction import N_START, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, random_moves, random_start
 
 P = nominal()
@@ -68,7 +68,7 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     library = make_library(20, p)
     h = library.horizon
     predict = prediction_function(p, h)
-    given = [ca.SX.sym("moves", 40), ca.SX.sym("start", 12), ca.SX.sym("history", 3 * h.n_history)]
+    given = [ca.SX.sym("moves", 40), ca.SX.sym("start", N_START), ca.SX.sym("history", 3 * h.n_history)]
     outputs = ca.vertcat(*predict(*given))
     both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
     for _ in range(5):

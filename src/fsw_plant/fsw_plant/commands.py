@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 
 from fsw_control import Command
+from fsw_control.command_check import Flaw, refusal
 
 #: Why a command can be refused.
 REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future")
-#: Slack for values at a limit that went through the wire's units and back.
-_SLACK = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,21 +72,13 @@ class CommandGate:
         limits, force, speed = self.limits, command.force_kn, command.speed_rpm
         if self.sources and source not in self.sources:
             return self._refuse("source", f"source {source!r} is none of {', '.join(sorted(self.sources))}")
-        if not isfinite(force) or not isfinite(speed):
-            return self._refuse("not_finite", f"force {force} kN, speed {speed} rpm")
+        refused = refusal(command, limits)
+        if refused is not None and refused.flaw is Flaw.NOT_FINITE:
+            return self._refuse(refused.flaw, refused.words)
         if not healthy:
             return self._refuse("unhealthy", f"{source!r} marked it as not to be applied")
-        force_kn = min(max(force, limits.force_min_kn), limits.force_max_kn)
-        speed_rpm = min(max(speed, limits.speed_min_rpm), limits.speed_max_rpm)
-        if abs(force_kn - force) > _SLACK * limits.force_max_kn:
-            return self._refuse(
-                "out_of_range", f"force {force:g} kN is outside {limits.force_min_kn:g} to {limits.force_max_kn:g} kN"
-            )
-        if abs(speed_rpm - speed) > _SLACK * limits.speed_max_rpm:
-            return self._refuse(
-                "out_of_range",
-                f"speed {speed:g} rpm is outside {limits.speed_min_rpm:g} to {limits.speed_max_rpm:g} rpm",
-            )
+        if refused is not None:
+            return self._refuse(refused.flaw, refused.words)
         if measured_ns is None or stamp_ns > measured_ns:
             return self._refuse("future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet")
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns:
@@ -96,6 +86,8 @@ class CommandGate:
         if measured_ns - stamp_ns > self._max_age_ns:
             return self._refuse("too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old")
         self.last_stamp_ns = stamp_ns
+        force_kn = min(max(force, limits.force_min_kn), limits.force_max_kn)
+        speed_rpm = min(max(speed, limits.speed_min_rpm), limits.speed_max_rpm)
         return command if force == force_kn and speed == speed_rpm else Command(force_kn, speed_rpm)
 
     def _refuse(self, reason: str, words: str) -> str:

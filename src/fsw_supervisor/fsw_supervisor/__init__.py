@@ -1,8 +1,7 @@
-"""The arbiter: the only writer of the command; checks, swaps and replaces controllers."""
+"""The supervisor: the only writer of the command; arbitrates, swaps and replaces controllers."""
 
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Decision
+from fsw_supervisor.tick import Decision, ProposalInput
 
 __all__ = ["Arbiter", "ArbiterSettings", "Decision", "ProposalInput"]

@@ -1,44 +1,105 @@
 """The arbiter: one command per tick, whatever happens.
 
 Pure: no middleware, every time is handed in (steady seconds), every input is a method, and what has to be sent
-comes back as a list of decisions. The modes and their transitions are the table in ``modes.py``.
+comes back as a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
-from typing import Any
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import SENSORS, Command
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.events import Level
-from fsw_supervisor.modes import OPERATOR_TRIGGERS, Mode, Trigger
-from fsw_supervisor.rules import Rules
+from fsw_control.message_synchronizer import StampFilter
+from fsw_control.validity import SensorGuard
+from fsw_supervisor.arbitration import Arbitration
+from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.operator_requests import OperatorRequests
+from fsw_supervisor.safety_monitor import Interlocks, SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Decision, Stamps, Tick
+from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
+from fsw_supervisor.tick import NANOSECONDS, CommandWatch, Decision, ProposalInput, Tick
 
 #: name under which the drives' feedback of force and speed takes part in the making of ticks
 DRIVES = "drives"
 #: without measurements for so long, what is applied must be found out anew [s]
 _GAP_S = 1.0
+#: in real time a stamp far away is believed after so many tick periods in which nothing else has come
+_SILENT_TICKS = 2.5
 
 
-class Arbiter(Rules):
-    """Decides at every tick whose values are applied.
+class Arbiter:
+    """Begins and ends ticks, hands each to the arbitration, and keeps the books on what is sent.
 
     Parameters
     ----------
     settings : ArbiterSettings
         Everything that can be set.
-    options
-        As for :class:`Rules`, whose attributes it has.
+    lockstep : bool
+        Whether the plant waits for the command, so that the wall clock only guards.
+    guard : SensorGuard, optional
+        Judge of the sensors.
+    interlocks : Interlocks, optional
+        Judge of the process.
+
+    Attributes
+    ----------
+    machine : Machine
+        Mode, active controller, target, reasons, events.
+    safety : SafetyMonitor
+        Sensors and interlocks.
+    registry : ControllerRegistry
+        The controllers and what is known of them.
+    operator : OperatorRequests
+        Where the operator asks: ``ask_switch``, ``ask_mode``.
+    watch : CommandWatch
+        Tells own commands from foreign ones.
+    last : Decision or None
+        The last decision.
+    on_duty : bool
+        Off duty it rehearses: decides every tick, sends nothing and takes over what the one on duty commands.
+    commands, lost_ticks, stalls : int
+        Counts since the start: commands sent, ticks without one, own hold-ups.
     """
 
-    def __init__(self, settings: ArbiterSettings, **options: Any) -> None:
-        super().__init__(settings, **options)
-        self._stamps = Stamps(silence_s=2.5 * settings.tick_period_s if not self.lockstep else _GAP_S)
+    def __init__(
+        self,
+        settings: ArbiterSettings,
+        lockstep: bool = False,
+        guard: SensorGuard | None = None,
+        interlocks: Interlocks | None = None,
+    ) -> None:
+        self.lockstep = lockstep
+        self.machine = Machine(settings)
+        self.safety = SafetyMonitor(self.machine, guard, interlocks)
+        self.registry = ControllerRegistry(self.machine, self.safety, lockstep)
+        self.operator = OperatorRequests(self.machine, self.registry, self.safety, lockstep)
+        self.watch = CommandWatch()
+        self.last: Decision | None = None
+        self.on_duty = True
+        self.commands = self.lost_ticks = self.stalls = 0
+        self._arbitration = Arbitration(self.machine, self.registry, self.safety, self.operator, self.watch, lockstep)
+        self._start = self._arbitration.start
+        self._stamps = StampFilter(_GAP_S if lockstep else _SILENT_TICKS * settings.tick_period_s)
+        self._tick: Tick | None = None
+        self._now_s = 0.0
         self._silent = False
+        self._outbox: list[Decision] = []
+        self._rehearsed: Decision | None = None
+
+    @property
+    def settings(self) -> ArbiterSettings:
+        """The settings; may be replaced at any time."""
+        return self.machine.settings
+
+    @settings.setter
+    def settings(self, settings: ArbiterSettings) -> None:
+        self.machine.settings = settings
+
+    @property
+    def applied(self) -> Command | None:
+        """Command in force; None until it is known."""
+        return self._arbitration.applied
 
     # ---------------------------------------------------------------- inputs
 
@@ -50,35 +111,30 @@ class Arbiter(Rules):
 
     def on_drives(self, stamp_ns: int, feedback: Command, now_s: float) -> list[Decision]:
         """Take the drives' feedback of the force and speed that act."""
-        repeated = self._drives is not None and self._drives[0] == stamp_ns
-        if isfinite(feedback.force_kn) and isfinite(feedback.speed_rpm):
-            self._drives = (stamp_ns, feedback)
+        repeated = self._start.hear_drives(stamp_ns, feedback)
         self._see(DRIVES, stamp_ns, feedback.force_kn, now_s)
         self._advance()
         again = repeated and self.lockstep and self.on_duty
         if again and self.last is not None and self.last.stamp_ns == stamp_ns:
             # The plant sends its tick again because the answer did not reach it.
             self._outbox.append(self.last)
-            self.writers.sent(self.last)
+            self.watch.sent(self.last)
         return self._take()
 
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that came on the topic of controller ``name``."""
         self._pass_time(now_s)
-        record = self.proposals.join(name)
+        record = self.registry.join(name)
         if record is not None:
-            self.proposals.take(record, proposal, self._tick, now_s)
+            self.registry.take(record, proposal, self._tick, now_s)
         self._advance()
         return self._take()
 
     def on_status(self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float) -> list[Decision]:
         """Take what a controller declares of itself."""
         self._pass_time(now_s)
-        record = self.proposals.roster.get(name)
-        if record is not None:
-            record.tolerated_sensors = tuple(sensor for sensor in tolerated_sensors if sensor in SENSORS)
-            record.status_seen = True
-            self._takeover.hear_status(name, selected)
+        if self.registry.hear_status(name, tolerated_sensors):
+            self._start.hear_status(name, selected)
         self._advance()
         return self._take()
 
@@ -86,7 +142,7 @@ class Arbiter(Rules):
         """Let time pass; to be called at ``wakeup_s`` at the latest."""
         self._pass_time(now_s)
         self._advance()
-        self.desk.expire(now_s)
+        self.operator.expire(now_s)
         if not self._silent and self._tick is not None and not self.lockstep:
             self._silent = now_s - self._tick.started_s > _GAP_S
             if self._silent:
@@ -95,41 +151,47 @@ class Arbiter(Rules):
 
     def on_command(self, stamp_ns: int, source: str, command: Command) -> bool:
         """Take a message seen on the command topic; returns whether it was sent here, else it is a foreign writer's."""
-        if self.writers.is_own(stamp_ns, source, command):
+        if self.watch.is_own(stamp_ns, source, command):
             return True
-        self._takeover.hear_command(command)
-        if self.writers.note_foreign(self._now_s, self.machine.tick):
+        if refusal(command) is None:
+            self._start.hear_command(command)
+        if self.watch.note_foreign(self._now_s, self.machine.tick):
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
         return False
 
     # ---------------------------------------------------------------- on and off duty
 
+    def rehearse(self) -> None:
+        """Begin off duty."""
+        self.on_duty = False
+
+    def commanded(self, drives: Command) -> Command:
+        """The command that the drives obey when they report ``drives``."""
+        return self._start.commanded(drives)
+
     def follow(self, stamp_ns: int, source: str, command: Command) -> None:
         """Off duty: take over what the one on duty has commanded."""
-        self.applied = self.settings.limits.clip(command, None)
-        self.last = Decision(stamp_ns, self.applied, source)
-        self._takeover.asking = False
+        applied = self.settings.limits.clip(command, None)
+        self._arbitration.note_applied(applied)
+        self.last = Decision(stamp_ns, applied, source)
         if self._tick is not None and stamp_ns == self._tick.stamp_ns:
             self._tick.answered, self._rehearsed = True, None
         elif self._tick is not None:
-            self._tick.before = self.applied
+            self._tick.before = applied
         self.machine.mirror(source)
 
-    def follow_wish(self, controller: str, mode: str, latched_out: Mapping[str, str]) -> None:
-        """Off duty: take over what the operator has asked the one on duty for, and who is latched out there and why."""
-        machine = self.machine
-        machine.target = controller or machine.target
-        machine.target_mode = next((item for item in OPERATOR_TRIGGERS if item == mode), machine.target_mode)
-        for record in self.proposals.roster:
-            record.latched_out = latched_out.get(record.name, "")
+    def follow_wish(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
+        """Off duty: take over what the operator has asked the one on duty for, and who is inhibited there and why."""
+        self.machine.want(controller, next((item for item in OPERATOR_TRIGGERS if item == mode), None))
+        self.registry.follow_inhibitions(inhibited)
 
     def take_duty(self, reason: str) -> list[Decision]:
         """Send from now on, beginning with the tick that has just been rehearsed; ``reason`` is empty at a start."""
         self.on_duty = True
         if reason:
             self.machine.note_takeover(reason)
-        self.desk.manual = self.applied
+        self.operator.begin_manual_at(self.applied)
         decision, self._rehearsed = self._rehearsed, None
         if decision is not None:
             self._send(decision)
@@ -141,10 +203,10 @@ class Arbiter(Rules):
         self._disown(unsent)
         self.on_duty = False
         # What was decided last has perhaps not been obeyed: what acts is heard from the one on duty or the drives.
-        self.applied = None
+        self._arbitration.forget_applied(self._tick)
         if self._tick is not None:
-            self._tick.before = None
-        self.desk.dismiss(f"refused: {reason}")
+            self._tick.answered = True
+        self.operator.dismiss(f"refused: {reason}")
         self.machine.log(Level.WARN, "duty", f"on standby: {reason}")
 
     def start_anew(self, unsent: list[Decision]) -> None:
@@ -167,10 +229,10 @@ class Arbiter(Rules):
             return None
         times = [tick.deadline_s]
         if not tick.evaluated:
-            times.append(tick.started_s + self._grace_s)
+            times.append(tick.started_s + self._arbitration.grace_s)
         if self.lockstep:
             times.append(tick.started_s + self.settings.lockstep_shadow_wait_s)
-        listening_s = self._takeover.ends_s(self.settings.takeover_wait_s)
+        listening_s = self._start.ends_s(self.settings.takeover_wait_s)
         if listening_s is not None:
             times.append(listening_s)
         return min((time for time in times if time > self._now_s), default=tick.deadline_s)
@@ -183,7 +245,7 @@ class Arbiter(Rules):
     @property
     def foreign_writer(self) -> bool:
         """Whether someone else has written commands lately."""
-        return self.writers.seen_lately(self._now_s)
+        return self.watch.seen_lately(self._now_s)
 
     @property
     def measuring(self) -> bool:
@@ -195,14 +257,17 @@ class Arbiter(Rules):
     def _see(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
         """Let a stamp begin a tick, or enter the sample in the tick that it belongs to."""
         self._pass_time(now_s)
-        begun = self._stamps.offer(source, stamp_ns, value, now_s)
-        if begun is not None:
+        newest_ns = self._stamps.newest_ns
+        believed = self._stamps.offer(source, stamp_ns, value, now_s)
+        if believed is None:
+            return
+        # Without a jump, a clock that went back a little is caught up with soon.
+        if believed.jumped or newest_ns is None or stamp_ns > newest_ns:
             self._begin(stamp_ns)
         tick = self._tick
         if tick is not None and stamp_ns == tick.stamp_ns:
-            if self._drives is not None and self._drives[0] == stamp_ns:
-                tick.drives = self._drives[1]
-            for name, sample in (begun or {source: value}).items():
+            tick.drives = self._start.feedback(stamp_ns) or tick.drives
+            for name, sample in believed.samples.items():
                 if name in SENSORS:
                     tick.samples.setdefault(name, sample)
 
@@ -225,17 +290,18 @@ class Arbiter(Rules):
         gap = past is not None and (back if self.lockstep else now_s - past.started_s > _GAP_S)
         if past is not None:
             if not past.decided and gap:
-                self._lose(past)
+                past.decide()
+                self.lost_ticks += 1
             elif not past.decided:
                 past.stalled = True
-                self._decide(past, final=True)
-            self.proposals.close(past)
+                self._advance(final=True)
+            self.registry.close(past)
         self.machine.advance(stamp_ns)
         if back:
             self.machine.log(Level.WARN, "clock", "time went back: counting on from there")
-            self.guard.reset()
-            self.proposals.forget_time()
-        self._takeover.begin(now_s)
+            self.safety.forget_time()
+            self.registry.forget_time()
+        self._start.begin(now_s)
         self._silent = False
         self._rehearsed = None
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
@@ -246,23 +312,21 @@ class Arbiter(Rules):
         if gap:
             self._interrupt("measurements are back after a gap")
         self._change_between_ticks()
-        self.proposals.take_early(self._tick, now_s)
+        self.registry.take_early(self._tick, now_s)
 
     def _interrupt(self, reason: str) -> None:
         """The plant or this process was away: whatever acts now must be found out anew."""
-        self._takeover.interrupt(self.applied, self.machine.active)
-        self.applied = None
-        assert self._tick is not None
-        self._tick.before = None
+        self._start.interrupt(self.applied, self.machine.active)
+        self._arbitration.forget_applied(self._tick)
         self.machine.log(Level.WARN, "sensors", reason)
         self.machine.fire(Trigger.INTERRUPTED, reason, "start")
 
     def _change_between_ticks(self) -> None:
         """The active controller may change here without having failed."""
         machine, settings = self.machine, self.settings
-        self.desk.serve(self._now_s)
+        self.operator.serve(self._now_s)
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
-            name = "" if machine.storming() else self.proposals.first_ready()
+            name = "" if machine.storming() else self.registry.first_ready()
             if name:
                 machine.fire(Trigger.CONTROLLER_BACK, f"{name} is ready again", "failover", name)
             elif machine.ticks_in_mode >= settings.ticks(settings.hold_timeout_s):
@@ -270,5 +334,32 @@ class Arbiter(Rules):
                 machine.fire(Trigger.HOLD_TIMEOUT, text, "failover")
         elif machine.mode is Mode.AUTO and settings.return_to_target and machine.active != machine.target:
             name = machine.target
-            if not self.desk.waiting and not self.proposals.obstacle(name) and not machine.storming():
+            if not self.operator.waiting and not self.registry.obstacle(name) and not machine.storming():
                 machine.swap(name, f"{name} is ready again", "failover", automatic=True)
+
+    # ---------------------------------------------------------------- decisions
+
+    def _advance(self, final: bool = False) -> None:
+        """Decide the present tick if that can be done now."""
+        tick = self._tick
+        if tick is None or tick.decided:
+            return
+        decision = self._arbitration.decide(tick, self._now_s, final)
+        if decision is not None and self.on_duty:
+            self._send(decision)
+        elif decision is not None:
+            self._rehearsed = decision
+        elif tick.decided and not tick.answered:
+            self.lost_ticks += 1
+
+    def _send(self, decision: Decision) -> None:
+        self._arbitration.note_applied(decision.command)
+        self.last = decision
+        self.commands += 1
+        self._outbox.append(decision)
+        self.watch.sent(decision)
+        self.operator.applied(decision.source, decision.stamp_ns / NANOSECONDS)
+
+    def _take(self) -> list[Decision]:
+        decisions, self._outbox = self._outbox, []
+        return decisions

@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from fsw_control import messages_ros as convert
 from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.modes import Mode
-from fsw_supervisor.roster import ControllerRecord
+from fsw_supervisor.controller_registry import ControllerRecord
+from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
 #: on the wire there is no mode "start": nothing changes then, as in hold
@@ -33,9 +33,9 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
         name=record.name,
         healthy=record.present and record.consecutive_good > 0,
         warm=record.consecutive_good >= arbiter.settings.warm_ticks,
-        latched_out=bool(record.latched_out),
+        latched_out=bool(record.inhibited),
         tolerated_sensors=list(record.tolerated_sensors),
-        reason=arbiter.proposals.obstacle(record.name),
+        reason=arbiter.registry.obstacle(record.name),
         consecutive_good=min(record.consecutive_good, 2**32 - 1),
         missed=min(record.missed, 2**32 - 1),
         late=min(record.late, 2**32 - 1),
@@ -62,8 +62,8 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
         requested_by=arbiter.machine.requested_by,
         since=convert.stamp_from_ns(arbiter.machine.since_ns),
         transitions=arbiter.machine.transitions,
-        controllers=[health(arbiter, record) for record in arbiter.proposals.roster],
-        interlocks=list(arbiter.interlocks.active),
+        controllers=[health(arbiter, record) for record in arbiter.registry],
+        interlocks=list(arbiter.safety.active),
     )
     message.header.stamp, message.header.frame_id = now, token
     if arbiter.last is not None:
@@ -115,8 +115,7 @@ def diagnostics(
     message.header.stamp = now
     message.status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)]
     message.status += [
-        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)
-        for record in arbiter.proposals.roster
+        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry
     ]
     return message
 
@@ -155,7 +154,7 @@ def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
         level, text = DiagnosticStatus.WARN, f"{writers} publishers on the command topic"
     if arbiter.foreign_writer:
         level, text = DiagnosticStatus.ERROR, "a foreign writer sends commands"
-    foreign = arbiter.writers.foreign_commands
+    foreign = arbiter.watch.foreign_commands
     return _status("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
 
 
@@ -164,20 +163,20 @@ def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
     if not arbiter.measuring:
         level = DiagnosticStatus.WARN
         parts.append("no measurements")
-    if arbiter.proposals.invalid_sensors:
+    if arbiter.safety.invalid_sensors:
         level = DiagnosticStatus.WARN
-        parts.append(f"invalid sensors: {', '.join(arbiter.proposals.invalid_sensors)}")
-    if arbiter.interlocks.active:
-        level = DiagnosticStatus.ERROR if arbiter.interlocks.tripped else DiagnosticStatus.WARN
-        parts.append(", ".join(arbiter.interlocks.active))
-    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in arbiter.guard.reasons.items()}
+        parts.append(f"invalid sensors: {', '.join(arbiter.safety.invalid_sensors)}")
+    if arbiter.safety.active:
+        level = DiagnosticStatus.ERROR if arbiter.safety.tripped else DiagnosticStatus.WARN
+        parts.append(", ".join(arbiter.safety.active))
+    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in arbiter.safety.sensor_reasons.items()}
     return _status("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
 
 
 def _controller_status(
     arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
 ) -> DiagnosticStatus:
-    obstacle = arbiter.proposals.obstacle(record.name)
+    obstacle = arbiter.registry.obstacle(record.name)
     p99_s = record.latency.quantile_s(0.99)
     level = DiagnosticStatus.WARN if obstacle else DiagnosticStatus.OK
     text = obstacle or ("active" if record.name == arbiter.machine.active else "ready")
@@ -189,7 +188,7 @@ def _controller_status(
     elif publishers > 1:
         level = max(level, DiagnosticStatus.WARN)
         text = f"{text}; {publishers} publishers of its proposals"
-    if record.latched_out:
+    if record.inhibited:
         level = DiagnosticStatus.ERROR
     return _status(
         f"controller {record.name}",

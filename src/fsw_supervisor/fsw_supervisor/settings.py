@@ -1,10 +1,13 @@
-"""Everything that can be set in the arbiter, validated."""
+"""Everything that can be set in the supervisor, validated, and how it follows from the parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from math import isfinite
+from typing import Any
 
+from fsw_control import weld
 from fsw_control.contract import Limits
 
 
@@ -37,7 +40,7 @@ class ArbiterSettings:
     warm_ticks : int
         Good proposals in a row before a controller may be selected.
     readmit_ticks : int
-        Good shadow proposals in a row that readmit a latched-out controller; 0: only the operator does.
+        Good shadow proposals in a row that readmit an inhibited controller; 0: only the operator does.
     force_transition_kn, speed_transition_rpm : float
         Largest change per tick just after a swap; at most the limits' step.
     transition_ticks : int
@@ -59,7 +62,7 @@ class ArbiterSettings:
     controller: str = "decentral"
     fallbacks: tuple[str, ...] = ("decentral", "nmpc")
     limits: Limits = field(default_factory=Limits)
-    tick_period_s: float = 0.1
+    tick_period_s: float = weld.TICK_S
     deadline_s: float = 0.08
     lockstep_deadline_s: float = 1.5
     lockstep_shadow_wait_s: float = 0.5
@@ -69,8 +72,8 @@ class ArbiterSettings:
     takeover_ticks: int = 2
     warm_ticks: int = 5
     readmit_ticks: int = 30
-    force_transition_kn: float = 1.0
-    speed_transition_rpm: float = 3.0
+    force_transition_kn: float = weld.FORCE_STEP_KN
+    speed_transition_rpm: float = weld.SPEED_STEP_RPM
     transition_ticks: int = 20
     hold_timeout_s: float = 10.0
     storm_swaps: int = 4
@@ -105,6 +108,19 @@ class ArbiterSettings:
             raise ValueError("takeover_ticks, warm_ticks and duplicate_ticks must be at least 1")
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
+        """Settings from the parameters of ``supervisor.yaml``.
+
+        Raises
+        ------
+        ValueError
+            When the parameters contradict each other; the message says which.
+        """
+        limits = Limits(**{item.name: values[f"limits.{item.name}"] for item in fields(Limits)})
+        own = {item.name: values[item.name] for item in fields(cls) if item.name in values}
+        return cls(**(own | {"limits": limits, "fallbacks": tuple(values["fallbacks"])}))
 
     def ticks(self, time_s: float) -> int:
         """Ticks that ``time_s`` is long, at least 1."""

@@ -24,23 +24,22 @@ from fsw_control import units
 from fsw_control.contract import Command
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
+from fsw_control.references_ros import KeptReference
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_control.validity import SensorGuard
+from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
-from fsw_supervisor import configuration, reports
+from fsw_supervisor import reports
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.duty import Duty, Role
-from fsw_supervisor.events import Level
-from fsw_supervisor.interlocks import Interlocks
-from fsw_supervisor.kept_reference_ros import KeptReference
-from fsw_supervisor.modes import Mode
-from fsw_supervisor.requests import SwitchRequest
-from fsw_supervisor.tick import Decision
+from fsw_supervisor.failover import Failover, Role
+from fsw_supervisor.operator_requests import SwitchRequest
+from fsw_supervisor.safety_monitor import Interlocks, interlocks_from, problem
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Level, Mode
+from fsw_supervisor.tick import Decision, ProposalInput
 
-#: sources that are no controllers, so no controller may be called so
-RESERVED = ("manual", "hold", "safe_stop")
+#: no controller may be called so: sources that are none, and whose topics would be mistaken
+RESERVED = ("manual", "hold", "safe_stop", "supervisor")
 _DISCOVERY_S = 0.2
 _REPORT_S = 1.0
 
@@ -57,19 +56,19 @@ class SupervisorNode(Node):
         super().__init__("fsw_supervisor")
         self._values = declare(self, "fsw_supervisor", "supervisor.yaml")
         values = self._values.values
-        wrong = configuration.problem(values)
+        wrong = problem(values)
         if wrong is not None:
             raise ValueError(wrong)
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
-            configuration.settings(values),
+            ArbiterSettings.from_values(values),
             lockstep=bool(self.get_parameter("use_sim_time").value) if lockstep == "auto" else lockstep == "on",
-            guard=SensorGuard(configuration.sensor_limits(values)),
-            interlocks=Interlocks(configuration.interlocks(values), values["interlocks.persistence_ticks"]),
+            guard=SensorGuard(sensor_limits(values)),
+            interlocks=Interlocks(interlocks_from(values), values["interlocks.persistence_ticks"]),
         )
-        self._values.add_check(configuration.problem)
+        self._values.add_check(problem)
         self._values.on_change(self._configure)
-        self._duty = Duty(self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic())
+        self._failover = Failover(self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic())
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
@@ -128,14 +127,13 @@ class SupervisorNode(Node):
         if self._states is not None:
             self.destroy_publisher(self._states)
             self._states = None
-        if self._commands is not None and not self._duty.unanswered:
+        if self._commands is not None and not self._failover.unanswered:
             self.destroy_publisher(self._commands)
             self._commands = None
 
     def _configure(self, values: dict[str, Any]) -> None:
-        self._arbiter.settings = configuration.settings(values)
-        self._arbiter.guard.configure(configuration.sensor_limits(values))
-        self._arbiter.interlocks.configure(configuration.interlocks(values), values["interlocks.persistence_ticks"])
+        self._arbiter.settings = ArbiterSettings.from_values(values)
+        self._arbiter.safety.configure(values)
 
     # ---------------------------------------------------------------- topics
 
@@ -156,11 +154,11 @@ class SupervisorNode(Node):
 
     def _on_command(self, message: WeldCommand) -> None:
         token, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
-        self._duty.on_command(token, stamp_ns, message.source, convert.command(message))
+        self._failover.on_command(token, stamp_ns, message.source, convert.command(message))
         self._publish([])
 
     def _on_claim(self, message: SupervisorState) -> None:
-        if self._duty.on_claim(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
+        if self._failover.on_claim(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
             latched = {item.name: item.reason for item in message.controllers if item.latched_out}
             self._arbiter.follow_wish(message.target_controller, message.target_mode, latched)
         self._publish([])
@@ -169,7 +167,7 @@ class SupervisorNode(Node):
         if self._role is not Role.ACTIVE:
             return
         timeout_s = self._values["switch_request_timeout_s"]
-        self._arbiter.desk.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
+        self._arbiter.operator.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
         self._publish([])
 
     def _on_wakeup(self) -> None:
@@ -181,24 +179,24 @@ class SupervisorNode(Node):
         self._publish(self._arbiter.on_time(time.monotonic()))
 
     def _publish(self, decisions: list[Decision]) -> None:
-        permitted = self._duty.pass_on(decisions, time.monotonic())
-        if self._role is not self._duty.role:
+        permitted = self._failover.pass_on(decisions, time.monotonic())
+        if self._role is not self._failover.role:
             self._change_role()
-        elif self._duty.unanswered:
+        elif self._failover.unanswered:
             # The publisher needs some time to be known before its first command.
             self._open_commands()
         for decision in permitted:
-            self._open_commands().publish(reports.command(decision, self._duty.token))
+            self._open_commands().publish(reports.command(decision, self._failover.token))
         if self._arbiter.tick is not None:
             self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
-        wakeup_s = self._duty.wakeup_s
+        wakeup_s = self._failover.wakeup_s
         if wakeup_s != self._armed_s:
             self._arm(wakeup_s)
-        if self._arbiter.machine.revision != self._published_revision or self._duty.asserting:
+        if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
             self._tell()
 
     def _change_role(self) -> None:
-        self._role = self._duty.role
+        self._role = self._failover.role
         if self._role is Role.ACTIVE:
             self._go_on_duty()
         self.get_logger().info(f"role: {self._role}")
@@ -215,7 +213,7 @@ class SupervisorNode(Node):
     def _tell(self) -> None:
         """Publish the state and log what has happened."""
         self._published_revision = self._arbiter.machine.revision
-        self._duty.asserting = False
+        self._failover.asserting = False
         for event in self._arbiter.machine.events.take():
             logger, text = self.get_logger(), f"[{event.who}] {event.text}"
             if self._role is not Role.ACTIVE:
@@ -227,7 +225,7 @@ class SupervisorNode(Node):
             else:
                 logger.info(text)
         if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._duty.token))
+            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
 
     # ---------------------------------------------------------------- services
 
@@ -243,7 +241,7 @@ class SupervisorNode(Node):
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
-        wish = self._arbiter.desk.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        wish = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
         self._publish([])
         if not wish.done:
             answered: Future = Future(executor=self.executor)
@@ -257,7 +255,7 @@ class SupervisorNode(Node):
     ) -> ListControllers.Response:
         response.active = self._arbiter.machine.active
         response.mode = reports.mode(self._arbiter)
-        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.proposals.roster]
+        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
         return response
 
     def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
@@ -265,7 +263,7 @@ class SupervisorNode(Node):
             response.ok, response.message = False, "refused: this supervisor is on standby now; ask again"
             return response
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
-        response.ok, response.message = self._arbiter.desk.ask_mode(request.mode, manual, "operator")
+        response.ok, response.message = self._arbiter.operator.ask_mode(request.mode, manual, "operator")
         self._publish([])
         return response
 
@@ -275,7 +273,7 @@ class SupervisorNode(Node):
         now_s = time.monotonic()
         self._look_for_controllers()
         writers = self.count_publishers(f"{self._prefix}command")
-        self._duty.rival_writer = writers > (self._commands is not None)
+        self._failover.rival_writer = writers > (self._commands is not None)
         self._publish(self._arbiter.on_time(now_s))
         if self._role is not Role.ACTIVE:
             self._leave_duty()
@@ -299,9 +297,9 @@ class SupervisorNode(Node):
                 continue
             if self.count_publishers(topic):
                 self._subscribe(name)
-                self._arbiter.proposals.join(name)
+                self._arbiter.registry.join(name)
             else:
-                self._arbiter.proposals.leave(name)
+                self._arbiter.registry.leave(name)
 
     def _subscribe(self, name: str) -> None:
         if name in self._subscribed:
@@ -309,16 +307,17 @@ class SupervisorNode(Node):
         self._subscribed.add(name)
         self.create_subscription(WeldCommand, f"fsw/{name}/proposal", partial(self._on_proposal, name), STREAM)
         self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
+        self._kept_reference.hear(name)
 
     def _diagnose(self) -> None:
         now = self.get_clock().now().to_msg()
         if self._role is not Role.ACTIVE:
-            role = str(self._duty.role)
-            self._diagnostics.publish(reports.standby(now, self.get_name(), role, self._duty.unanswered))
+            role = str(self._failover.role)
+            self._diagnostics.publish(reports.standby(now, self.get_name(), role, self._failover.unanswered))
             return
         namesakes = {
             record.name: self.count_publishers(f"{self._prefix}{record.name}/proposal")
-            for record in self._arbiter.proposals.roster
+            for record in self._arbiter.registry
         }
         writers = self.count_publishers(f"{self._prefix}command")
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])

@@ -1,13 +1,91 @@
-"""One tick: a measurement, the proposals that answer it, and the one command."""
+"""One tick: a measurement, the candidate commands that answer it, and the one command."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
+from math import isclose
 
-from fsw_control.contract import Command
-from fsw_supervisor.checks import Verdict
+from fsw_control.command_check import Flaw, refusal
+from fsw_control.contract import Command, Limits
 
 NANOSECONDS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalInput:
+    """A proposal as it came in.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the measurement that it answers.
+    source : str
+        Who claims to have computed it.
+    command : Command
+        The proposed handles.
+    healthy : bool
+        The controller's own opinion.
+    reason : str
+        Its reason, in words.
+    """
+
+    stamp_ns: int
+    source: str
+    command: Command
+    healthy: bool = True
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Outcome of the check; ``reason`` is empty when ``ok``.
+
+    ``content`` tells a refusal for the content of the message from the controller's own unhealthy flag, ``jump`` one
+    for the distance from the command before.
+    """
+
+    ok: bool
+    command: Command
+    reason: str = ""
+    content: bool = False
+    jump: bool = False
+
+
+def check(name: str, proposal: ProposalInput, previous: Command | None, limits: Limits) -> Verdict:
+    """Check one proposal.
+
+    Parameters
+    ----------
+    name : str
+        Name of the controller whose topic carried it.
+    proposal : ProposalInput
+        What it proposes.
+    previous : Command or None
+        Command applied in the tick before; None: unknown, the rate is not checked.
+    limits : Limits
+        Bounds and largest change per tick.
+
+    Returns
+    -------
+    Verdict
+        Good, or refused with the first reason found.
+    """
+    command = proposal.command
+    if proposal.source != name:
+        words = f"proposal names the source {proposal.source[:40]!r} instead of {name!r}"
+        return Verdict(False, command, words, content=True)
+    if not proposal.healthy:
+        return Verdict(False, command, proposal.reason or "the controller says it is unhealthy, without a reason")
+    refused = refusal(command, limits, previous, limits)
+    if refused is not None:
+        return Verdict(False, command, refused.words, content=True, jump=refused.flaw is Flaw.JUMP)
+    return Verdict(True, command)
+
+
+def same(one: Command, other: Command) -> bool:
+    """Whether two commands differ by no more than the rounding of the unit conversion."""
+    return isclose(one.force_kn, other.force_kn, rel_tol=1e-9) and isclose(one.speed_rpm, other.speed_rpm, rel_tol=1e-9)
 
 
 @dataclass(slots=True)
@@ -106,59 +184,46 @@ class Decision:
     latency_s: float = 0.0
 
 
-class Stamps:
-    """Turns the stamps of several sensors into ticks.
+#: for so long a foreign command is remembered [s]
+_FOREIGN_S = 5.0
 
-    The newest stamp makes the tick; an older one is a late or repeated sample. A stamp that is far away (the clock
-    jumped, the plant was restarted, or one sensor's clock is broken) is believed when a second source confirms it
-    or when nothing else has come for a while.
 
-    Parameters
+class CommandWatch:
+    """What was sent, and what was seen that was not.
+
+    Attributes
     ----------
-    jump_s : float
-        Distance from the present tick that counts as far away.
-    silence_s : float
-        Steady time without a believed stamp after which an unconfirmed one is believed.
+    foreign_commands : int
+        Commands of other writers seen.
+    foreign_tick : int
+        Number of the tick in which the last of them came.
     """
 
-    def __init__(self, silence_s: float, jump_s: float = 1.0) -> None:
-        self.newest_ns = -1
-        self.jumps = 0
-        self._jump_ns = round(jump_s * NANOSECONDS)
-        self._silence_s = silence_s
-        self._heard_s = float("-inf")
-        self._strange: dict[str, tuple[int, float]] = {}
+    def __init__(self) -> None:
+        self.foreign_commands = 0
+        self.foreign_tick = -10
+        self._sent: deque[Decision] = deque(maxlen=50)
+        self._foreign_s: float | None = None
 
-    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> dict[str, float] | None:
-        """Take a sample; return the samples that begin a new tick, or None when it begins none.
+    def sent(self, decision: Decision) -> None:
+        """Note that a decision goes out."""
+        self._sent.append(decision)
 
-        Parameters
-        ----------
-        source : str
-            Which sensor.
-        stamp_ns : int
-            Its stamp.
-        value : float
-            Its value.
-        now_s : float
-            Steady time of arrival.
-        """
-        if self.newest_ns >= 0 and abs(stamp_ns - self.newest_ns) > self._jump_ns:
-            self._strange[source] = (stamp_ns, value)
-            return self._believe(stamp_ns, now_s)
-        self._heard_s = now_s
-        if stamp_ns <= self.newest_ns:
-            # Without a jump, a clock that went back a little is caught up with in less than jump_s.
-            return None
-        self.newest_ns = stamp_ns
-        self._strange.clear()
-        return {source: value}
+    def is_own(self, stamp_ns: int, source: str, command: Command) -> bool:
+        """Whether a command seen was sent here; each counts once."""
+        for decision in self._sent:
+            if decision.stamp_ns == stamp_ns and decision.source == source and same(decision.command, command):
+                self._sent.remove(decision)
+                return True
+        return False
 
-    def _believe(self, stamp_ns: int, now_s: float) -> dict[str, float] | None:
-        agreeing = {name: value for name, (stamp, value) in self._strange.items() if stamp == stamp_ns}
-        if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
-            return None
-        self.newest_ns, self._heard_s = stamp_ns, now_s
-        self.jumps += 1
-        self._strange.clear()
-        return agreeing
+    def note_foreign(self, now_s: float, tick: int) -> bool:
+        """Note a foreign command; returns whether it is the first for a while."""
+        first = not self.seen_lately(now_s)
+        self.foreign_commands += 1
+        self._foreign_s, self.foreign_tick = now_s, tick
+        return first
+
+    def seen_lately(self, now_s: float) -> bool:
+        """Whether someone else has written commands lately."""
+        return self._foreign_s is not None and now_s - self._foreign_s <= _FOREIGN_S

@@ -9,9 +9,8 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Decision
+from fsw_supervisor.tick import Decision, ProposalInput
 
 PERIOD_NS = 100_000_000
 START = Command(78.4, 407.5)

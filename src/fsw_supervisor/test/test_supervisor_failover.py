@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from fsw_control.contract import Command
-from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
 
 NAN = float("nan")
 
@@ -35,8 +35,8 @@ def test_a_refused_proposal_is_replaced_in_the_same_tick(rig, changes, words):
     rig.spoil("decentral", **changes)
     rig.run(1)
     assert rig.last.source == "nmpc"
-    record = rig.arbiter.proposals.roster.get("decentral")
-    assert words in record.latched_out
+    record = rig.arbiter.registry.get("decentral")
+    assert words in record.inhibited
     assert words in rig.arbiter.machine.reason
     assert rig.arbiter.machine.requested_by == "failover"
     assert rig.arbiter.machine.target == "decentral"
@@ -48,7 +48,7 @@ def test_a_silent_controller_is_replaced_at_the_deadline_of_the_same_tick(rig):
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert rig.last.latency_s == pytest.approx(0.08)
-    assert rig.arbiter.proposals.roster.get("decentral").latched_out == "no proposal at the deadline"
+    assert rig.arbiter.registry.get("decentral").inhibited == "no proposal at the deadline"
     rig.run(1)
     assert rig.last.latency_s == pytest.approx(0.005)
 
@@ -62,14 +62,14 @@ def test_a_tick_without_any_sensor_is_held_and_blames_nobody(rig):
     rig.values, rig.silent = values, set()
     rig.run(1)
     assert rig.last.source == "decentral"
-    assert [record.missed for record in rig.arbiter.proposals.roster] == [0, 0]
+    assert [record.missed for record in rig.arbiter.registry] == [0, 0]
 
 
 def test_a_controller_late_by_150_ms_is_replaced_and_counted(rig):
     rig.delays_s["decentral"] = 0.15
     rig.run(10)
     assert {decision.source for tick in rig.ticks[10:] for decision in tick} == {"nmpc"}
-    record = rig.arbiter.proposals.roster.get("decentral")
+    record = rig.arbiter.registry.get("decentral")
     assert record.late >= 8
     assert record.missed >= 8
     assert "late" in record.problem or "no proposal" in record.problem
@@ -80,7 +80,7 @@ def test_a_controller_that_repeats_old_stamps_is_replaced(rig):
     rig.edit["decentral"] = lambda proposal: replace(proposal, stamp_ns=old)
     rig.run(3)
     assert rig.last.source == "nmpc"
-    assert rig.arbiter.proposals.roster.get("decentral").rejected == 3
+    assert rig.arbiter.registry.get("decentral").rejected == 3
 
 
 def test_a_stamp_from_the_future_answers_nothing(rig):
@@ -123,9 +123,9 @@ def test_the_failed_one_is_readmitted_after_good_shadow_ticks_and_not_before(rig
     rig.run(1)
     rig.silent.clear()
     rig.run(settings.readmit_ticks - 1)
-    assert rig.arbiter.proposals.obstacle("decentral").startswith("decentral is latched out")
+    assert rig.arbiter.registry.obstacle("decentral").startswith("decentral is inhibited")
     rig.run(1)
-    assert rig.arbiter.proposals.obstacle("decentral") == ""
+    assert rig.arbiter.registry.obstacle("decentral") == ""
     assert rig.last.source == "nmpc", "coming back is no reason to swap"
 
 
@@ -143,8 +143,8 @@ def test_the_operator_readmits_with_auto(rig):
     rig.run(1)
     rig.edit.clear()
     rig.run(6)
-    assert rig.arbiter.desk.ask_mode("auto", None, "operator")[0]
-    assert rig.arbiter.proposals.obstacle("decentral") == ""
+    assert rig.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    assert rig.arbiter.registry.obstacle("decentral") == ""
 
 
 def test_a_fallback_that_is_not_warm_is_not_taken(make_rig):
@@ -197,7 +197,7 @@ def test_two_controllers_of_one_name_are_distrusted_and_reported(rig):
     assert rig.last.source == "nmpc"
     assert "two controllers of this name" in rig.arbiter.machine.reason
     assert "more than once per tick" in rig.events()
-    assert rig.arbiter.proposals.roster.get("decentral").duplicates >= 4
+    assert rig.arbiter.registry.get("decentral").duplicates >= 4
 
 
 def test_all_controllers_follow_whatever_is_applied_so_the_swap_is_bumpless(rig):

@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from fsw_control.contract import Command
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.modes import Mode
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import ProposalInput
 
 TICK_NS = 100_000_000
 
@@ -56,7 +56,7 @@ def feed(rig, request):
     """A weld that has run for long under one of two controllers, just before its next tick."""
     rig.tolerated = {"decentral": ("torque", "thermocouple"), "nmpc": ("depth", "torque", "thermocouple")}
     rig.run(40)
-    rig.arbiter.desk.ask_switch(request.param, True, 0.0, "operator", rig.now_s)
+    rig.arbiter.operator.ask_switch(request.param, True, 0.0, "operator", rig.now_s)
     rig.run(40)
     assert rig.last.source == request.param
     feed = Feed(rig)
@@ -238,7 +238,7 @@ def test_a_restart_while_something_pushes_is_no_bump(make_rig, push):
     feed = Feed(rig)
     feed.acting = Command(commanded.force_kn + push.force_kn, commanded.speed_rpm + push.speed_rpm)
     for name in rig.names:
-        feed.arbiter.proposals.join(name)
+        feed.arbiter.registry.join(name)
     for _ in range(8):
         feed.next()
         feed.drives()

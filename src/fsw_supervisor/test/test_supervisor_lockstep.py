@@ -2,8 +2,8 @@
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.tick import ProposalInput
 
 STEP_NS = 100_000_000
 SENSORS = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
@@ -88,8 +88,8 @@ def test_with_no_shadow_wait_lagging_shadows_stay_warm():
         assert len(propose(arbiter, "decentral", count * STEP_NS, 10.0, change_kn=0.0)) == 1
         if count > 4:
             propose(arbiter, "nmpc", (count - 3) * STEP_NS, 10.0)
-    assert arbiter.proposals.obstacle("nmpc") == ""
-    assert arbiter.proposals.roster.get("nmpc").late == 0
+    assert arbiter.registry.obstacle("nmpc") == ""
+    assert arbiter.registry.get("nmpc").late == 0
 
 
 def test_the_applied_commands_do_not_depend_on_the_shadows_timing():
@@ -129,7 +129,7 @@ def test_simulated_time_that_starts_anew_is_followed():
 
 def test_timeouts_of_requests_count_in_ticks():
     arbiter = started()
-    request = arbiter.desk.ask_switch("nmpc", False, 0.2, "operator", 10.0)
+    request = arbiter.operator.ask_switch("nmpc", False, 0.2, "operator", 10.0)
     for count in range(2, 6):
         begin(arbiter, count * STEP_NS, 10.01)
         propose(arbiter, "decentral", count * STEP_NS, 10.01)

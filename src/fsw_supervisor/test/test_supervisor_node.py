@@ -206,7 +206,7 @@ def test_switches_by_service_and_says_what_happened(bench):
 
 def test_a_waiting_answer_does_not_hold_up_the_ticks(bench):
     bench.peer.wild.add("nmpc")
-    bench.until(lambda: not bench.supervisor._arbiter.proposals.roster.get("nmpc").consecutive_good)
+    bench.until(lambda: not bench.supervisor._arbiter.registry.get("nmpc").consecutive_good)
     future = bench.peer.switching.call_async(
         SwitchController.Request(name="nmpc", strictness=BEST_EFFORT, timeout=Duration(sec=60))
     )
@@ -227,7 +227,7 @@ def test_switches_by_topic(bench):
 
 def test_lists_controllers_with_their_health(bench):
     bench.peer.wild.add("nmpc")
-    bench.until(lambda: bench.supervisor._arbiter.proposals.roster.get("nmpc").rejected > 3)
+    bench.until(lambda: bench.supervisor._arbiter.registry.get("nmpc").rejected > 3)
     answer = bench.call(bench.peer.listing, ListControllers.Request())
     assert (answer.active, answer.mode) == ("decentral", "auto")
     decentral, nmpc = answer.controllers
@@ -261,11 +261,11 @@ def test_modes_by_service(bench):
 
 def test_a_third_controller_appears_by_itself_and_leaves(bench):
     bench.peer.add("third")
-    bench.until(lambda: (bench.supervisor._arbiter.proposals.obstacle("third")) == "")
+    bench.until(lambda: (bench.supervisor._arbiter.registry.obstacle("third")) == "")
     assert bench.switch("third").ok
     assert bench.switch("decentral", BEST_EFFORT).ok
     bench.peer.remove("third")
-    bench.until(lambda: not bench.supervisor._arbiter.proposals.roster.get("third").present)
+    bench.until(lambda: not bench.supervisor._arbiter.registry.get("third").present)
 
 
 def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
@@ -274,7 +274,7 @@ def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
     foreign = bench.peer.create_publisher(WeldCommand, "fsw/command", 10)
     bench.until(lambda: foreign.get_subscription_count() == 2)
     foreign.publish(convert.command_message(Command(60.0, 300.0), 1, "decentral"))
-    bench.until(lambda: bench.supervisor._arbiter.writers.foreign_commands == 1)
+    bench.until(lambda: bench.supervisor._arbiter.watch.foreign_commands == 1)
     bench.until(lambda: bench.peer.report("command topic").level == DiagnosticStatus.ERROR)
     assert bench.peer.report("command topic").message == "a foreign writer sends commands"
     assert bench.peer.commands[-1].source == "decentral"
@@ -310,7 +310,7 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
     bench = make_bench(remap="__ns:=/cell")
     bench.run("decentral", "third")
     assert bench.supervisor.count_publishers("/cell/fsw/command") == 1
-    bench.until(lambda: bench.supervisor._arbiter.proposals.obstacle("third") == "")
+    bench.until(lambda: bench.supervisor._arbiter.registry.obstacle("third") == "")
     assert bench.switch("third").ok
 
 

@@ -1,5 +1,6 @@
 """The parts of the arbiter one by one: settings, parameters, statistics, table, diagram."""
 
+import importlib.util
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,24 +8,31 @@ import pytest
 
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, load
-from fsw_supervisor import configuration, diagram
-from fsw_supervisor.checks import ProposalInput, check
-from fsw_supervisor.events import Event, EventLog, Level
-from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlocks
-from fsw_supervisor.modes import TRANSITIONS, Mode, Trigger, next_mode
-from fsw_supervisor.requests import SwitchRequest
+from fsw_supervisor.controller_registry import LatencyStatistics
+from fsw_supervisor.operator_requests import SwitchRequest
+from fsw_supervisor.safety_monitor import DEFAULT_INTERLOCKS, Interlocks, interlocks_from, problem
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Stamps
-from fsw_supervisor.timing import LatencyStatistics
+from fsw_supervisor.state_machine import TRANSITIONS, Event, EventLog, Level, Mode, Trigger, next_mode
+from fsw_supervisor.tick import ProposalInput, check
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "concepts" / "arbiter.md"
+WORKSPACE = Path(__file__).parents[3]
+DOCUMENT = WORKSPACE / "docs" / "concepts" / "arbiter.md"
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    """The script that draws the state machine into the documentation."""
+    spec = importlib.util.spec_from_file_location("drawing", WORKSPACE / "scripts" / "draw_state_machine.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_the_shipped_parameters_are_the_defaults_of_the_core():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    assert configuration.problem(values) is None
-    assert configuration.settings(values) == ArbiterSettings()
-    assert configuration.interlocks(values) == DEFAULT_INTERLOCKS
+    assert problem(values) is None
+    assert ArbiterSettings.from_values(values) == ArbiterSettings()
+    assert interlocks_from(values) == DEFAULT_INTERLOCKS
 
 
 @pytest.mark.parametrize(
@@ -42,7 +50,7 @@ def test_the_shipped_parameters_are_the_defaults_of_the_core():
 )
 def test_parameters_that_contradict_each_other_are_refused_in_words(changes, words):
     values = defaults(load("fsw_supervisor", "supervisor.yaml")) | changes
-    assert words in (configuration.problem(values) or "")
+    assert words in (problem(values) or "")
 
 
 @pytest.mark.parametrize("changes", [{"hold_timeout_s": float("nan")}, {"warm_ticks": 0}, {"storm_window_s": -1.0}])
@@ -84,37 +92,25 @@ def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
             assert next_mode(mode, Trigger.INTERLOCK_TRIP) is Mode.SAFE_STOP
 
 
-def test_the_diagram_in_the_documentation_is_up_to_date():
+def test_the_diagram_in_the_documentation_is_up_to_date(drawing):
     text = DOCUMENT.read_text(encoding="utf-8")
-    assert diagram.renew(text) == text, "run: python -m fsw_supervisor.diagram docs/arbiter.md"
+    assert drawing.renew_document(text) == text, "run scripts/draw_state_machine.py"
 
 
-def test_the_diagram_shows_every_transition():
-    text = diagram.mermaid()
+def test_the_diagram_shows_every_transition(drawing):
+    text = drawing.mermaid_diagram()
     for row in TRANSITIONS:
         line = next(line for line in text.splitlines() if line.startswith(f"    {row.source} --> {row.target} :"))
         assert str(row.trigger) in line
 
 
-def test_the_diagram_needs_its_marks(tmp_path):
+def test_the_diagram_needs_its_marks(drawing, tmp_path):
     with pytest.raises(ValueError, match="marks"):
-        diagram.renew("no marks here")
+        drawing.renew_document("no marks here")
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{diagram.BEGIN}\nold\n{diagram.END}\nafter\n")
-    assert diagram.main([str(page)]) == 0
-    assert page.read_text() == f"before\n{diagram.block()}\nafter\n"
-
-
-def test_stamps_begin_ticks_once_and_believe_jumps_when_confirmed():
-    second = 10**9
-    stamps = Stamps(silence_s=0.25)
-    assert stamps.offer("depth", 10 * second, 1.0, 0.0) == {"depth": 1.0}
-    assert stamps.offer("torque", 10 * second, 2.0, 0.0) is None
-    assert stamps.offer("depth", 99 * second, 1.5, 0.1) is None
-    assert stamps.offer("torque", 99 * second, 2.5, 0.1) == {"depth": 1.5, "torque": 2.5}
-    assert stamps.offer("depth", 5 * second, 3.0, 0.2) is None
-    assert stamps.offer("depth", 5 * second + 1, 3.5, 0.4) == {"depth": 3.5}, "nothing else came for long enough"
-    assert stamps.jumps == 2
+    page.write_text(f"before\n{drawing.BEGIN}\nold\n{drawing.END}\nafter\n")
+    assert drawing.main([str(page)]) == 0
+    assert page.read_text() == f"before\n{drawing.document_block()}\nafter\n"
 
 
 def test_an_event_log_hands_over_each_event_once():

@@ -5,9 +5,9 @@ import random
 
 import pytest
 
-from fsw_supervisor.interlocks import DEFAULT_INTERLOCKS, Interlock, Interlocks, Severity
-from fsw_supervisor.modes import Mode
+from fsw_supervisor.safety_monitor import DEFAULT_INTERLOCKS, Interlock, Interlocks, Severity
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
 
 NAN = math.nan
 
@@ -18,7 +18,7 @@ def test_a_controller_that_copes_stays(make_rig):
     rig.run(10)
     rig.values["thermocouple"] = NAN
     rig.run(20)
-    assert rig.arbiter.proposals.invalid_sensors == ("thermocouple",)
+    assert rig.arbiter.safety.invalid_sensors == ("thermocouple",)
     assert rig.last.source == "decentral"
 
 
@@ -36,11 +36,11 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
     rig.run(2)
     assert rig.last.source == "nmpc"
     assert "decentral cannot do without the sensor depth" in rig.arbiter.machine.reason
-    assert not rig.arbiter.proposals.roster.get("decentral").latched_out, "it has not failed"
+    assert not rig.arbiter.registry.get("decentral").inhibited, "it has not failed"
     rig.values["depth"] = 2.66
     rig.run(5)
-    assert rig.arbiter.proposals.invalid_sensors == ()
-    assert rig.arbiter.desk.ask_switch("decentral", True, 1.0, "operator", rig.now_s).message == ""
+    assert rig.arbiter.safety.invalid_sensors == ()
+    assert rig.arbiter.operator.ask_switch("decentral", True, 1.0, "operator", rig.now_s).message == ""
 
 
 def test_nobody_copes_means_hold_then_safe_stop(make_rig):
@@ -68,7 +68,7 @@ def test_a_frozen_sensor_is_noticed(make_rig):
         rig.values["depth"] = 2.66 + noise.gauss(0.0, 0.002)
         rig.run(1)
     rig.run(40)
-    assert rig.arbiter.proposals.invalid_sensors == ("depth",)
+    assert rig.arbiter.safety.invalid_sensors == ("depth",)
     assert "frozen" in rig.events()
 
 
@@ -99,7 +99,7 @@ def test_sensors_that_are_late_but_before_the_proposal_are_not_missing(rig):
         for sensor in ("torque", "thermocouple"):
             arbiter.on_sample(sensor, rig.stamp_ns, rig.values[sensor], rig.now_s + late_s)
         assert arbiter.on_proposal("decentral", rig.proposal("decentral"), rig.now_s + late_s)
-    assert arbiter.proposals.invalid_sensors == ()
+    assert arbiter.safety.invalid_sensors == ()
     assert "missing" not in rig.events()
 
 
@@ -120,16 +120,16 @@ def test_an_interlock_trips_into_safe_stop_whoever_controls(rig, sensor, value, 
     rig.run(3)
     assert rig.last.source == "safe_stop"
     assert rig.arbiter.machine.requested_by == "interlock"
-    assert f"{name}:trip" in rig.arbiter.interlocks.active
-    ok, message = rig.arbiter.desk.ask_mode("auto", None, "operator")
+    assert f"{name}:trip" in rig.arbiter.safety.active
+    ok, message = rig.arbiter.operator.ask_mode("auto", None, "operator")
     assert not ok
     assert name in message
     for step in range(21):
         rig.values[sensor] = value + (start - value) * step / 20
         rig.run(1)
-    assert rig.arbiter.interlocks.active == ()
+    assert rig.arbiter.safety.active == ()
     assert rig.last.source == "safe_stop", "only the operator leads out"
-    assert rig.arbiter.desk.ask_mode("auto", None, "operator")[0]
+    assert rig.arbiter.operator.ask_mode("auto", None, "operator")[0]
     rig.run(1)
     assert rig.arbiter.machine.mode is Mode.AUTO
 

@@ -11,10 +11,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.tick import Decision
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import Decision, ProposalInput
 
 NAMES = ("decentral", "nmpc", "third")
 STEP_NS = 100_000_000
@@ -194,14 +193,14 @@ class ArbiterMachine(RuleBasedStateMachine):
     )
     def ask_switch(self, name, strict, timeout_s):
         """The operator asks for a controller."""
-        request = self.arbiter.desk.ask_switch(name, strict, timeout_s, "operator", self.now_s)
+        request = self.arbiter.operator.ask_switch(name, strict, timeout_s, "operator", self.now_s)
         assert not request.done or request.message
 
     @rule(mode=st.sampled_from(["auto", "auto", "manual", "hold", "safe_stop", "start", ""]), force=numbers)
     def ask_mode(self, mode, force):
         """The operator asks for a mode."""
         wanted = Command(force, 400.0)
-        ok, message = self.arbiter.desk.ask_mode(mode, wanted, "operator")
+        ok, message = self.arbiter.operator.ask_mode(mode, wanted, "operator")
         assert message
         if ok and mode == "manual":
             self.manual = wanted
@@ -210,16 +209,16 @@ class ArbiterMachine(RuleBasedStateMachine):
     def graph_changes(self, name, joins):
         """A controller appears or disappears."""
         if joins:
-            self.arbiter.proposals.join(name)
+            self.arbiter.registry.join(name)
         else:
-            self.arbiter.proposals.leave(name)
+            self.arbiter.registry.leave(name)
 
     @rule(force=numbers)
     def foreign_command(self, force):
         """Someone else writes on the command topic."""
-        before = self.arbiter.writers.foreign_commands
+        before = self.arbiter.watch.foreign_commands
         self.arbiter.on_command(self.stamp_ns, "stranger", Command(force, 400.0))
-        assert self.arbiter.writers.foreign_commands == before + 1
+        assert self.arbiter.watch.foreign_commands == before + 1
 
     @rule(jump_s=st.sampled_from([-3600, 3600, -2]))
     def clock_jumps(self, jump_s):
@@ -256,7 +255,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         assert (machine.mode is Mode.AUTO) == bool(machine.active)
         assert machine.reason
         if machine.mode is Mode.AUTO:
-            assert self.arbiter.proposals.roster.get(machine.active) is not None
+            assert self.arbiter.registry.get(machine.active) is not None
 
 
 TestArbiterProperties = ArbiterMachine.TestCase

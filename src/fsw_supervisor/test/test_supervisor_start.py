@@ -4,9 +4,9 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import ProposalInput
 
 SECOND_NS = 1_000_000_000
 
@@ -93,7 +93,7 @@ def test_a_patient_fallback_takes_over_when_the_configured_one_never_comes(make_
 
 def test_a_restart_whose_controller_is_gone_holds_then_takes_the_fallback(make_rig):
     rig = make_rig()
-    rig.arbiter.proposals.join("decentral")
+    rig.arbiter.registry.join("decentral")
     rig.arbiter.on_status("decentral", (), True, rig.now_s)
     rig.names = ["nmpc"]
     for _ in range(4):
@@ -160,7 +160,7 @@ def test_own_hold_ups_blame_nobody(rig):
     rig.now_s = late_s
     rig.run(3)
     assert rig.last.source == "decentral"
-    assert arbiter.proposals.obstacle("decentral") == ""
+    assert arbiter.registry.obstacle("decentral") == ""
 
 
 def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
@@ -176,14 +176,14 @@ def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
     assert [decision.stamp_ns for decision in out] == stamps
     assert out[-1].source == "decentral"
     assert arbiter.machine.mode is Mode.AUTO
-    assert arbiter.proposals.obstacle("nmpc") == ""
+    assert arbiter.registry.obstacle("nmpc") == ""
 
 
 def test_a_foreign_command_is_reported_once_and_counted(rig):
     for _ in range(3):
         rig.arbiter.on_command(rig.stamp_ns, "decentral", Command(60.0, 300.0))
     assert rig.arbiter.foreign_writer
-    assert rig.arbiter.writers.foreign_commands == 3
+    assert rig.arbiter.watch.foreign_commands == 3
     assert rig.events().count("a foreign writer commands 60 kN, 300 rpm as 'decentral'") == 1
     assert rig.run(1).last.source == "decentral"
     rig.run(60)
@@ -208,11 +208,11 @@ def test_a_controller_misled_by_a_foreign_command_is_not_blamed(rig):
 def test_a_repeated_copy_of_an_own_command_is_foreign(rig):
     last = rig.last
     rig.arbiter.on_command(last.stamp_ns, last.source, last.command)
-    assert rig.arbiter.writers.foreign_commands == 1
+    assert rig.arbiter.watch.foreign_commands == 1
 
 
 def test_a_babbling_graph_does_not_fill_the_memory():
     arbiter = Arbiter(ArbiterSettings())
     for count in range(1000):
         arbiter.on_proposal(f"c{count}", ProposalInput(0, f"c{count}", Command(78.0, 400.0)), 0.0)
-    assert len(list(arbiter.proposals.roster)) == 32
+    assert len(list(arbiter.registry)) == 32

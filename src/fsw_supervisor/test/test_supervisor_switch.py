@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from fsw_control.contract import Command
-from fsw_supervisor.modes import Mode
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
 
 
 def ask(rig, name, strict=True, timeout_s=1.0):
-    return rig.arbiter.desk.ask_switch(name, strict, timeout_s, "operator", rig.now_s)
+    return rig.arbiter.operator.ask_switch(name, strict, timeout_s, "operator", rig.now_s)
 
 
 def test_a_swap_happens_between_two_ticks_and_is_answered_when_it_is_applied(rig):
@@ -52,12 +52,12 @@ def test_strict_is_refused_with_the_reason(rig):
     assert rig.last.source == "decentral"
 
 
-def test_latched_out_is_refused(rig):
+def test_an_inhibited_controller_is_refused(rig):
     rig.silent.add("decentral")
     rig.run(1)
     rig.silent.clear()
     rig.run(10)
-    assert "latched out: no proposal at the deadline" in ask(rig, "decentral").message
+    assert "inhibited: no proposal at the deadline" in ask(rig, "decentral").message
 
 
 def test_best_effort_waits_until_the_controller_is_warm(rig):
@@ -121,7 +121,7 @@ def test_a_controller_that_becomes_unready_before_the_swap_is_refused(rig):
     rig.delays_s["nmpc"] = 0.01
     rig.run(1)
     request = ask(rig, "nmpc")
-    rig.arbiter.proposals.roster.get("nmpc").bad("gone")
+    rig.arbiter.registry.get("nmpc").bad("gone")
     rig.run(1)
     assert request.message == "refused: nmpc is not usable: gone"
     assert rig.last.source == "decentral"
@@ -135,7 +135,7 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
     rig.run(1)
     assert request.ok
     assert rig.last.source == "third"
-    rig.arbiter.proposals.leave("third")
+    rig.arbiter.registry.leave("third")
     assert "third has left" in rig.events()
 
 
@@ -152,7 +152,7 @@ def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
 
 
 def test_modes_an_operator_can_ask_for(rig):
-    desk, machine = rig.arbiter.desk, rig.arbiter.machine
+    desk, machine = rig.arbiter.operator, rig.arbiter.machine
     assert desk.ask_mode("hold", None, "operator") == (True, "hold from the next command on")
     rig.run(3)
     assert rig.last.source == "hold"
@@ -185,7 +185,7 @@ def test_modes_an_operator_can_ask_for(rig):
     ],
 )
 def test_wrong_modes_are_refused_in_words(rig, mode, manual, words):
-    ok, message = rig.arbiter.desk.ask_mode(mode, manual, "operator")
+    ok, message = rig.arbiter.operator.ask_mode(mode, manual, "operator")
     assert not ok
     assert words in message
     rig.run(1)
@@ -193,23 +193,23 @@ def test_wrong_modes_are_refused_in_words(rig, mode, manual, words):
 
 
 def test_auto_is_refused_while_no_controller_is_ready(rig):
-    rig.arbiter.desk.ask_mode("hold", None, "operator")
+    rig.arbiter.operator.ask_mode("hold", None, "operator")
     rig.silent |= {"decentral", "nmpc"}
     rig.run(2)
-    ok, message = rig.arbiter.desk.ask_mode("auto", None, "operator")
+    ok, message = rig.arbiter.operator.ask_mode("auto", None, "operator")
     assert not ok
     assert "decentral is not usable" in message
 
 
 def test_a_switch_in_hold_is_for_later(rig):
-    rig.arbiter.desk.ask_mode("hold", None, "operator")
+    rig.arbiter.operator.ask_mode("hold", None, "operator")
     rig.run(1)
     request = ask(rig, "nmpc")
     assert request.ok
     assert "applied when auto begins" in request.message
     rig.run(1)
     assert rig.last.source == "hold"
-    rig.arbiter.desk.ask_mode("auto", None, "operator")
+    rig.arbiter.operator.ask_mode("auto", None, "operator")
     rig.run(1)
     assert rig.last.source == "nmpc"
 
@@ -218,5 +218,5 @@ def test_a_mode_change_ends_a_pending_switch(rig):
     rig.silent.add("nmpc")
     rig.run(1)
     request = ask(rig, "nmpc", strict=False, timeout_s=9.0)
-    rig.arbiter.desk.ask_mode("hold", None, "operator")
+    rig.arbiter.operator.ask_mode("hold", None, "operator")
     assert (request.done, request.ok) == (True, False)

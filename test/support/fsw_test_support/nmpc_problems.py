@@ -67,6 +67,7 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         torque_scale=rng.uniform(0.85, 1.15),
         depth_offset_mm=rng.normal(0.0, 0.05),
         temp_offset_c=rng.normal(0.0, 3.0),
+        speed_offset_rpm=rng.normal(0.0, 2.0),
     )
     start.history[: 3 * n] = history.ravel().tolist()
     return start

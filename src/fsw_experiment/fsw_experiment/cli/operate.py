@@ -146,6 +146,8 @@ def _status(arguments: argparse.Namespace) -> int:
     for label, value, target, unit in rows:
         set_point = f"   set-point {target:.4g} {unit}" if target is not None else ""
         print(f"{label:<12} " + (f"{value:.5g} {unit}" if value is not None else "not measured") + set_point)
+    if reference is None:
+        print("set-points   none yet")
     if command is not None:
         force, speed = units.kn_from_n(command.axial_force), units.rpm_from_rad_s(command.spindle_speed)
         print(f"command      {force:.3f} kN, {speed:.2f} rpm from {command.source}")

@@ -14,7 +14,8 @@ from rclpy.qos import QoSProfile
 
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import STREAM, subscribe_references
+from fsw_control.references_ros import subscribe_references
+from fsw_control.topics_ros import STREAM
 from fsw_experiment.cli.errors import CommandError
 
 

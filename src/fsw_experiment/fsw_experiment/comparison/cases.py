@@ -83,7 +83,10 @@ SWEEP: dict[str, dict[str, float]] = {
     "nominal": {},
     **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
-    **{f"torque × {k:g}": {"model.sliding_friction": k, "model.sticking_stress_pa": k} for k in (0.7, 1.4)},
+    **{
+        f"torque × {k:g}": {"model.sliding_friction": k, "model.sticking_stress_pa": k}
+        for k in (0.5, 0.7, 0.85, 1.15, 1.4, 2.0)
+    },
     **{f"softening × {k:g}": {"model.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
     **{f"dead time {s:g} s": {"model.dead_time_s": s / 2.8} for s in (1.8, 3.8)},

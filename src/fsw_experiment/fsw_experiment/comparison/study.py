@@ -40,7 +40,7 @@ JUDGED = (
 )
 #: Weight of 1 mm in °C for the joint optimum.
 _JOINT = 100.0
-_LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 80
+_LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
 
 
 def per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
@@ -173,8 +173,10 @@ def _with_dead_time(label: str, ticks: int) -> bool:
 def _latest(stable: Callable[[int], bool]) -> int:
     """Largest number of ticks at which ``stable`` holds."""
     low, high = 0, 1
-    while high < _LARGEST_DELAY_TICKS and stable(high):
-        low, high = high, 2 * high
+    while stable(high):
+        if high == _LARGEST_DELAY_TICKS:
+            return high
+        low, high = high, min(2 * high, _LARGEST_DELAY_TICKS)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if stable(middle) else (low, middle)

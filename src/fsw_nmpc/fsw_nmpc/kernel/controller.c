@@ -96,7 +96,9 @@ static void pose(fsw_controller *c, const fsw_input *in) {
   for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
-  s->force_offset_kn = x[FSW_FORCE];
+  /* what acts beyond the command, will act beyond the next one, too */
+  s->force_offset_kn = x[FSW_FORCE] + c->estimator.acting_force_kn - c->applied[0];
+  s->speed_offset_rpm = c->estimator.acting_speed_rpm - c->applied[1];
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];

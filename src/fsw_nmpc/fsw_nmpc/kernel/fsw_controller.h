@@ -119,6 +119,7 @@ typedef struct {
   double history[3 * FSW_MAX_HISTORY];     /* power deviation P0, P1, P2 of each tick (predict.c), oldest first */
   double force_kn, speed_rpm;              /* inputs until now */
   double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
+  double speed_offset_rpm;
 } fsw_start;
 
 /* One tick's problem: start, and the dead-bands about the trajectories. */

@@ -95,10 +95,10 @@ int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fs
     torque_row(right, p->count, p->d_depth, width, p->d_right);
 
     /* motor torque (18) and power (24) */
-    const double friction = fsw_friction(m, speed);
-    const double by_speed = m->friction[1] + 2.0 * m->friction[2] * speed;
+    const double turning = speed + s->speed_offset_rpm, friction = fsw_friction(m, turning);
+    const double by_speed = m->friction[1] + 2.0 * m->friction[2] * turning;
     const double rise = right.value - left.value, start = left.value - lag * rise;
-    const double rest = motor - friction - start, kw = FSW_KW_PER_NM_RPM * speed;
+    const double rest = motor - friction - start, kw = FSW_KW_PER_NM_RPM * turning;
     double *restrict p0 = p->d_power[k][0], *restrict p1 = p->d_power[k][1], *restrict p2 = p->d_power[k][2];
     p->power[k][0] = kw * start - m->operating_power_kw;
     p->power[k][1] = kw * rise;

@@ -1,8 +1,9 @@
-"""Joins the sensor topics by stamp into ticks: late, duplicate, missing, out of order."""
+"""Joins topics by stamp into ticks: late, duplicate, missing, out of order, and stamps that jump."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command
 
@@ -37,14 +38,80 @@ class Tick:
     drives: Command | None = None
 
 
+class Believed(NamedTuple):
+    """Samples of one stamp by source, and whether time has jumped to it."""
+
+    samples: dict[str, float]
+    jumped: bool
+
+
+class StampFilter:
+    """Which stamps are believed.
+
+    A stamp far from the newest one (the clock jumped, the plant was restarted, or one sensor's clock is broken) is
+    not believed until a second source confirms it or all else is silent, so that one sensor with a broken clock cannot
+    stop the others.
+
+    Parameters
+    ----------
+    silence_s : float
+        After so long without any believed sample a jump is believed unconfirmed.
+    jump_s : float
+        Distance of a stamp from the newest one that counts as a jump of time.
+
+    Attributes
+    ----------
+    newest_ns : int or None
+        Newest stamp believed; None before the first.
+    jumps : int
+        Jumps of time since the start.
+    """
+
+    def __init__(self, silence_s: float, jump_s: float = 1.0) -> None:
+        self.newest_ns: int | None = None
+        self.jumps = 0
+        self._jump_ns = round(jump_s * NANOSECONDS)
+        self._silence_s = silence_s
+        self._heard_s = float("-inf")
+        self._strange: dict[str, tuple[int, float]] = {}
+
+    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> Believed | None:
+        """Take a sample; return what is believed because of it, None when that is nothing.
+
+        Parameters
+        ----------
+        source : str
+            Which sensor.
+        stamp_ns : int
+            Stamp of the sample.
+        value : float
+            The sample.
+        now_s : float
+            Time of arrival on any steady clock.
+        """
+        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= self._jump_ns:
+            self._heard_s = now_s
+            if self.newest_ns is None or stamp_ns > self.newest_ns:
+                self.newest_ns = stamp_ns
+                self._strange.clear()
+            return Believed({source: value}, jumped=False)
+        self._strange[source] = (stamp_ns, value)
+        agreeing = {name: entry[1] for name, entry in self._strange.items() if entry[0] == stamp_ns}
+        if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
+            return None
+        self.newest_ns, self._heard_s = stamp_ns, now_s
+        self.jumps += 1
+        self._strange.clear()
+        return Believed(agreeing, jumped=True)
+
+
 @dataclass(slots=True)
-class JoinCounts:
+class SynchronizerCounts:
     """What did not go as it should, by sensor, since start."""
 
     late: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
     duplicate: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
     missing: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
-    jumps: int = 0
 
 
 @dataclass(slots=True)
@@ -57,40 +124,34 @@ class _Pending:
     put_off: bool = False
 
 
-class TickJoin:
+class MessageSynchronizer:
     """Collects samples into ticks, which come out in order of time and each stamp once.
 
     A tick is complete when all sensors came and the command that answers the tick before is known (a controller
     needs to know what was applied). It is given up waiting for when all sensors that it lacks have sent newer samples
-    (a topic keeps its order), when the tick after the next begins, or by :meth:`expire`.
-    A single stamp far from the last one is not believed until another sensor confirms it or all else is silent,
-    so that one sensor with a broken clock cannot stop the others.
+    (a topic keeps its order), when the tick after the next begins, or by :meth:`expire`. Which stamps are believed says
+    a :class:`StampFilter`.
 
     The drives' sample rides along: it neither begins nor confirms a tick, and a tick goes without it. Only where time
     waits for the controllers anyway (``await_drives``) does a tick wait for it, as long as it came with the last one.
 
     Parameters
     ----------
-    jump_s : float
-        Distance of a stamp from the last tick that counts as a jump of time.
-    silence_s : float
-        After so long without any believed sample a jump is believed unconfirmed.
+    jump_s, silence_s : float
+        Of the filter.
     await_drives : bool
         Whether the drives' sample belongs to a complete tick, so that the result does not depend on timing.
     """
 
     def __init__(self, jump_s: float = 1.0, silence_s: float = 1.0, await_drives: bool = False) -> None:
-        self.counts = JoinCounts()
-        self._jump_ns = round(jump_s * NANOSECONDS)
-        self._silence_s = silence_s
+        self.counts = SynchronizerCounts()
+        self._stamps = StampFilter(silence_s, jump_s)
         self._last_ns: int | None = None
         self._command_ns: int | None = None
         self._awaits_command = True
         self._unanswered = 0
         self._pending: list[_Pending] = []
         self._restarted = False
-        self._strange: dict[str, tuple[int, float]] = {}
-        self._heard_s = float("-inf")
         self._missed: frozenset[str] = frozenset()
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
@@ -104,7 +165,12 @@ class TickJoin:
     @property
     def newest_ns(self) -> int | None:
         """Newest stamp of a tick, complete or not; None before the first."""
-        return self._pending[-1].stamp_ns if self._pending else self._last_ns
+        return self._stamps.newest_ns
+
+    @property
+    def jumps(self) -> int:
+        """Jumps of time since the start."""
+        return self._stamps.jumps
 
     @property
     def lacking(self) -> frozenset[str]:
@@ -135,10 +201,10 @@ class TickJoin:
         now_s : float
             Time of arrival on any steady clock.
         """
-        anchor = self.newest_ns
-        if anchor is not None and abs(stamp_ns - anchor) > self._jump_ns:
-            return self._consider_jump(sensor, stamp_ns, value, now_s)
-        self._heard_s = now_s
+        believed = self._stamps.offer(sensor, stamp_ns, value, now_s)
+        if believed is None or believed.jumped:
+            self.counts.late[sensor] += 1
+            return [] if believed is None else self._jump(stamp_ns, believed.samples, now_s)
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             same = stamp_ns == self._last_ns and sensor not in self._missed
             (self.counts.duplicate if same else self.counts.late)[sensor] += 1
@@ -230,21 +296,13 @@ class TickJoin:
         self._missed = frozenset(missed)
         tick = Tick(oldest.stamp_ns, oldest.values, self._restarted, drives)
         self._last_ns, self._restarted = oldest.stamp_ns, False
-        self._strange.clear()
         return tick
 
-    def _consider_jump(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
-        self.counts.late[sensor] += 1
-        self._strange[sensor] = (stamp_ns, value)
-        agreeing = {name: entry[1] for name, entry in self._strange.items() if entry[0] == stamp_ns}
-        if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
-            return []
+    def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[Tick]:
+        """Forget the past, and begin with the first tick after a jump of time."""
         ticks = [self._pop() for _ in range(len(self._pending))]
-        self.counts.jumps += 1
-        self._heard_s = now_s
         self._last_ns, self._command_ns, self._missed = None, None, frozenset()
         self._restarted = True
-        self._strange.clear()
-        for name, entry in agreeing.items():
-            ticks += self._accept(name, stamp_ns, entry, now_s)
+        for name, sample in samples.items():
+            ticks += self._accept(name, stamp_ns, sample, now_s)
         return ticks

@@ -1,32 +1,83 @@
-"""The operator's desk: requests to switch the controller or the mode, and their answers."""
+"""What the operator asks for: another controller, another mode; and the answers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from math import isfinite
 
 from fsw_control.contract import Command
-from fsw_supervisor.checks import ProposalInput, check
-from fsw_supervisor.events import Level
-from fsw_supervisor.interlocks import Interlocks
-from fsw_supervisor.machine import Machine
-from fsw_supervisor.modes import OPERATOR_TRIGGERS, Mode
-from fsw_supervisor.proposals import Proposals
-from fsw_supervisor.requests import SwitchRequest
+from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.safety_monitor import SafetyMonitor
+from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode
+from fsw_supervisor.tick import ProposalInput, check
+
+
+@dataclass(slots=True)
+class SwitchRequest:
+    """A wish to change the active controller.
+
+    Attributes
+    ----------
+    name : str
+        The controller wanted.
+    strict : bool
+        Refuse unless it is ready now.
+    expires_s : float
+        Steady time at which a best-effort request gives up.
+    last_tick : int
+        Likewise as the number of a tick (in lockstep, where the steady clock means nothing).
+    who : str
+        Who asked.
+    accepted : bool
+        Whether it was ready once, so that the swap follows at the next tick.
+    done, ok : bool
+        Whether it is answered, and how.
+    message : str
+        The answer in words.
+    """
+
+    name: str
+    strict: bool
+    expires_s: float
+    last_tick: int
+    who: str
+    accepted: bool = False
+    done: bool = False
+    ok: bool = False
+    message: str = ""
+    _listeners: list[Callable[[SwitchRequest], None]] = field(default_factory=list)
+
+    def answer(self, ok: bool, message: str) -> None:
+        """Answer the request; only the first answer counts."""
+        if self.done:
+            return
+        self.done, self.ok, self.message = True, ok, message
+        for listener in self._listeners:
+            listener(self)
+
+    def when_done(self, listener: Callable[[SwitchRequest], None]) -> None:
+        """Call ``listener`` with the request as soon as it is answered (now, if it is)."""
+        if self.done:
+            listener(self)
+        else:
+            self._listeners.append(listener)
+
 
 _NOTHING = Command(float("nan"), float("nan"))
 
 
-class Desk:
+class OperatorRequests:
     """Takes requests, says why not, and serves them between two ticks.
 
     Parameters
     ----------
     machine : Machine
         Whose mode and controller are asked for.
-    proposals : Proposals
+    registry : ControllerRegistry
         Who is ready.
-    interlocks : Interlocks
-        Auto is refused while one is tripped.
+    safety : SafetyMonitor
+        Auto is refused while an interlock is tripped.
     lockstep : bool
         Whether time-outs count in ticks.
 
@@ -36,13 +87,17 @@ class Desk:
         The operator's values for manual.
     """
 
-    def __init__(self, machine: Machine, proposals: Proposals, interlocks: Interlocks, lockstep: bool) -> None:
+    def __init__(self, machine: Machine, registry: ControllerRegistry, safety: SafetyMonitor, lockstep: bool) -> None:
         self.manual: Command | None = None
         self._machine = machine
-        self._proposals = proposals
-        self._interlocks = interlocks
+        self._registry = registry
+        self._safety = safety
         self._lockstep = lockstep
         self._pending: SwitchRequest | None = None
+
+    def begin_manual_at(self, values: Command | None) -> None:
+        """Let manual begin with these values, until the operator gives others."""
+        self.manual = values
 
     @property
     def waiting(self) -> bool:
@@ -69,19 +124,18 @@ class Desk:
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
         last_tick = machine.tick + machine.settings.ticks(timeout_s)
         request = SwitchRequest(name, strict, now_s + timeout_s, last_tick, who)
-        if self._proposals.roster.get(name) is None:
-            known = ", ".join(record.name for record in self._proposals.roster) or "none"
+        if self._registry.get(name) is None:
+            known = ", ".join(record.name for record in self._registry) or "none"
             return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
         if self._pending is not None:
             self._drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
-            machine.target = name
+            machine.want(name)
             return self._answer(request, True, f"{name} is active already")
         obstacle = self._obstacle(name)
         if obstacle and (strict or timeout_s == 0.0):
             return self._answer(request, False, f"refused: {obstacle}")
-        machine.target = name
-        machine.revision += 1
+        machine.want(name)
         if machine.mode is not Mode.AUTO:
             text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
             return self._answer(request, True, text)
@@ -111,14 +165,13 @@ class Desk:
                 return False, f"refused: {verdict.reason}"
             self.manual = verdict.command
         if wanted is Mode.AUTO:
-            if self._interlocks.tripped:
-                return False, f"refused: interlock {', '.join(self._interlocks.tripped)} is tripped"
-            self._proposals.readmit_all(who)
-            controller = machine.active or self._proposals.first_ready()
+            if self._safety.tripped:
+                return False, f"refused: interlock {', '.join(self._safety.tripped)} is tripped"
+            self._registry.readmit_all(who)
+            controller = machine.active or self._registry.first_ready()
             if not controller:
-                return False, f"refused: {self._proposals.obstacle(machine.target)}"
-        machine.target_mode = wanted
-        machine.revision += 1
+                return False, f"refused: {self._registry.obstacle(machine.target)}"
+        machine.want(mode=wanted)
         if wanted is machine.mode:
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO and self._pending is not None:
@@ -172,7 +225,7 @@ class Desk:
             self._drop(f"swapped, but {reason}")
 
     def _obstacle(self, name: str) -> str:
-        obstacle = self._proposals.obstacle(name)
+        obstacle = self._registry.obstacle(name)
         elapsed = self._machine.ticks_since_asked
         interval = self._machine.settings.ticks(self._machine.settings.switch_interval_s)
         if not obstacle and self._machine.mode is Mode.AUTO and elapsed < interval and name != self._machine.active:
@@ -184,7 +237,7 @@ class Desk:
         if request is None:
             return
         if self._machine.target == request.name and self._machine.active:
-            self._machine.target = self._machine.active
+            self._machine.want(self._machine.active)
         self._answer(request, False, message)
 
     def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:

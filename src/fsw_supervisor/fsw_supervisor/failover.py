@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from math import isfinite
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
@@ -27,7 +27,7 @@ class Role(StrEnum):
     ACTIVE = "active"
 
 
-class Duty:
+class Failover:
     """Stands between the arbiter and the command topic.
 
     Off duty the arbiter rehearses: it decides every tick, sends nothing and takes over what the one on duty has
@@ -77,7 +77,7 @@ class Duty:
         self._believed: Command | None = None
         self._fence_s: float | None = None
         self._held: list[Decision] = []
-        arbiter.on_duty = False
+        arbiter.rehearse()
 
     @property
     def token(self) -> str:
@@ -130,7 +130,7 @@ class Duty:
             if not own and of_now and self.on_claim(token, stamp_ns):
                 self._follow(stamp_ns, source, command)
             return
-        if not _parsed(token)[1] or not (isfinite(command.force_kn) and isfinite(command.speed_rpm)):
+        if not _parsed(token)[1] or refusal(command) is not None:
             return
         self._heard_term = max(self._heard_term, _parsed(token)[0])
         tick = self._arbiter.tick
@@ -256,8 +256,6 @@ class Duty:
         self._fence_s, self.unanswered = None, 0
         held, self._held = self._held, []
         self._tick = self._arbiter.tick
-        if self._tick is not None:
-            self._tick.answered = True
         self._arbiter.leave_duty(held, reason)
 
 

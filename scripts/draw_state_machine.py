@@ -1,4 +1,5 @@
-"""Draws the table of transitions as a diagram: ``python -m fsw_supervisor.diagram docs/arbiter.md``."""
+#!/usr/bin/env python3
+"""Draws the supervisor's state machine into its documentation: ``draw_state_machine.py [FILE ...]``."""
 
 from __future__ import annotations
 
@@ -7,13 +8,20 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from fsw_supervisor.modes import TRANSITIONS, Mode
+if __name__ == "__main__":
+    from _bootstrap import ensure
 
-BEGIN = "<!-- generated from fsw_supervisor/modes.py: begin -->"
-END = "<!-- generated from fsw_supervisor/modes.py: end -->"
+    ensure()
+
+from fsw_supervisor.state_machine import TRANSITIONS, Mode
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "concepts" / "arbiter.md"
+#: marks in the documentation between which the diagram stands
+BEGIN = "<!-- generated from fsw_supervisor/state_machine.py: begin -->"
+END = "<!-- generated from fsw_supervisor/state_machine.py: end -->"
 
 _NOTES = {
-    Mode.START: "holds what acts, until it is known who was applied",
+    Mode.START: "holds the force and speed that act until the applied controller is known",
     Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
     Mode.MANUAL: "goes to the operator's values within the move limits",
     Mode.HOLD: "repeats the last command",
@@ -21,7 +29,7 @@ _NOTES = {
 }
 
 
-def mermaid() -> str:
+def mermaid_diagram() -> str:
     """State diagram in mermaid's language; arrows with the same ends are joined."""
     lines = ["stateDiagram-v2", f"    [*] --> {Mode.START}"]
     lines += [f"    {mode} : {mode}\\n{note}" for mode, note in _NOTES.items()]
@@ -32,7 +40,7 @@ def mermaid() -> str:
     return "\n".join(lines)
 
 
-def table() -> str:
+def transition_table() -> str:
     """The transitions as a markdown table: trigger, meaning, from, to."""
     rows: dict[tuple[str, str, str], list[str]] = {}
     for row in TRANSITIONS:
@@ -42,12 +50,12 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def block() -> str:
+def document_block() -> str:
     """What stands between the two marks in the documentation."""
-    return f"{BEGIN}\n\n```mermaid\n{mermaid()}\n```\n\n{table()}\n\n{END}"
+    return f"{BEGIN}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{END}"
 
 
-def renew(text: str) -> str:
+def renew_document(text: str) -> str:
     """Return ``text`` with the block between the marks renewed.
 
     Raises
@@ -58,16 +66,16 @@ def renew(text: str) -> str:
     pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
     if not pattern.search(text):
         raise ValueError(f"the marks {BEGIN!r} and {END!r} are missing")
-    return pattern.sub(lambda _: block(), text)
+    return pattern.sub(lambda _: document_block(), text)
 
 
 def main(args: Sequence[str]) -> int:
     """Renew the files named; returns the exit code."""
     for name in args:
         path = Path(name)
-        path.write_text(renew(path.read_text(encoding="utf-8")), encoding="utf-8")
+        path.write_text(renew_document(path.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main(sys.argv[1:] or [str(DOCUMENT)]))

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.join import TickJoin
+from fsw_control.message_synchronizer import MessageSynchronizer, StampFilter
 
 STEP_NS = 100_000_000
 
 
 def join_without_commands():
     """A join that has learned that nobody commands."""
-    join = TickJoin()
+    join = MessageSynchronizer()
     join._awaits_command = False
     return join
 
@@ -27,7 +27,7 @@ def add_all(join, k, now_s=0.0, sensors=SENSORS):
 
 
 def test_complete_tick_comes_at_once_with_its_values():
-    join = TickJoin()
+    join = MessageSynchronizer()
     assert join.add("depth", 0, 1.0, 0.0) == []
     assert join.begun_s == 0.0
     assert join.add("torque", 0, 2.0, 0.0) == []
@@ -37,7 +37,7 @@ def test_complete_tick_comes_at_once_with_its_values():
 
 
 def test_next_tick_waits_for_the_command_of_the_last():
-    join = TickJoin()
+    join = MessageSynchronizer()
     assert len(add_all(join, 0)) == 1
     assert add_all(join, 1) == []
     (tick,) = join.add_command(0)
@@ -47,7 +47,7 @@ def test_next_tick_waits_for_the_command_of_the_last():
 
 
 def test_an_older_command_does_not_complete_a_tick():
-    join = TickJoin()
+    join = MessageSynchronizer()
     add_all(join, 1)
     assert join.add_command(STEP_NS) == []
     add_all(join, 2)
@@ -58,7 +58,7 @@ def test_an_older_command_does_not_complete_a_tick():
 
 
 def test_without_an_arbiter_commands_are_waited_for_only_three_times():
-    join = TickJoin()
+    join = MessageSynchronizer()
     add_all(join, 0)
     for k in range(1, 4):
         assert add_all(join, k) == []
@@ -167,7 +167,7 @@ def test_a_jump_of_time_that_two_sensors_confirm_restarts(start):
     assert [tick.stamp_ns // STEP_NS for tick in ticks] == list(range(start, start + 3))
     assert [tick.restarted for tick in ticks] == [True, False, False]
     assert set(ticks[0].values) == set(SENSORS)
-    assert join.counts.jumps == 1
+    assert join.jumps == 1
 
 
 def test_a_jump_is_believed_alone_when_all_else_is_silent():
@@ -190,7 +190,7 @@ def test_a_jump_is_believed_alone_when_all_else_is_silent():
     )
 )
 def test_ticks_are_never_empty_and_in_order_between_restarts(events):
-    join = TickJoin()
+    join = MessageSynchronizer()
     last, now_s, accepted = None, 0.0, 0
     for kind, k, elapsed_s in events:
         now_s += elapsed_s
@@ -232,7 +232,7 @@ def test_the_drives_sample_rides_along_and_is_never_waited_for():
 
 
 def test_where_time_waits_a_tick_waits_for_the_drives_sample():
-    join = TickJoin(await_drives=True)
+    join = MessageSynchronizer(await_drives=True)
     join._awaits_command = False
     assert add_all(join, 1) == [] and join.lacking == {"drives"}
     assert [tick.drives for tick in join.add_drives(STEP_NS, ACTING)] == [ACTING]
@@ -245,7 +245,7 @@ def test_where_time_waits_a_tick_waits_for_the_drives_sample():
 
 
 def test_a_newer_drives_sample_ends_the_wait_for_an_older_one():
-    join = TickJoin(await_drives=True)
+    join = MessageSynchronizer(await_drives=True)
     join._awaits_command = False
     assert add_all(join, 1) == []
     assert add_all(join, 2) == []
@@ -253,7 +253,21 @@ def test_a_newer_drives_sample_ends_the_wait_for_an_older_one():
 
 
 def test_drives_without_sensors_do_not_fill_the_memory():
-    join = TickJoin()
+    join = MessageSynchronizer()
     for k in range(1000):
         join.add_drives(k * STEP_NS, ACTING)
     assert len(join._drives) < 20
+
+
+def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
+    second = 10**9
+    stamps = StampFilter(silence_s=0.25)
+    assert stamps.offer("depth", 10 * second, 1.0, 0.0) == ({"depth": 1.0}, False)
+    assert stamps.offer("torque", 10 * second, 2.0, 0.0) == ({"torque": 2.0}, False)
+    assert stamps.offer("depth", 99 * second, 1.5, 0.1) is None
+    assert stamps.offer("torque", 99 * second, 2.5, 0.1) == ({"depth": 1.5, "torque": 2.5}, True)
+    assert stamps.offer("depth", 5 * second, 3.0, 0.2) is None
+    assert stamps.offer("depth", 5 * second + 1, 3.5, 0.4) == ({"depth": 3.5}, True), (
+        "nothing else came for long enough"
+    )
+    assert (stamps.newest_ns, stamps.jumps) == (5 * second + 1, 2)

@@ -12,10 +12,10 @@ from hypothesis import settings as hypothesis_settings
 
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.checks import ProposalInput
-from fsw_supervisor.duty import Duty, Role
-from fsw_supervisor.modes import Mode
+from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import ProposalInput
 
 VALUES = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
 PERIOD_NS = 100_000_000
@@ -27,7 +27,7 @@ class Member:
     def __init__(self, world, identity, standby, settings):
         self.world, self.identity = world, identity
         self.arbiter = Arbiter(settings)
-        self.duty = Duty(self.arbiter, identity, standby, world.now_s)
+        self.duty = Failover(self.arbiter, identity, standby, world.now_s)
         self.running, self.queue, self.told, self.tell_s = True, [], None, 0.0
         self.lag_s = 0.001  # until it hears another supervisor
 
@@ -173,7 +173,7 @@ def test_the_standby_takes_over_after_two_ticks_and_loses_one(world):
 
 def test_it_takes_over_what_the_operator_chose(world):
     a, b = world.members
-    a.arbiter.desk.ask_switch("nmpc", False, 1.0, "operator", world.now_s)
+    a.arbiter.operator.ask_switch("nmpc", False, 1.0, "operator", world.now_s)
     world.tick(5)
     assert world.source == "nmpc"
     world.members.remove(a)
@@ -185,7 +185,7 @@ def test_it_takes_over_what_the_operator_chose(world):
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP])
 def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
     a, b = world.members
-    a.arbiter.desk.ask_mode(str(mode), Command(78.0, 407.0), "operator")
+    a.arbiter.operator.ask_mode(str(mode), Command(78.0, 407.0), "operator")
     world.tick(5)
     world.members.remove(a)
     world.tick(10)

@@ -1,4 +1,4 @@
-"""Limits of the process that no controller can talk away: warn, trip, hysteresis."""
+"""Limits of the process that hold whoever controls: sensors that may be used, interlocks that trip."""
 
 from __future__ import annotations
 
@@ -6,6 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
+from typing import Any
+
+from fsw_control.contract import SENSORS, Command
+from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Level, Machine, Trigger
+from fsw_supervisor.tick import NANOSECONDS, Tick
+
+_INTERLOCK_KEYS = ("warn", "trip", "hysteresis")
 
 
 class Severity(StrEnum):
@@ -133,3 +143,109 @@ class Interlocks:
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks."""
         return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
+
+
+_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
+
+
+def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
+    """Table of the interlocks from the parameters; ValueError when they contradict each other."""
+    return tuple(
+        Interlock(item.name, item.quantity, *(values[f"interlocks.{item.name}.{key}"] for key in _INTERLOCK_KEYS))
+        for item in DEFAULT_INTERLOCKS
+    )
+
+
+class SafetyMonitor:
+    """Judges the process at every tick: sensors and interlocks.
+
+    Parameters
+    ----------
+    machine : Machine
+        For the log and the transition into a safe stop.
+    guard : SensorGuard, optional
+        Judge of the sensors.
+    interlocks : Interlocks, optional
+        Judge of the process.
+
+    Attributes
+    ----------
+    invalid_sensors : tuple of str
+        Sensors that may not be used at present.
+    """
+
+    def __init__(
+        self, machine: Machine, guard: SensorGuard | None = None, interlocks: Interlocks | None = None
+    ) -> None:
+        self.invalid_sensors: tuple[str, ...] = ()
+        self._machine = machine
+        self._guard = guard if guard is not None else SensorGuard()
+        self._interlocks = interlocks if interlocks is not None else Interlocks()
+
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Judge by the node's parameters from now on, without forgetting."""
+        self._guard.configure(sensor_limits(values))
+        self._interlocks.configure(interlocks_from(values), values["interlocks.persistence_ticks"])
+
+    def forget_time(self) -> None:
+        """The clock went back: what the sensors showed before means nothing any more."""
+        self._guard.reset()
+
+    @property
+    def sensor_reasons(self) -> dict[str, str]:
+        """By sensor, why its last sample was not used; empty where it was."""
+        return self._guard.reasons
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Active warnings and trips, e.g. ``temperature_high:warn``."""
+        return self._interlocks.active
+
+    @property
+    def tripped(self) -> tuple[str, ...]:
+        """Names of the tripped interlocks."""
+        return self._interlocks.tripped
+
+    def judge(self, tick: Tick, acting: Command | None) -> None:
+        """Judge the samples of a tick, and fire the interlocks that trip.
+
+        Parameters
+        ----------
+        tick : Tick
+            Is told which sensors are missing that were good before.
+        acting : Command or None
+            Force and speed that act, as far as known.
+        """
+        machine, before, reasons = self._machine, self.invalid_sensors, self._guard.reasons
+        tick.surprised = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
+        measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples)
+        self.invalid_sensors = measurement.invalid_sensors()
+        for name in self.invalid_sensors:
+            if name not in before:
+                machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
+        for name in before:
+            if name not in self.invalid_sensors:
+                machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
+        values = {
+            "depth_mm": measurement.depth_mm,
+            "torque_nm": measurement.torque_nm,
+            "temperature_c": measurement.temperature_c,
+        }
+        if acting is not None:
+            values["force_kn"] = acting.force_kn
+            values["power_kw"] = kw_from_w(measurement.torque_nm * rad_s_from_rpm(acting.speed_rpm))
+        for change in self._interlocks.update(values):
+            machine.log(_LEVELS[change.level], "interlock", change.text())
+            if change.level is Severity.TRIP:
+                machine.fire(Trigger.INTERLOCK_TRIP, change.text(), "interlock")
+
+
+def problem(values: Mapping[str, Any]) -> str | None:
+    """Why the parameters of ``supervisor.yaml`` do not go together, or None."""
+    try:
+        ArbiterSettings.from_values(values)
+        interlocks_from(values)
+        sensor_limits(values)
+    except ValueError as error:
+        return str(error)
+    return None

@@ -1,0 +1,46 @@
+"""The one check of a command, as supervisor, plant and controllers make it."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control.command_check import Flaw, refusal
+from fsw_control.contract import Command, Limits
+
+LIMITS, BEFORE = Limits(), Command(78.4, 407.5)
+
+
+@pytest.mark.parametrize(
+    ("command", "flaw", "words"),
+    [
+        (Command(math.nan, 407.5), Flaw.NOT_FINITE, "not finite: force nan kN"),
+        (Command(78.4, -math.inf), Flaw.NOT_FINITE, "speed -inf rpm"),
+        (Command(95.1, 407.5), Flaw.OUT_OF_RANGE, "force 95.100 kN is outside 60 to 95 kN"),
+        (Command(78.4, 299.9), Flaw.OUT_OF_RANGE, "speed 299.900 rpm is outside 300 to 500 rpm"),
+        (Command(79.5, 407.5), Flaw.JUMP, "force would jump by 1.100 kN, more than 1 kN per tick"),
+        (Command(78.4, 404.0), Flaw.JUMP, "speed would jump by 3.500 rpm, more than 3 rpm per tick"),
+    ],
+)
+def test_a_bad_command_is_refused_in_words(command, flaw, words):
+    refused = refusal(command, LIMITS, BEFORE, LIMITS)
+    assert refused.flaw is flaw
+    assert words in refused.words
+
+
+def test_what_is_not_asked_for_is_not_checked():
+    assert refusal(Command(1.0, 2.0)) is None
+    assert refusal(Command(math.nan, 2.0)).flaw is Flaw.NOT_FINITE
+    assert refusal(Command(95.0, 500.0), LIMITS) is None, "without the command before there is no jump"
+
+
+@given(st.floats(), st.floats(), st.floats(60.0, 95.0), st.floats(300.0, 500.0))
+def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(force, speed, force_before, speed_before):
+    before, command = Command(force_before, speed_before), Command(force, speed)
+    if refusal(command, LIMITS, before, LIMITS) is None:
+        clipped = LIMITS.clip(command, before)
+        assert clipped.force_kn == pytest.approx(force, abs=2e-6)
+        assert clipped.speed_rpm == pytest.approx(speed, abs=2e-6)
+    if refusal(command) is None:
+        assert refusal(LIMITS.clip(command, before), LIMITS, before, LIMITS) is None

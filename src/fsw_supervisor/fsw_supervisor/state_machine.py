@@ -1,0 +1,285 @@
+"""The supervisor's state machine: modes, the transitions between them as data, and how they came about.
+
+A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scripts/draw_state_machine.py`` draws them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+
+from fsw_supervisor.settings import ArbiterSettings
+
+_LONG_AGO = -(10**9)
+
+
+class Mode(StrEnum):
+    """What the arbiter does with a tick."""
+
+    START = "start"
+    AUTO = "auto"
+    MANUAL = "manual"
+    HOLD = "hold"
+    SAFE_STOP = "safe_stop"
+
+
+class Trigger(StrEnum):
+    """What can make the mode change."""
+
+    READY = "ready"
+    ABANDONED = "abandoned"
+    INTERRUPTED = "interrupted"
+    OPERATOR_AUTO = "operator_auto"
+    OPERATOR_MANUAL = "operator_manual"
+    OPERATOR_HOLD = "operator_hold"
+    OPERATOR_SAFE_STOP = "operator_safe_stop"
+    NO_CONTROLLER = "no_controller"
+    STORM = "storm"
+    CONTROLLER_BACK = "controller_back"
+    HOLD_TIMEOUT = "hold_timeout"
+    INTERLOCK_TRIP = "interlock_trip"
+
+
+#: the modes an operator can ask for, with the trigger that each fires
+OPERATOR_TRIGGERS: dict[Mode, Trigger] = {
+    Mode.AUTO: Trigger.OPERATOR_AUTO,
+    Mode.MANUAL: Trigger.OPERATOR_MANUAL,
+    Mode.HOLD: Trigger.OPERATOR_HOLD,
+    Mode.SAFE_STOP: Trigger.OPERATOR_SAFE_STOP,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One row of the table.
+
+    Attributes
+    ----------
+    source, target : Mode
+        From where to where.
+    trigger : Trigger
+        What makes it happen.
+    meaning : str
+        When the trigger is fired, in words (shown in the diagram).
+    """
+
+    source: Mode
+    trigger: Trigger
+    target: Mode
+    meaning: str
+
+
+def _but(mode: Mode) -> tuple[Mode, ...]:
+    return tuple(item for item in Mode if item is not mode)
+
+
+TRANSITIONS: tuple[Transition, ...] = (
+    Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
+    Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the controller that was active is silent"),
+    Transition(Mode.AUTO, Trigger.INTERRUPTED, Mode.START, "measurements are back after a gap"),
+    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, "operator, a controller is ready") for m in _but(Mode.AUTO)),
+    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, "operator, values in limits") for m in _but(Mode.MANUAL)),
+    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, "operator") for m in _but(Mode.HOLD)),
+    *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
+    Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no controller left that may be applied"),
+    Transition(Mode.AUTO, Trigger.STORM, Mode.HOLD, "too many automatic swaps"),
+    Transition(Mode.HOLD, Trigger.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
+    Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "target auto, held too long"),
+    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock trips") for m in _but(Mode.SAFE_STOP)),
+)
+
+_TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
+
+
+def next_mode(mode: Mode, trigger: Trigger) -> Mode | None:
+    """Mode that ``trigger`` leads to from ``mode``; None where the table has no such row."""
+    return _TABLE.get((mode, trigger))
+
+
+class Level(StrEnum):
+    """How loud an event is."""
+
+    INFO = "info"
+    WARN = "warn"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of the log.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the tick during which it happened.
+    level : Level
+        Severity.
+    who : str
+        ``operator``, ``failover``, ``interlock``, ``start`` or the name of a controller.
+    text : str
+        What happened and why, in words.
+    """
+
+    stamp_ns: int
+    level: Level
+    who: str
+    text: str
+
+
+class EventLog:
+    """The latest events; ``take`` hands over those not yet seen."""
+
+    def __init__(self, length: int = 200) -> None:
+        self._history: deque[Event] = deque(maxlen=length)
+        self._new: deque[Event] = deque(maxlen=length)
+
+    def add(self, event: Event) -> None:
+        """Record one event."""
+        self._history.append(event)
+        self._new.append(event)
+
+    def take(self) -> list[Event]:
+        """Events since the last call."""
+        events = list(self._new)
+        self._new.clear()
+        return events
+
+    @property
+    def history(self) -> tuple[Event, ...]:
+        """The latest events, oldest first."""
+        return tuple(self._history)
+
+
+class Machine:
+    """State of the arbiter as an operator sees it; changes only by the table above and by swaps.
+
+    Attributes
+    ----------
+    settings : ArbiterSettings
+        May be replaced at any time.
+    mode, target_mode : Mode
+        Actual mode and the one that is wanted.
+    active, target : str
+        Controller whose proposals are applied (empty unless in auto) and the one that is wanted.
+    reason, requested_by : str
+        Why the present state was entered and who asked for it.
+    since_ns : int
+        Stamp of the tick at which it was entered.
+    transitions : int
+        Changes of mode or controller since the start.
+    revision : int
+        Changes whenever something that an operator sees has changed.
+    tick : int
+        Number of the present tick.
+    slewing : int
+        Ticks left in which the transition limits hold after a swap.
+    """
+
+    def __init__(self, settings: ArbiterSettings) -> None:
+        self.settings = settings
+        self.mode = Mode.START
+        self.target_mode = Mode.AUTO
+        self.active = ""
+        self.target = settings.controller
+        self.reason = "starting: waiting for measurements"
+        self.requested_by = "start"
+        self.since_ns = 0
+        self.transitions = 0
+        self.revision = 0
+        self.tick = 0
+        self.slewing = 0
+        self.events = EventLog()
+        self._stamp_ns = 0
+        self._mode_tick = 0
+        self._automatic: deque[int] = deque(maxlen=100)
+        self._asked_tick = _LONG_AGO
+
+    def advance(self, stamp_ns: int) -> None:
+        """Go on to the next tick."""
+        self.tick += 1
+        self._stamp_ns = stamp_ns
+
+    @property
+    def ticks_in_mode(self) -> int:
+        """Ticks since the mode was entered."""
+        return self.tick - self._mode_tick
+
+    @property
+    def ticks_since_asked(self) -> int:
+        """Ticks since the operator's last swap."""
+        return self.tick - self._asked_tick
+
+    def storming(self) -> bool:
+        """Whether there were too many automatic swaps lately."""
+        window = self.settings.ticks(self.settings.storm_window_s)
+        recent = sum(1 for tick in self._automatic if self.tick - tick < window)
+        return recent >= self.settings.storm_swaps > 0
+
+    def fire(self, trigger: Trigger, reason: str, who: str, controller: str = "") -> bool:
+        """Make the transition that the table has for ``trigger``; False when it has none.
+
+        ``controller`` becomes the active one where the transition leads to auto.
+        """
+        target = next_mode(self.mode, trigger)
+        if target is None:
+            return False
+        before, self.mode = self.mode, target
+        self._mode_tick = self.tick
+        self.active = controller if target is Mode.AUTO else ""
+        self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
+        if trigger is Trigger.CONTROLLER_BACK:
+            self._automatic.append(self.tick)
+        self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
+        return True
+
+    def swap(self, name: str, reason: str, who: str, automatic: bool) -> None:
+        """Make ``name`` the active controller; only in auto."""
+        before, self.active = self.active, name
+        self.slewing = self.settings.transition_ticks
+        if automatic:
+            self._automatic.append(self.tick)
+        else:
+            self._asked_tick = self.tick
+        self._note(reason, who, f"{before} -> {name}")
+
+    def want(self, controller: str = "", mode: Mode | None = None) -> None:
+        """Note the controller and the mode that are wanted; what is not given stays."""
+        wanted = (controller or self.target, mode or self.target_mode)
+        if wanted != (self.target, self.target_mode):
+            self.target, self.target_mode = wanted
+            self.revision += 1
+
+    def slew(self, arrived: bool) -> None:
+        """Count a tick under the transition limits, which end when the new controller's values are reached."""
+        self.slewing = 0 if arrived else self.slewing - 1
+
+    def mirror(self, source: str) -> None:
+        """Be in the mode in which a command of ``source`` is sent: off duty the one on duty is copied."""
+        mode = next((mode for mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) if mode == source), Mode.AUTO)
+        active = source if mode is Mode.AUTO else ""
+        if (mode, active) != (self.mode, self.active):
+            self.mode, self.active = mode, active
+            self._mode_tick = self.tick
+            self.reason = f"as the supervisor on duty: {source}"
+
+    def explain(self, reason: str) -> None:
+        """Say why the present state lasts."""
+        if reason != self.reason:
+            self.reason = reason
+            self.revision += 1
+
+    def note_takeover(self, reason: str) -> None:
+        """Record that this machine is on duty from now on, in the state that it has."""
+        self.slewing = self.settings.transition_ticks
+        self._note(f"{reason} ({self.reason})", "takeover", f"on duty in {self.mode}")
+
+    def log(self, level: Level, who: str, text: str) -> None:
+        """Record an event."""
+        self.revision += 1
+        self.events.add(Event(self._stamp_ns, level, who, text))
+
+    def _note(self, reason: str, who: str, text: str) -> None:
+        self.reason, self.requested_by, self.since_ns = reason, who, self._stamp_ns
+        self.transitions += 1
+        self.log(Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO, who, f"{text}: {reason}")

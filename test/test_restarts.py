@@ -1,0 +1,155 @@
+"""Parts of a weld are killed and started again after its set-points have changed: all follow those in force."""
+
+import time
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from fsw_control import messages_ros as convert
+from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATEST, STREAM
+from fsw_experiment.cli.main import main
+from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario_file import parse
+from fsw_msgs.msg import WeldCommand, WeldReference
+
+SCENARIO = """
+name: restarts
+duration_s: 600.0
+controller: decentral
+events:
+  - {at_s: 1.0, reference: {depth_mm: 2.70}}
+"""
+
+
+class Weld:
+    """A weld in real time whose parts can be killed, and what its nodes say that they follow."""
+
+    def __init__(self, folder, domain, launcher, standby):
+        self.launcher = launcher
+        graph = WeldGraph(parse(SCENARIO), folder / "weld", ("nmpc",), realtime=True, record=False, standby=standby)
+        graph.start(launcher)
+        self.arguments = ["--ros-args", "--params-file", str(folder / "weld" / "parameters.yaml")]
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("observer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.follows, self.commands = {}, []
+        for name in ("decentral", "nmpc", "supervisor"):
+            self.node.create_subscription(
+                WeldReference, f"/fsw/{name}/reference", lambda m, n=name: self.follows.update({n: m}), LATEST
+            )
+        self.node.create_subscription(WeldCommand, "/fsw/command", self.commands.append, STREAM)
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def until(self, condition, what, timeout_s=60.0):
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end_s, f"waited in vain for {what}; followed: {self.depths()}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def depths(self):
+        return {name: round(convert.reference(message).depth_mm, 6) for name, message in self.follows.items()}
+
+    def until_all_follow(self, depth_mm, *names):
+        names = names or ("decentral", "nmpc", "supervisor")
+        self.until(lambda: all(self.depths().get(name) == depth_mm for name in names), f"{depth_mm} mm")
+
+    def ticks(self, count):
+        goal = len(self.commands) + count
+        self.until(lambda: len(self.commands) >= goal, f"{count} commands")
+
+    def kill(self, name):
+        process = self.launcher.children[name].process
+        process.kill()
+        process.wait()
+        self.follows.pop(name if name != "standby" else "supervisor", None)
+
+    def start(self, name):
+        module = CONTROLLER_MODULES.get(name, "fsw_supervisor.supervisor_node")
+        renamed = ["-r", f"__node:={STANDBY}"] if name == "standby" else []
+        self.launcher.start(name, module, [*self.arguments, *renamed])
+
+    def role(self, name):
+        return self.launcher.children[name].text().rpartition("role: ")[2].split("\n")[0].strip()
+
+
+@pytest.fixture
+def make_weld(tmp_path, monkeypatch):
+    """Makes a weld that has reached its second set-point, in a domain that is its own."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    welds = []
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+
+        def make(standby):
+            welds.append(Weld(tmp_path, domain, launcher, standby))
+            welds[0].until_all_follow(2.7)
+            return welds[0]
+
+        yield make
+        for weld in welds:
+            weld.close()
+
+
+def fsw(capsys, *arguments):
+    assert main([*arguments, "--timeout", "20"]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
+    weld = make_weld(standby=False)
+    weld.kill("nmpc")
+    weld.start("nmpc")
+    weld.until_all_follow(2.7, "nmpc")
+    fsw(capsys, "switch", "nmpc", "--wait", "20")
+    weld.until(lambda: weld.commands[-1].source == "nmpc", "nmpc in command")
+    assert "set-point 2.7 mm" in fsw(capsys, "status")
+    fsw(capsys, "reference", "--depth", "2.72")
+    weld.until_all_follow(2.72)
+    weld.kill("decentral")
+    weld.start("decentral")
+    weld.until_all_follow(2.72, "decentral")
+    weld.ticks(10)
+    assert set(weld.depths().values()) == {2.72}, "it stays so"
+    assert "set-point 2.72 mm" in fsw(capsys, "status")
+
+
+def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
+    """Without a standby: the sender of the set-point has left, only the controllers know it."""
+    weld = make_weld(standby=False)
+    fsw(capsys, "reference", "--depth", "2.72")
+    weld.until_all_follow(2.72)
+    weld.kill("supervisor")
+    weld.start("supervisor")
+    weld.until_all_follow(2.72, "supervisor")
+    weld.ticks(10)
+    assert set(weld.depths().values()) == {2.72}
+    assert "set-point 2.72 mm" in fsw(capsys, "status")
+
+
+def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
+    weld = make_weld(standby=True)
+    weld.until(lambda: weld.role("standby") == "standby", "the standby")
+    fsw(capsys, "reference", "--depth", "2.72")
+    weld.until_all_follow(2.72)
+    for dies, takes_over in (("supervisor", "standby"), ("standby", "supervisor")):
+        weld.kill(dies)
+        weld.until(lambda name=takes_over: weld.role(name) == "active", "the takeover")
+        weld.until_all_follow(2.72, "supervisor")
+        weld.start(dies)
+        weld.until(lambda name=dies: weld.role(name) == "standby", "the one that was killed")
+    weld.kill("nmpc")
+    weld.start("nmpc")
+    weld.until_all_follow(2.72, "nmpc")
+    weld.ticks(10)
+    assert set(weld.depths().values()) == {2.72}
+    assert "set-point 2.72 mm" in fsw(capsys, "status")
