@@ -15,13 +15,13 @@ if __name__ == "__main__":
 
 from fsw_supervisor.state_machine import TRANSITIONS, Mode
 
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "arbiter.md"
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "concepts" / "arbiter.md"
 #: marks in the documentation between which the diagram stands
 BEGIN = "<!-- generated from fsw_supervisor/state_machine.py: begin -->"
 END = "<!-- generated from fsw_supervisor/state_machine.py: end -->"
 
 _NOTES = {
-    Mode.START: "holds what acts, until it is known who was applied",
+    Mode.START: "holds the force and speed that act until the applied controller is known",
     Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
     Mode.MANUAL: "goes to the operator's values within the move limits",
     Mode.HOLD: "repeats the last command",

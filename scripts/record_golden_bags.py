@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Records the golden bags of the regression test anew: one small bag per paper scenario, with its figures of merit.
+"""Records the golden bags of the regression test again: one small bag per paper scenario, with its figures of merit.
 
 usage: record_golden_bags.py [BAG ...]
 

@@ -3,9 +3,9 @@
 
 usage: test.py [--lint] [--oldest] [pytest arguments]
 
-``--lint`` also runs ruff and mypy. ``--oldest`` runs the unit tests of the packages that compute, draw and read bags in
-an environment of its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without
-arguments all tests run: units first, then several processes over DDS.
+``--lint`` also runs ruff and mypy and builds the documentation. ``--oldest`` runs the unit tests of the packages that
+compute, draw and read bags in an environment of its own with the oldest supported versions of numpy, scipy,
+matplotlib, ... (Python 3.11). Without arguments all tests run: units first, then several processes over DDS.
 """
 
 import signal
@@ -43,6 +43,8 @@ def main() -> int:
         codes.append(run("ruff check", "ruff", "check", "."))
         codes.append(run("ruff format", "ruff", "format", "--check", "."))
         codes.append(run("mypy", "mypy"))
+        print("== documentation", flush=True)
+        codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
     codes.append(run("pytest", "pytest", *arguments))
     return next((code for code in codes if code), 0)
 

@@ -52,7 +52,7 @@ def test_a_sensor_fails(steps, table, sensor, kind):
     table.add(f"sensor fault `{kind}` of {duration_s:g} s, each sensor, lockstep", "validity", reaction, outcome)
 
 
-def test_the_plant_of_lockstep_is_killed_and_begins_its_time_anew(steps, table):
+def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
     steps.restore()
     steps.signal("plant", signal.SIGKILL)
     first, before = len(steps.truths), max(steps.commands)
@@ -64,7 +64,7 @@ def test_the_plant_of_lockstep_is_killed_and_begins_its_time_anew(steps, table):
     outcome.assert_steady()
     assert convert.stamp_ns(steps.truths[first].header.stamp) < before, "time went back"
     assert steps.source() == "decentral"
-    table.add("plant killed (-9) in lockstep, its time begins anew", "stamps go back", "starts from what acts", outcome)
+    table.add("plant killed (-9) in lockstep, its time restarts", "stamps go back", "starts from what acts", outcome)
 
 
 def test_a_third_of_the_measurements_is_lost(behind_relay, table):

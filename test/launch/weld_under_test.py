@@ -186,7 +186,7 @@ class Observer:
         """Spin until a condition holds; AssertionError when it takes too long."""
         end_s = time.monotonic() + timeout_s
         while not condition():
-            assert time.monotonic() < end_s, f"waited {timeout_s:g} s in vain for {what}"
+            assert time.monotonic() < end_s, f"waited {timeout_s:g} s without success for {what}"
             self._executor.spin_once(timeout_sec=0.05)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What a node can tell about the graph."""
+"""What a node can find out about the graph."""
 
 import time
 from collections.abc import Callable

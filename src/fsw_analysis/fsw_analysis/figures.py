@@ -51,7 +51,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class _Panel:
-    """One axis: the quantity, and what belongs into its picture besides."""
+    """One axis: the quantity, and what else is drawn in it."""
 
     title: str
     ylabel: str

@@ -23,7 +23,7 @@ _JOINING_NS = 2_000_000_000
 #: before everything
 _LONG_AGO = -(2**62)
 UNKNOWN_ORDER = (
-    f"{SENT}: set-points were sent before the recording began, and this bag does not tell in which order: "
+    f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
     "errors and figures of merit may refer to the wrong ones"
 )
 
@@ -54,7 +54,7 @@ def timeline(
     stamps, logs : int array, shape (n_ticks,)
         Stamp and receive time of every tick [ns], in order of stamps.
     problems : list of str
-        Gets `UNKNOWN_ORDER` when the bag does not tell what held when the recording began.
+        Gets `UNKNOWN_ORDER` when the bag does not show what held when the recording began.
     """
     first = int(stamps[0])
     # sqlite3 holds no publish times; what came together at first may then be older than the recording

@@ -60,7 +60,7 @@ class ShadowReport:
             lines.append("note: the controller does not say whether it got all samples")
         elif self.missed:
             text = f"{self.missed} samples reached the controller too late or never"
-            lines.append(f"note: {text}; at a lower --rate it has more time")
+            lines.append(f"note: {text}; a lower --rate gives it more time")
         for one in self.comparisons:
             lines.append(f"compared with {one.against}, {one.ticks} ticks (shadow minus recorded):")
             lines += [f"  axial force    {one.force.text()}", f"  spindle speed  {one.speed.text()}"]
@@ -77,7 +77,7 @@ class ShadowReport:
 
 
 def missed_samples(bag: Path, name: str) -> int:
-    """Samples that the controller had to do without, as its last diagnostics in the bag tell; -1 if there are none."""
+    """Samples that the controller had to do without, from its last diagnostics in the bag; -1 if there are none."""
     missed = -1
     with BagReader(bag) as reader:
         for record in reader.records(["/diagnostics"]):

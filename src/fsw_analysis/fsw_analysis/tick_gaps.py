@@ -1,6 +1,6 @@
 """Counts the ticks that are missing in a bag, from the stamps of its messages alone.
 
-The middleware tells at best what was lost on its way to the recorder. The topics of a weld carry one stamp per tick,
+The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry one stamp per tick,
 the same on all of them, so the bag itself shows what is not in it.
 """
 
@@ -30,7 +30,7 @@ class TickGaps:
 
 
 class TickCounter:
-    """Takes the messages of a bag and tells which ticks each topic lacks."""
+    """Takes the messages of a bag and finds the ticks that each topic lacks."""
 
     def __init__(self) -> None:
         self._stamps: dict[str, list[int] | None] = {}

@@ -229,7 +229,7 @@ class _Recorded:
         self.drives = dict(_commands(self.messages.table(_DRIVES, _INPUTS)))
 
     def parameters_changed(self, name: str) -> bool:
-        """Whether a parameter of the controller's node was changed after it had begun."""
+        """Whether a parameter of the controller's node was changed after its start."""
         table = self.messages.table("/parameter_events", {"node": "text"})
         if table is None:
             return False
@@ -262,7 +262,7 @@ def _recorded_parameters(messages: WeldMessages, name: str, notes: list[str]) ->
     try:
         return messages.parameters(name)
     except BagError as error:
-        notes.append(f"{error}; its defaults are taken")
+        notes.append(f"{error}; its defaults are used")
         return {}
 
 

@@ -1,4 +1,4 @@
-"""Ticks that a bag lacks, told from the stamps."""
+"""Ticks that are missing in a bag, found by their stamps."""
 
 import struct
 

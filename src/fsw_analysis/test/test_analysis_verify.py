@@ -1,4 +1,4 @@
-"""Deterministic replay: the recorded build reproduces its proposals, another one is told apart."""
+"""Deterministic replay: the recorded build reproduces its proposals, a different one is detected."""
 
 from pathlib import Path
 from typing import Any

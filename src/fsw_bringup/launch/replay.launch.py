@@ -1,4 +1,4 @@
-"""Plays a bag into the graph; controllers named as shadows compute along, and nobody obeys them.
+"""Plays a bag into the graph; controllers named as shadows compute along, and their proposals are not applied.
 
 A shadow sees the recorded measurements, references and commands. What it publishes goes to shadow/<name>/proposal,
 status and prediction, beside what was recorded under fsw/<name>. The launch ends when the bag is over.

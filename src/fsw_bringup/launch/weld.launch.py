@@ -1,7 +1,7 @@
 """Starts a weld: plant, controllers, supervisors and, if wanted, recorder and scenario player.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
-Controllers, supervisors and recorder are started again when they die. The plant is not: a weld cannot be begun anew
+Controllers, supervisors and recorder are started again when they die. The plant is not: a weld cannot be restarted
 half-way, so its end is the end of the launch. To start a supervisor again costs a second, in which the drives hold; so
 in real time a second one stands by and takes over within two ticks.
 """

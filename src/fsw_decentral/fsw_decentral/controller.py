@@ -131,10 +131,10 @@ class DecentralController:
         )
         reason = self._reason(measurement)
         if not _finite(wanted.force_kn + wanted.speed_rpm):
-            # Finite but absurd samples have overflowed the loops: begin anew from what is applied.
+            # Finite but absurd samples have overflowed the loops: start again from what is applied.
             self._start_loops()
             configure(self._depth, self._temperature, self._power, self._gains, self._dt_s)
-            wanted, reason = applied, "samples beyond all range, loops start anew"
+            wanted, reason = applied, "samples beyond all range, loops start again"
         self._proposed = self.limits.clip(wanted, applied)
         if reason:
             self._bad_cycles += 1

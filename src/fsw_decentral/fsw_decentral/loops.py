@@ -84,7 +84,7 @@ class FeedbackLoop:
         self.started = True
 
     def pause(self, output: float) -> None:
-        """Hold ``output`` while there is no measurement; the next ``step`` starts anew from it."""
+        """Hold ``output`` while there is no measurement; the next ``step`` starts again from it."""
         self.started = False
         self.output = output
 

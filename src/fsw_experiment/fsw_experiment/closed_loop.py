@@ -23,7 +23,7 @@ from fsw_model import STEP_S
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
 
 TICK_NS = 100_000_000
-#: progress is told every so many ticks
+#: ticks between two reports of progress
 _PROGRESS_TICKS = 100
 
 

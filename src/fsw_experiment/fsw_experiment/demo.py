@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\nerror: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\ninterrupted; all processes have been ended", file=sys.stderr)
+        print("\ninterrupted; all processes have been stopped", file=sys.stderr)
         return 130
 
 

@@ -32,7 +32,7 @@ _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([
 
 
 def for_standby(parameter_file: str) -> str:
-    """Text of a parameter file in which what is meant for the supervisor, in any namespace, is for the standby."""
+    """Text of a parameter file in which the entries for the supervisor, in any namespace, are those of the standby."""
     return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
 
 

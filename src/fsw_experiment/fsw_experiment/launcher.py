@@ -140,7 +140,7 @@ class Launcher:
         while not condition():
             self.check(watch)
             if time.monotonic() > end:
-                raise LaunchError(f"waited {timeout_s:g} s in vain for {what}; logs are in {self.log_folder}")
+                raise LaunchError(f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}")
             time.sleep(_POLL_S)
 
     def wait_for_text(self, name: str, pattern: str, timeout_s: float = 30.0) -> str:

@@ -1,4 +1,4 @@
-"""Reads scenarios from YAML and checks every word of them."""
+"""Reads scenarios from YAML and checks every entry."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ from fsw_plant.schedule import event_head, read_event
 
 #: figures of the paper that a scenario can show
 _FIGURES = range(4, 10)
-_SCENARIO_KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures")
+#: keys of a scenario file
+KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures")
 
 
 def shipped() -> list[str]:
@@ -73,12 +74,12 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     at = Place(where, failure=ScenarioError)
     content = at.yaml(text)
     if not isinstance(content, dict):
-        raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(_SCENARIO_KEYS)}; see the shipped ones")
+        raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(KEYS)}; see the shipped ones")
     for override in overrides:
         _override(content, override)
     if overrides:
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    at.keys(content, _SCENARIO_KEYS, required=("name", "duration_s"))
+    at.keys(content, KEYS, required=("name", "duration_s"))
     duration_s = at.number(content, "duration_s", ranges.DURATION_S)
     controller = at.word(content, "controller", "decentral")
     latest = Range(0.0, duration_s, "s, the scenario's duration")

@@ -1,4 +1,4 @@
-"""Plays a scenario in the graph: set-points and switches, each before the tick it belongs to.
+"""Plays a scenario in the graph: set-points and switches, each before its tick.
 
 The plant plays its own part (disturbances, faults) from the same file; see its parameter ``scenario``.
 """
@@ -31,7 +31,7 @@ from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
 #: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
 #: what the topic keeps.
 _AHEAD = LATCHED.depth // 2
-#: On the wall clock a reference is sent so long before it holds: its time is near, whoever's clock it is.
+#: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
 
 
@@ -168,7 +168,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 when the scenario has been played to its end, or when told to end before (which it says); 1 when it cannot be
+        0 when the scenario has been played to its end, or when it was stopped before (reported); 1 when it cannot be
         played on, 2 when something in the arguments is wrong.
     """
     argv = list(sys.argv if args is None else args)

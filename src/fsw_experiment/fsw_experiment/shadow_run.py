@@ -88,7 +88,7 @@ class ShadowRun:
         missing = [name for name in _SENSORS if not weld.counts.get(name)]
         missing += [] if weld.counts.get(SENT) or weld.counts.get(HELD) else [SENT]
         if missing:
-            raise BagError(f"{self.bag}: cannot be shown to a controller, it has no {', '.join(missing)}")
+            raise BagError(f"{self.bag}: cannot be replayed to a controller, it has no {', '.join(missing)}")
         try:
             self.folder.mkdir(parents=True)
         except FileExistsError:

@@ -1,4 +1,4 @@
-"""The comparison: what the controllers reach, what nobody can beat, and the tables."""
+"""The comparison: what the controllers reach, what none can beat, and the tables."""
 
 import math
 
@@ -47,7 +47,7 @@ def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
 
 
 @pytest.mark.parametrize("event", [EVENTS[0], EVENTS[4]], ids=lambda event: event.name)
-def test_nobody_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
+def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
     best = clairvoyant.best(event, 1e4, 1e-3)
     assert best.solved
     for label in CONTROLLERS:

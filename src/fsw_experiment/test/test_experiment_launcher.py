@@ -69,7 +69,7 @@ def test_waiting_for_text_and_for_too_long(modules, tmp_path):
         assert launcher.wait_for_text("b", r"re\w+") == "ready"
         with pytest.raises(LaunchError, match="running already"):
             launcher.start("b", "child_b")
-        with pytest.raises(LaunchError, match="in vain for a miracle"):
+        with pytest.raises(LaunchError, match="without success for a miracle"):
             launcher.wait_until(lambda: False, 0.1, "a miracle")
     assert not child.running
     assert child.process.returncode == -signal.SIGTERM

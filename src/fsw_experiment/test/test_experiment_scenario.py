@@ -145,12 +145,12 @@ def test_missing_file_names_what_there_is(tmp_path):
 
 
 def test_the_documentation_is_right():
-    """The example of docs/scenarios.md, less what excludes each other, is a valid scenario."""
-    text = (Path(__file__).resolve().parents[3] / "docs" / "scenarios.md").read_text()
+    """The example of docs/how-to/scenarios.md, less what excludes each other, is a valid scenario."""
+    text = (Path(__file__).resolve().parents[3] / "docs" / "how-to" / "scenarios.md").read_text()
     example = text.split("```yaml\n")[1].split("```")[0]
     lines = [line for line in example.splitlines() if "command:" not in line]
     events = [line for line in lines if line.startswith("  - ")]
     head = "\n".join(line for line in lines if line not in events)
     events.sort(key=lambda line: float(line.split("at_s: ")[1].split(",")[0]))
-    scenario = scenario_file.parse(head.replace("figures:", "\n".join(events) + "\nfigures:"), "docs/scenarios.md")
+    scenario = scenario_file.parse(head.replace("figures:", "\n".join(events) + "\nfigures:"), "scenarios.md")
     assert len(scenario.events) == 6

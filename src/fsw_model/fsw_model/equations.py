@@ -3,8 +3,8 @@
 Everything else is derived from here: the numeric step, the linearisation, the controller's prediction, generated C.
 ``p`` is a :class:`~fsw_model.parameters.ModelParameters`; units are mm, kN, rpm, degC, kW, N m, s, but SI inside
 (19)-(22). A state ``x`` has six entries, in the order of ``STATE_NAMES``: the three modes of (17), the two lags of
-(16), which the authors take for copper and tool in series, and the motor torque of (18). The dead time of (16) is kept
-apart, as the power of the steps that it spans.
+(16), which the authors interpret as copper and tool in series, and the motor torque of (18). The dead time of (16) is
+kept apart, as the power of the steps that it spans.
 """
 
 from __future__ import annotations

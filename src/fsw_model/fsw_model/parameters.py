@@ -80,7 +80,7 @@ class ModelParameters:
     softening_per_c : float
         Slope of the correction factor (6), (27).
     spindle_inertia_kgm2 : float
-        Makes the peak of the measured torque when the spindle accelerates; the process does not feel it.
+        Makes the peak of the measured torque when the spindle accelerates; it does not act on the process.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The document tells the same as the code."""
+"""The document agrees with the code."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from fsw_model import nominal
 from fsw_model.parameters import ORIGIN
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "model.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "concepts" / "model.md"
 
 
 def test_table_of_parameters_and_origins():

@@ -41,7 +41,7 @@ class NmpcController:
     values : mapping of str to Any, optional
         Parameters as described in ``nmpc.yaml``; what is missing has its default.
     log : callable, optional
-        Told in one line which solver is used.
+        Gets one line that names the solver in use.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class NmpcController:
         told, s = self.library.output, self.settings
         if told.reason == Reason.WAITING_FOR_SENSORS:
             missing = [name for name in m.invalid_sensors() if name != "torque"]
-            return f"waiting for valid sensors: {', '.join(missing) or 'depth and temperature are no weld'}"
+            return f"waiting for valid sensors: {', '.join(missing) or 'depth and temperature are not those of a weld'}"
         if told.reason == Reason.WAITING_FOR_REFERENCE:
             return "no usable reference"
         if told.reason == Reason.BLIND:

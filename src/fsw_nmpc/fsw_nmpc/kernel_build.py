@@ -1,6 +1,6 @@
 """Builds the C kernel into a shared library, when a C compiler is there.
 
-The library goes into the user's cache, under a name that tells sources, flags and processor; so it is built once, is
+The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
 never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
 library (``setup.py``); it is used if it was made from the same sources.
 
@@ -25,7 +25,7 @@ FOLDER = Path(__file__).parent / "kernel"
 SOURCES = ("controller.c", "estimator.c", "trajectory.c", "predict.c", "solve.c", "rows.c", "factor.c", "torque.c")
 # no contraction: the same results on every machine, whatever the width of its vectors
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
-#: for a library that stays on this machine; done without where the compiler does not know it
+#: for a library that stays on this machine; left out where the compiler does not support it
 NATIVE = "-march=native"
 _LONGEST_BUILD_S = 120.0
 
@@ -39,7 +39,7 @@ def source_id() -> str:
 
 
 def _processor() -> str:
-    """What tells this processor's instruction set, empty if nothing does."""
+    """What identifies this processor's instruction set, empty if nothing does."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -49,7 +49,7 @@ def _processor() -> str:
 
 
 def cache_path() -> Path:
-    """Where the library for these sources and this machine belongs."""
+    """Where the library for these sources and this machine is kept."""
     cache = os.environ.get("XDG_CACHE_HOME", "")
     folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
     text = "\0".join([source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])

@@ -304,7 +304,7 @@ def test_strange_times(dt_s):
     assert loop.step().healthy
 
 
-def test_diverged_estimator_starts_anew():
+def test_diverged_estimator_starts_again():
     loop = Loop()
     for _ in range(20):
         loop.step()

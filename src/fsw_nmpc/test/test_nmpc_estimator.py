@@ -125,7 +125,7 @@ def test_another_thermal_gain_is_a_heat():
     assert told.temperature_c == pytest.approx(840.0, abs=1e-3)
 
 
-def test_a_force_that_nobody_measures_is_found_by_its_creep():
+def test_an_unmeasured_force_is_found_by_its_creep():
     told = Watch(unmeasured_kn=0.5).run(3000)
     assert told.disturbance[FORCE] == pytest.approx(0.5, abs=0.05)
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from fsw_msgs.msg import ShoulderDepth
 
-#: A plant that lives reports once a second; a publisher that is silent for longer was left behind by a killed process.
+#: A running plant reports once a second; a publisher that is silent for longer was left behind by a killed process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
 _ANNOUNCE_S = 0.05
@@ -47,7 +47,7 @@ class Claim:
         discovery_s : float
             How long to look for another publisher.
         announce : callable
-            Publishes this plant's diagnostics, so that another one that starts now hears of it.
+            Publishes this plant's diagnostics, so that another one that starts now detects it.
 
         Raises
         ------

@@ -76,7 +76,7 @@ class CommandGate:
         if refused is not None and refused.flaw is Flaw.NOT_FINITE:
             return self._refuse(refused.flaw, refused.words)
         if not healthy:
-            return self._refuse("unhealthy", f"{source!r} says that it must not be applied")
+            return self._refuse("unhealthy", f"{source!r} marked it as not to be applied")
         if refused is not None:
             return self._refuse(refused.flaw, refused.words)
         if measured_ns is None or stamp_ns > measured_ns:

@@ -1,4 +1,4 @@
-"""Sensor faults: what becomes of a sample between sensor and wire."""
+"""Sensor faults: what happens to a sample between sensor and wire."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SPIKE_TICKS = 10
 
 
 class Sample(NamedTuple):
-    """What a sensor says: the stamp of the tick it belongs to and the value in the sensor's unit."""
+    """What a sensor reports: the stamp of its tick and the value in the sensor's unit."""
 
     stamp_ns: int
     value: float

@@ -1,4 +1,4 @@
-"""The plant as a node: publishes what the emulator's sensors say and hands it the commands that come."""
+"""The plant as a node: publishes what the emulator's sensors say and passes on the commands that arrive."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class PlantNode(Node):
             for publisher in (self._depths, self._torques, self._temperatures)
             if (count := publisher.get_subscription_count()) < wanted
         ]
-        # Lockstep gets nowhere before somebody commands, and a tick that nobody hears must be sent twice.
+        # Lockstep cannot advance without a commanding node, and a tick without subscribers would have to be sent twice.
         if (wanted or self._lockstep) and not self.count_publishers("fsw/command"):
             missing.append("a publisher of fsw/command")
         return missing
@@ -203,12 +203,12 @@ class PlantNode(Node):
 
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values
-        publishers = ", ".join(self._command_publishers) or "nobody"
+        publishers = ", ".join(self._command_publishers) or "no node"
         what = (
-            f"no command for tick {self._plant.tick} since {waited_s:.1f} s (fsw/command is published by {publishers})"
+            f"no command for tick {self._plant.tick} within {waited_s:.1f} s (fsw/command is published by {publishers})"
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
-            raise SystemExit(f"fsw_plant: {what}; given up")
+            raise SystemExit(f"fsw_plant: {what}; giving up")
         if waited_s >= values["lockstep_timeout_s"] * (self._complaints + 1):
             self._complaints += 1
             self.get_logger().error(f"{what}; tick sent again")

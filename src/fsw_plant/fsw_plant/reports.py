@@ -103,7 +103,7 @@ def commands(plant: PlantEmulator, new_refusals: int, publishers: list[str]) -> 
 
 
 def sensors(plant: PlantEmulator) -> Report:
-    """Active faults and disturbances, which somebody has ordered."""
+    """Active faults and disturbances, which were set on purpose."""
     faults, disturbances = plant.faults.names(), plant.disturbances.names(plant.time_s)
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
     active = [*faults, *disturbances]

@@ -10,7 +10,7 @@ BLOCK = 1024
 class NoisySensor:
     """One sensor's noise and resolution.
 
-    Each reading draws one random number, whatever becomes of it, so the stream depends on seed and tick alone.
+    Each reading draws one random number, whatever happens to it, so the stream depends on seed and tick alone.
 
     Parameters
     ----------

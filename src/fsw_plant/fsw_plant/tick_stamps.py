@@ -6,7 +6,7 @@ from math import copysign
 
 from fsw_plant.emulator import TICK_NS
 
-#: A stamp may be so far from the wall clock before it is drawn back towards it, and before it jumps to it.
+#: Distance of a stamp from the wall clock at which it is drawn back towards it, and at which it jumps to it.
 DRAW_NS = 5_000_000
 JUMP_NS = TICK_NS // 2
 #: Largest correction per tick: 100 ppm, more than clocks differ.

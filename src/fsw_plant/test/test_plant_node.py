@@ -97,7 +97,7 @@ def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
 
 def test_dead_lockstep_ends_with_an_error(graph):
     graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
-    with pytest.raises(SystemExit, match=r"no command for tick 1 since .* published by peer\); given up"):
+    with pytest.raises(SystemExit, match=r"no command for tick 1 within .* published by peer\); giving up"):
         graph.wait(lambda: False)
 
 

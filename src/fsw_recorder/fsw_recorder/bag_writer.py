@@ -44,9 +44,9 @@ class WriterOptions:
     compression : str
         Of chunks: empty or ``zstd``.
     max_file_bytes : int
-        A new file is begun beyond this size; 0: never.
+        A new file is started beyond this size; 0: never.
     max_file_s : float
-        A new file is begun when a message is this much younger than the file's first [s]; 0: never.
+        A new file is started when a message is this much younger than the file's first [s]; 0: never.
     chunk_period_s : float
         Messages are handed to the operating system at least this often [s]; what is handed over survives kill -9.
     chunk_bytes : int
@@ -133,7 +133,7 @@ class _Committed:
 
 @dataclass(slots=True)
 class _OpenFile:
-    """One MCAP file that is being written; ``counts`` and ``summary`` tell what is committed."""
+    """One MCAP file that is being written; ``counts`` and ``summary`` show what is committed."""
 
     stream: _Committed
     mcap: Writer
@@ -337,7 +337,7 @@ class BagWriter:
             with suppress(Exception):  # a folder that was moved holds a whole bag
                 self._finish_file()
             self._fail(str(error))
-        except Exception as error:  # a thread that dies unseen would let everybody believe that it records
+        except Exception as error:  # a thread that dies unnoticed would look like a recording one
             self._close_off()
             self._fail(f"{self.folder}: writing failed: {type(error).__name__}: {error}")
         finally:

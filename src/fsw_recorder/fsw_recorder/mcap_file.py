@@ -36,7 +36,7 @@ MAX_CHUNK_BYTES = 256 * 1024 * 1024
 _MOST_WAITING = 1_000_000
 #: largest run of messages outside chunks that is sorted at once
 _RUN_BYTES = 1024 * 1024
-#: so many frames must follow each other before a place behind damage is believed
+#: consecutive frames that a place behind damage needs to count as good
 _CHAIN = 3
 _BITE_BYTES = 4096
 

@@ -14,13 +14,13 @@ from pathlib import Path
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
-#: ends of the topics that tell the weld's time, the best first
+#: ends of the topics that show the weld's time, the best first
 _CLOCKS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/clock")
 #: further than this from the receive time, a stamp comes from another clock
 _OTHER_CLOCK_NS = 36_000 * 1_000_000_000
-#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is not believed
+#: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is ignored
 _DISORDER_NS = 500_000_000
-#: what answers a measurement, or has no stamp, is played so long after it
+#: what answers a measurement, or has no stamp, is played this long after it
 _ANSWER_NS = 10_000_000
 
 
@@ -76,7 +76,7 @@ class WeldClockReader:
 
 
 def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
-    """The bag on its weld's clock; as it is where its stamps tell the receive time anyway, or it has none."""
+    """The bag on its weld's clock; unchanged where its stamps are the receive times anyway, or where it has none."""
     counts = reader.counts()
     clocks = (name for end in _CLOCKS for name in sorted(counts) if name.endswith(end) and counts[name] > 1)
     clock = next(clocks, None)

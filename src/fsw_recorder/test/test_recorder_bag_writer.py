@@ -356,7 +356,7 @@ def test_closing_twice_is_harmless_and_later_messages_are_refused(tmp_path: Path
     assert values_of(tmp_path / "bag") == [0, 1, 2]
 
 
-def test_topic_that_nobody_described(tmp_path: Path) -> None:
+def test_topic_without_description(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.write("/strange", cdr(1.0), START_NS, START_NS)
     assert values_of(tmp_path / "bag") == [1.0]

@@ -16,7 +16,7 @@ from fsw_supervisor.state_machine import TRANSITIONS, Event, EventLog, Level, Mo
 from fsw_supervisor.tick import ProposalInput, check
 
 WORKSPACE = Path(__file__).parents[3]
-DOCUMENT = WORKSPACE / "docs" / "arbiter.md"
+DOCUMENT = WORKSPACE / "docs" / "concepts" / "arbiter.md"
 
 
 @pytest.fixture(scope="module")

@@ -35,7 +35,7 @@ class ConditionSet:
                 self._woken = True
                 try:
                     self._guard.set(True)
-                except DDSException:  # the participant is gone, so nobody waits
+                except DDSException:  # the participant is gone, so there is nothing to wait for
                     pass
 
     def update(self, conditions: Iterable[Entity], is_gone: Callable[[Entity], bool]) -> None:

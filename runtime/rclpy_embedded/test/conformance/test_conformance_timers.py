@@ -78,7 +78,7 @@ def test_cancel_and_reset(node: Any, spinner: Any) -> None:
     assert spinner.until(lambda: len(calls) >= 2)
 
 
-def test_reset_starts_the_period_anew(node: Any) -> None:
+def test_reset_restarts_the_period(node: Any) -> None:
     clock = ManualClock()
     timer = node.create_timer(0.1, lambda: None, clock=clock)
     _set(clock, 90)

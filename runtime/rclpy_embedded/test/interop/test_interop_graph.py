@@ -12,7 +12,7 @@ import pytest
 
 
 def _view(node: Any) -> dict[str, Any]:
-    """Everything the graph tells about ``/far/sample`` and its endpoints, but for GIDs."""
+    """Everything the graph shows about ``/far/sample`` and its endpoints, but for GIDs."""
     view: dict[str, Any] = {}
     for query in (
         node.get_publisher_names_and_types_by_node,

@@ -1,4 +1,4 @@
-"""Services, parameters and what nodes tell of themselves, between genuine rclpy and rclpy_embedded."""
+"""Services, parameters and what nodes report about themselves, between genuine rclpy and rclpy_embedded."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def add_commands(commands: Any) -> None:
         parser.set_defaults(run=run)
         return parser
 
-    info = add("info", _info, "what a bag holds, counted message by message", _STATE)
+    info = add("info", _info, "contents of a bag, counted message by message", _STATE)
     info.add_argument("--json", action="store_true", help="print JSON")
 
     copy = add("recover", _recover, "copy what can be read of a damaged bag into a new, whole MCAP bag", _STATE)
@@ -50,7 +50,7 @@ def add_commands(commands: Any) -> None:
     figures_of_merit = add("kpi", _kpi, "figures of merit of a weld")
     figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
 
-    plot = add("plot", _plot, "the paper's figures of a weld; several bags are drawn over each other", several=True)
+    plot = add("plot", _plot, "the paper's figures of a weld; several bags are overlaid", several=True)
     plot.add_argument("--out", type=Path, default=Path("."), help="folder for the PNG files (default: here)")
     plot.add_argument(
         "--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"
@@ -58,7 +58,7 @@ def add_commands(commands: Any) -> None:
 
     compare = add("compare", _compare, "figures of merit of two or more welds side by side", several=True)
     compare.add_argument("--json", type=Path, metavar="FILE", help="also write them as JSON")
-    compare.add_argument("--out", type=Path, help="also draw the welds over each other into this folder")
+    compare.add_argument("--out", type=Path, help="also draw the welds overlaid, into this folder")
 
     export = add(
         "export", _export, "write the aligned signals of a weld as a table, one row per tick, in paper's units"
@@ -76,7 +76,7 @@ def progress(title: str) -> Iterator[ProgressBar]:
 
 
 def read_weld(bag: Path) -> WeldSignals:
-    """Signals of a bag; what is wrong with it is told on stderr."""
+    """Signals of a bag; what is wrong with it is reported on stderr."""
     with progress(f"reading {bag}") as bar:
         signals = load_weld(bag, bar)
     for problem in signals.problems:
@@ -196,7 +196,7 @@ def _runs(bags: list[Path]) -> list[Any]:
 
 
 def _labels(bags: list[Path]) -> list[str]:
-    """Shortest path ends that tell the bags apart."""
+    """Shortest path ends that distinguish the bags."""
     named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
     parts = [path.parts for path in named]
     for length in range(1, max(map(len, parts)) + 1):

@@ -17,7 +17,7 @@ _SETTLE_S = 1.0
 
 
 def number_in(allowed: Range) -> Any:
-    """Type of an argument: a number in a range, told in the error."""
+    """Type of an argument: a number in a range; the error names the range."""
 
     def number(text: str) -> float:
         try:
@@ -34,7 +34,7 @@ def number_in(allowed: Range) -> Any:
 
 def add_commands(commands: Any) -> None:
     """Add the commands to the parser's subcommands."""
-    _add(commands, "status", _status, "what runs, who is in command, what is measured and applied")
+    _add(commands, "status", _status, "what runs, which controller is applied, what is measured and commanded")
     reference = _add(commands, "reference", _reference, "new set-points; one left out stays")
     reference.add_argument(
         "--depth", metavar="MM", type=number_in(ranges.REFERENCE_DEPTH_MM), help=str(ranges.REFERENCE_DEPTH_MM)
@@ -61,7 +61,7 @@ def add_commands(commands: Any) -> None:
     fault.add_argument(
         "--duration", metavar="S", type=number_in(ranges.DURATION_S), default=0.0, help="[s]; without: until cleared"
     )
-    switch = _add(commands, "switch", _switch, "let another controller command")
+    switch = _add(commands, "switch", _switch, "apply another controller")
     switch.add_argument("controller", help="its name, e.g. decentral; see 'controllers'")
     switch.add_argument("--strict", action="store_true", help="refuse unless it is ready now")
     switch.add_argument(
@@ -69,10 +69,12 @@ def add_commands(commands: Any) -> None:
         metavar="S",
         type=number_in(Range(0.0, 600.0, "s")),
         default=5.0,
-        help="for it to be ready, 0 to 600 s",
+        help="longest wait until it is ready, 0 to 600 s",
     )
-    _add(commands, "controllers", _controllers, "the controllers in the graph and how they are doing")
-    mode = _add(commands, "mode", _mode, "who commands: a controller (auto), you (manual), nobody (hold), safe stop")
+    _add(commands, "controllers", _controllers, "the controllers in the graph and their health")
+    mode = _add(
+        commands, "mode", _mode, "source of commands: a controller (auto), you (manual), the last one (hold), safe stop"
+    )
     mode.add_argument("mode", choices=_MODES)
     mode.add_argument(
         "--force", metavar="KN", type=number_in(ranges.COMMAND_FORCE_KN), help=f"manual: {ranges.COMMAND_FORCE_KN}"
@@ -92,7 +94,7 @@ def _add(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentPars
         metavar="S",
         type=number_in(Range(0.1, 600.0, "s")),
         default=5.0,
-        help="for the graph to answer, 0.1 to 600 s (default 5)",
+        help="longest wait for the graph to answer, 0.1 to 600 s (default 5)",
     )
     parser.set_defaults(run=run)
     return parser

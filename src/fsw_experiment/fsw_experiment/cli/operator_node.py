@@ -48,11 +48,11 @@ class Operator:
         Raises
         ------
         CommandError
-            When nobody offers it or nobody answers in time.
+            When no node offers it or none answers in time.
         """
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            raise CommandError(f"nobody offers {name} on {_domain()}: is the {who} running there?")
+            raise CommandError(f"no node offers {name} on {_domain()}: is the {who} running there?")
         future = client.call_async(request)
         if not self.wait_until(future.done, self.timeout_s + extra_s):
             raise CommandError(f"{name} did not answer within {self.timeout_s + extra_s:g} s: is the {who} stuck?")

@@ -42,7 +42,7 @@ def add_commands(commands: Any) -> None:
 
     shadow = commands.add_parser(
         "shadow",
-        help="show a weld to a controller and compare its proposals with what was applied",
+        help="replay a weld to a controller and compare its proposals with what was applied",
         description="Replay the measurements, set-points and commands of a bag to a controller that runs in shadow, "
         "record its proposals and compare them with what was applied in the weld.",
     )

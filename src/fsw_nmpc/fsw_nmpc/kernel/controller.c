@@ -3,7 +3,7 @@
 
 #include "internal.h"
 
-/* a gap in the ticks that is too long to be predicted over: the estimator starts anew */
+/* a gap in the ticks that is too long to be predicted over: the estimator starts again */
 #define LONGEST_GAP_S 3.0
 /* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
 #define ACCEPTED 1e-6

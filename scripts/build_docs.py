@@ -1,0 +1,308 @@
+#!/usr/bin/env python3
+"""Builds the documentation: writes the reference from the packages' own data, then the site into out/site.
+
+usage: build_docs.py [--check]
+
+``--check`` writes nothing into docs/; the exit code is 1 when a page of the reference is out of date. MkDocs loads this
+file as well, as its hook: it turns formulas into MathML, which browsers show without any script from the network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure(dev=True)
+
+import yaml
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File
+
+from fsw_control.parameters import markdown, parse
+from fsw_experiment import ranges, scenario_file
+from fsw_experiment.cli.main import parser as operator_parser
+from fsw_experiment.demo import parser as demo_parser
+from fsw_model import nominal
+from fsw_nmpc.tuning import EstimatorTuning, Tuning
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+DOCS = WORKSPACE / "docs"
+REFERENCE = DOCS / "reference"
+NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
+RESULTS = "results/README.md"
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """Lines of a markdown table."""
+    cells = [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
+    return ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *cells]]
+
+
+# ---------------------------------------------------------------- parameters
+
+
+def parameter_files() -> Iterator[tuple[Path, str]]:
+    """Files in the packages that describe parameters, with their text."""
+    for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
+        text = path.read_text(encoding="utf-8")
+        content = yaml.safe_load(text)
+        if isinstance(content, dict) and all(
+            isinstance(entry, dict) and "default_value" in entry for entry in content.values()
+        ):
+            yield path, text
+
+
+def parameters() -> str:
+    """Parameters of all nodes, and the fields of the NMPC's tuning file."""
+    lines = [
+        NOTE,
+        "",
+        "# Parameters",
+        "",
+        "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
+        "Every controller node has the parameters of `controller.yaml` besides its own.",
+    ]
+    for path, text in parameter_files():
+        comment = []
+        for line in text.splitlines():
+            if not line.startswith("#"):
+                break
+            comment.append(line.lstrip("# ").replace("<", "&lt;"))
+        lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
+        lines += markdown(parse(text, str(path))).splitlines()
+    lines += ["", "## Tuning file of the NMPC", "", "Fields of the file that the parameter `tuning_file` names.", ""]
+    presets = {name: Tuning.preset(name, nominal()) for name in ("default", "paper")}
+    meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}
+    rows = []
+    for name, text in meaning.items():
+        if name != "estimator":
+            values: list[Any] = list(presets.values())
+            for part in name.split("."):
+                values = [getattr(value, part) for value in values]
+            shown = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
+            rows.append((f"`{name}`", *shown, text))
+    return "\n".join([*lines, *table(("field", "`default`", "`paper`", "meaning"), rows), ""])
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """What the docstring of a dataclass says of each field; its first line where it says nothing."""
+    summary = (kind.__doc__ or "").split("\n")[0]
+    found = {field.name: "" for field in fields(kind)}
+    names: list[str] = []
+    for line in (kind.__doc__ or "").splitlines():
+        head = re.fullmatch(r"    (\w+(?:, \w+)*) : .*", line)
+        if head:
+            names = head[1].split(", ")
+        elif line.startswith("        "):
+            for name in names:
+                found[name] = f"{found[name]} {line.strip()}".strip().replace("``", "`")
+        else:
+            names = []
+    return {name: text or summary for name, text in found.items()}
+
+
+# ---------------------------------------------------------------- messages
+
+
+def messages() -> str:
+    """Definitions of the messages and services."""
+    lines = [
+        NOTE,
+        "",
+        "# Messages and services",
+        "",
+        "The definitions of `fsw_msgs`, with their comments. Units are SI.",
+    ]
+    for kind, title in (("msg", "Messages"), ("srv", "Services")):
+        lines += ["", f"## {title}"]
+        for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
+            lines += ["", f"### {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
+    return "\n".join([*lines, ""])
+
+
+# ---------------------------------------------------------------- scenarios
+
+
+def scenarios() -> str:
+    """Keys and ranges of scenario files, and the shipped ones."""
+    words = ", ".join(f"`{shape}`" for shape in ranges.DISTURBANCE_SHAPES)
+    kinds = ", ".join(f"`{kind}`" for kind in ranges.FAULT_KINDS)
+    top = {
+        "name": "letters, digits and `_`",
+        "description": "any text",
+        "duration_s": str(ranges.DURATION_S),
+        "controller": "the one that is applied at the start (default `decentral`); `none`: open loop",
+        "plant": "parameters of the plant that differ from their defaults ([`plant.yaml`](parameters.md))",
+        "events": "a list in order of time; each entry has `at_s` and one of the events below",
+        "figures": "figures of the paper that the scenario shows, 4 to 9",
+    }
+    missing = set(scenario_file.KEYS) ^ set(top)
+    if missing:
+        raise SystemExit(f"describe the scenario keys {', '.join(sorted(missing))} in {Path(__file__).name}")
+    rows = [
+        ("`reference`", "`depth_mm`", ranges.REFERENCE_DEPTH_MM),
+        ("", "`temperature_c`", ranges.REFERENCE_TEMPERATURE_C),
+        ("", "`over_s`: ramp", ranges.DURATION_S),
+        ("", "`sine.depth_mm`", ranges.SINE_DEPTH_MM),
+        ("", "`sine.temperature_c`", ranges.SINE_TEMPERATURE_C),
+        ("", "`sine.period_s`", ranges.DURATION_S),
+        ("`disturbance`", "`shape`", words),
+    ]
+    rows += [("", f"`channel: {c}`, `{key}`", allowed) for c, (key, allowed) in ranges.DISTURBANCE_AMPLITUDE.items()]
+    rows += [("", "`duration_s`, `period_s`", ranges.DURATION_S), ("`fault`", "`kind`", kinds)]
+    rows += [
+        ("", f"`sensor: {s}`, `magnitude_{unit}` of `spike`, `bias`, `drift` (per s)", allowed)
+        for s, (unit, allowed) in ranges.FAULT_MAGNITUDE.items()
+    ]
+    rows += [
+        ("", "`magnitude_s` of `delay`", ranges.FAULT_DELAY_S),
+        ("", "`duration_s`", "0 (until the end) to the scenario's duration"),
+        ("`switch`", "name of a controller", "not in open loop"),
+        ("`command`", "`force_kn`", f"{ranges.COMMAND_FORCE_KN}; only in open loop"),
+        ("", "`speed_rpm`", f"{ranges.COMMAND_SPEED_RPM}; only in open loop"),
+    ]
+    shipped = []
+    for name in scenario_file.shipped():
+        loaded = scenario_file.load(name)
+        shipped.append((f"`{name}`", f"{loaded.duration_s:g}", " ".join(loaded.description.split())))
+    lines = [
+        NOTE,
+        "",
+        "# Scenario files",
+        "",
+        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md).",
+    ]
+    lines += ["", "## Keys", "", *table(("key", "allowed"), [(f"`{key}`", text) for key, text in top.items()])]
+    lines += ["", "## Events", "", *table(("event", "key", "allowed"), rows)]
+    lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped), ""]
+    return "\n".join(lines)
+
+
+# ---------------------------------------------------------------- command line
+
+
+def command_line() -> str:
+    """All commands with their arguments."""
+    lines = [
+        NOTE,
+        "",
+        "# Command line",
+        "",
+        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments.",
+    ]
+    lines += ["Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`."]
+    for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py")):
+        lines += ["", f"## scripts/{script}", "", sentence(parser), *commands(parser)]
+    return "\n".join([*lines, ""])
+
+
+def sentence(parser: argparse.ArgumentParser) -> str:
+    """What a command does, beginning with a capital letter."""
+    text = (parser.description or "").removeprefix(f"{parser.prog.split()[-1]}: ")
+    return text[:1].upper() + text[1:]
+
+
+def commands(parser: argparse.ArgumentParser) -> list[str]:
+    """Table of a command's arguments, then its subcommands."""
+    rows, below = [], []
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, one in action.choices.items():
+                below += ["", f"### {' '.join([*parser.prog.split()[1:], name])}"]
+                below += ["", sentence(one), *commands(one)]
+        elif not isinstance(action, argparse._HelpAction):
+            chosen = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
+            text = (action.help or "").replace("%%", "%")
+            rows.append((f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part)))
+    return [*(["", *table(("argument", "meaning"), rows)] if rows else []), *below]
+
+
+def argument(action: argparse.Action) -> str:
+    """An argument as it is written, in brackets when it may be left out."""
+    value = action.metavar if isinstance(action.metavar, str) else None
+    if not action.option_strings:
+        value = value or action.dest
+        return {"?": f"[{value}]", "*": f"[{value} ...]", "+": f"{value} [{value} ...]"}.get(str(action.nargs), value)
+    name = action.option_strings[-1]
+    text = name if action.nargs == 0 else f"{name} {value or action.dest.upper()}"
+    return text if action.required else f"[{text}]"
+
+
+# ---------------------------------------------------------------- hooks of MkDocs
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Stand in for the results where they have not been made yet."""
+    if files.get_file_from_path(RESULTS) is None:
+        text = "# Results\n\nNot made yet: `python3 scripts/compare_controllers.py --out docs/results`.\n"
+        files.append(File.generated(config, RESULTS, content=text))
+    return files
+
+
+def on_page_markdown(text: str, page: Any, config: Any, files: Any) -> str:
+    """Leave out figures of results that are not there, and diagrams that need a script from the network."""
+    if page.file.src_uri == RESULTS:
+        there = {Path(file.src_uri).name for file in files if file.src_uri.startswith("results/")}
+        text = re.sub(r"!\[([^]]*)\]\(([^)/]+)\)", lambda m: m[0] if m[2] in there else f"*{m[1]}: not made yet*", text)
+    return re.sub(r"```mermaid\n.*?```\n", "", text, flags=re.DOTALL)
+
+
+def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
+    """Formulas as MathML."""
+
+    def mathml(match: re.Match[str]) -> str:
+        tex = html.unescape(match[2] or match[3])
+        tag = re.search(r"\\tag\{(.*?)\}", tex)
+        formula = convert(tex.replace(tag[0], "") if tag else tex, display="inline" if match[2] else "block")
+        return (
+            f'<div style="overflow-x:auto"><span style="float:right">({tag[1]})</span>{formula}</div>'
+            if tag
+            else formula
+        )
+
+    pattern = r'<(span|div) class="arithmatex">(?:\\\((.*?)\\\)|\s*\\\[(.*?)\\\]\s*)</\1>'
+    return re.sub(pattern, mathml, content, flags=re.DOTALL)
+
+
+# ---------------------------------------------------------------- entry
+
+
+def main() -> int:
+    """Run the script; returns the exit code."""
+    cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    cli.add_argument("--check", action="store_true", help="only tell whether the reference is up to date")
+    check: bool = cli.parse_args().check
+    stale = []
+    for name, make in (
+        ("parameters", parameters),
+        ("messages", messages),
+        ("scenarios", scenarios),
+        ("command-line", command_line),
+    ):
+        path, text = REFERENCE / f"{name}.md", make()
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            stale.append(path.name)
+            if not check:
+                path.write_text(text, encoding="utf-8")
+    if stale and check:
+        print(f"docs/reference: {', '.join(stale)} out of date; run python3 scripts/build_docs.py")
+    elif stale:
+        print(f"docs/reference: written {', '.join(stale)}")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
+    built = subprocess.run(command, cwd=WORKSPACE, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode
+    return built or int(bool(stale and check))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
