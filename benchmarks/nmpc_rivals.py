@@ -95,7 +95,7 @@ def one_step(
     mode : (10,) sequence
     state : creep, slow, copper, tool, motor torque
     inputs : force, speed during the step
-    disturbances : force offset, heat offset, torque scale
+    disturbances : force offset, heat offset, torque scale, speed offset
     arriving : delayed power on copper and tool
     kept : callable
         Told every value that is worth a variable of its own; returns what stands for it.
@@ -105,9 +105,9 @@ def one_step(
     state, power (3), depth at the end of the step
     """
     creep, slow, copper, tool, motor = state
-    force_offset, heat_offset, scale = disturbances
+    force_offset, heat_offset, scale, speed_offset = disturbances
     poles, gains = depth_modes(p)
-    acting, speed = inputs[0] + force_offset, inputs[1]
+    acting, speed = inputs[0] + force_offset, inputs[1] + speed_offset
     pushed = acting - p.operating_force_kn
     settled = p.operating_depth_mm + float(-gains[2] / poles[2]) * pushed
     depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
@@ -128,13 +128,18 @@ def one_step(
     return [creep, slow, copper, tool, motor], power, depth
 
 
+def disturbances_of(start: Sequence[float]) -> tuple[float, float, float, float]:
+    """What :func:`one_step` is told of a start vector: force offset, heat offset, torque scale, speed offset."""
+    return start[7], start[8], start[9], start[12]
+
+
 def along(
     p: ModelParameters, h: Horizon, problem: ProblemStruct, moves: Sequence[Any], kept: Kept
 ) -> Iterator[tuple[int, Any, Any, Any, Any]]:
     """The whole prediction: interval, depth, temperature, force, speed at every output point."""
-    *state, force, speed, force_offset, heat_offset, scale, depth_offset, temperature_offset = start_vector(
-        problem.start
-    ).tolist()
+    start = start_vector(problem.start).tolist()
+    state, force, speed, depth_offset, temperature_offset = start[:5], start[5], start[6], start[10], start[11]
+    disturbances = disturbances_of(start)
     history = problem.start.history[: 3 * h.n_history]
     segments: list[Any] = [history[3 * j : 3 * j + 3] for j in range(h.n_history)]
     interval = -1
@@ -146,7 +151,6 @@ def along(
         for e in range(h.weight_start[k], h.weight_start[k + 1]):
             w, segment = h.weight[e].tolist(), segments[h.weight_segment[e]]
             arriving = [arriving[i] + sum(w[3 * i + j] * segment[j] for j in range(3)) for i in range(2)]
-        disturbances = force_offset, heat_offset, scale
         mode = h.modes[k].tolist()
         state, power, depth = one_step(p, mode, state, (force, speed), disturbances, arriving, kept)
         segments.append(power)
@@ -239,7 +243,7 @@ def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
         model.set_variable("_u", name)
     table = model.set_variable("_tvp", "table", (tables.shape[1], 1))
     model.set_variable("_tvp", "band", (4, 1))
-    disturbance = model.set_variable("_tvp", "disturbance", (3, 1))
+    disturbance = model.set_variable("_tvp", "disturbance", (4, 1))
     inputs = [before[q] + move[q] for q in range(2)]
     weight = ca.reshape(table[10:], 6, n_line).T
     arriving = [ca.sum1(ca.sum2(weight[:, 3 * i : 3 * i + 3] * line)) for i in range(2)]
@@ -275,7 +279,7 @@ def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
         mpc.bounds["lower", "_u", size_names[q]] = mpc.bounds["lower", "_u", over_names[q]] = 0.0
         name = ("force", "speed")[q]
         mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]
-    template, given = mpc.get_tvp_template(), {"bands": np.zeros((n_steps, 4)), "disturbance": np.zeros(3)}
+    template, given = mpc.get_tvp_template(), {"bands": np.zeros((n_steps, 4)), "disturbance": np.zeros(4)}
 
     def at(_: float) -> Any:
         for k in range(n_steps + 1):
@@ -302,7 +306,7 @@ def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
             offset, used = start[10 + q] + shown[q], h.out_step[reached[:, q]]
             for column, values in enumerate((problem.low[q], problem.high[q])):
                 bands[used, 2 * q + column] = np.array(values[: h.n_out])[reached[:, q]] - offset
-        given["bands"], given["disturbance"] = np.clip(bands, -1e4, 1e4), start[7:10]
+        given["bands"], given["disturbance"] = np.clip(bands, -1e4, 1e4), disturbances_of(start)
         history = np.array(problem.start.history[: 3 * n_line]).reshape(-1, 3)
         first = np.concatenate([start[:7], history.ravel(order="F")])
         mpc.reset_history()
