@@ -111,7 +111,7 @@ class Meter:
         self.sent[stamp] = time.monotonic()
         self._drives.publish(convert.drives_message(self._acting, stamp))
         self._depths.publish(convert.depth_message(noise(2.66, 1e-3), stamp))
-        self._torques.publish(convert.torque_message(noise(1022.0, 1.0), stamp))
+        self._torques.publish(convert.torque_message(noise(1052.86, 1.0), stamp))
         self._temperatures.publish(convert.temperature_message(noise(self._temperature_c, 0.2), stamp))
 
     def _on_proposal(self, message):

@@ -3,30 +3,55 @@
 
     python3 benchmarks/nmpc.py [--quick] [--json FILE]
 
-Times are CPU times of the controller's thread for a whole step: estimator, corridors, solver, acceptance, plan.
+Times are CPU times of the controller's thread for a whole step: estimator, trajectories, solver, acceptance, plan.
+``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of both inputs in every interval,
+``paper`` the preset with the paper's cost, which has 108 moves too.
+
+``ratio_NAME`` is the CPU time of another solver (with its processes) over the library's, both cold on the same problems
+of a weld, with 108 moves; the library linearises three times, and the costs that all of them reach are compared.
+``ratio_NAME_to_tick`` is over the one linearisation about the last plan that a tick does: its cost is compared too.
 GEKKO and do-mpc are compared where they are installed (.venv/bin/pip install gekko do-mpc); nothing else needs them.
-Ratios are CPU times of a solve (with its processes) over that of the kernel with all 108 moves; those that end on
-``_to_default`` over that of the kernel with 20 blocks.
+The exit code is 1 if a solver does not agree on what its solution costs, or reaches another cost.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import os
-import resource
+import statistics
 import sys
+import tempfile
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
 from _bootstrap import ensure
 
+if TYPE_CHECKING:
+    from fsw_control import Reference
+    from fsw_nmpc.controller import NmpcController
+    from fsw_nmpc.library import ProblemStruct, Vector
+
 Figures = dict[str, float | int | None]
-#: two steps of the depth and two of the temperature
-EVENTS = ((20.0, 2.86, 850.0), (70.0, 2.66, 850.0), (130.0, 2.66, 860.0), (180.0, 2.66, 850.0))
+#: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
+EVENTS = ((20.0, 0.2, 0.0), (70.0, 0.0, 0.0), (130.0, 0.0, 10.0), (180.0, 0.0, 0.0))
+WELD_S = 240.0
+#: Standard deviations of depth, torque and temperature.
+NOISE = (2e-3, 2.0, 0.1)
+#: A cold problem is solved by so many linearisations, the first two coarsely.
+COLD_TOLERANCES = (1e-1, 1e-3, 1e-5)
+#: When after an event a problem is taken.
+TAKEN_S = (0.5, 1.0, 2.0, 4.0, 8.0)
+#: do-mpc takes seconds for each problem.
+MOST_PROBLEMS = {"do_mpc": 8}
+#: Costs that differ by more, relatively, are not of the same problem or not of a solution.
+SAME_COST = 1e-3
 
 
 def main() -> int:
@@ -44,57 +69,91 @@ def main() -> int:
     width = max(map(len, figures))
     for name, value in figures.items():
         print(f"{name:<{width}}  {'-' if value is None else f'{value:.4g}'}")
-    return 0
+    others = [name for name, value in figures.items() if name.startswith("cost_") and value and abs(value) > SAME_COST]
+    for name in others:
+        print(f"not the same: {name} is beyond {SAME_COST}", file=sys.stderr)
+    return int(bool(others))
 
 
-def reference_at(time_s: float, compressed: float = 1.0):
-    """Set-points of the scenario; ``compressed`` runs it faster."""
-    from fsw_control import Reference
+def reference_at(time_s: float, compressed: float = 1.0) -> Reference:
+    """Set-points of the weld; ``compressed`` runs it faster."""
+    from fsw_control import Reference, weld
 
-    now = Reference(2.66, 850.0)
-    for at_s, depth_mm, temperature_c in EVENTS:
+    now = Reference(weld.DEPTH_MM, weld.TEMPERATURE_C)
+    for at_s, deeper_mm, warmer_c in EVENTS:
         if time_s * compressed >= at_s:
-            now = Reference(depth_mm, temperature_c)
+            now = Reference(weld.DEPTH_MM + deeper_mm, weld.TEMPERATURE_C + warmer_c)
     return now
 
 
-def close_loop(controller, reference: Callable, duration_s: float, noise: float = 0.0):
-    """Run controller and process; returns rows (t, depth, temperature, set-points) and CPU seconds per step."""
+def close_loop(
+    controller: NmpcController,
+    reference: Callable[[float], Reference],
+    duration_s: float,
+    noise: float = 0.0,
+    watch: Callable[[float, ProblemStruct, Vector], None] | None = None,
+) -> tuple[Vector, Vector]:
+    """Run controller and process from rest.
+
+    Parameters
+    ----------
+    controller : NmpcController
+    reference : callable
+        Set-points at a time.
+    duration_s : float
+    noise : float
+        Share of the sensors' noise.
+    watch : callable, optional
+        Told every tick's time, problem and where its solve began.
+
+    Returns
+    -------
+    rows : (n, 5) array
+        Time, depth, temperature and the set-points.
+    cpu_s : (n,) array
+        Of each step.
+    """
     import numpy as np
 
     from fsw_control import Command, Measurement
-    from fsw_model import ProcessModel
+    from fsw_model import STEP_S, ProcessModel
 
     model, rng = ProcessModel(), np.random.default_rng(1)
     rest = model.equilibrium()
     state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
+    library = controller.library
+    controller.reset(applied)
     rows, cpu_s = [], []
-    for k in range(round(10 * duration_s)):
+    for k in range(round(duration_s / STEP_S)):
         shown = model.outputs(state, applied.force_kn, applied.speed_rpm)
-        n = noise * rng.normal(size=3)
-        target = reference(0.1 * k)
+        off = noise * rng.normal(size=3) * NOISE
+        time_s = STEP_S * k
+        target = reference(time_s)
         measurement = Measurement(
-            0.1 * k,
-            shown.depth_mm + 2e-3 * n[0],
-            shown.motor_torque_nm + 2.0 * n[1],
-            shown.temperature_c + 0.1 * n[2],
+            time_s, shown.depth_mm + off[0], shown.motor_torque_nm + off[1], shown.temperature_c + off[2]
         )
+        start = np.array(library.state.plan.start[: 2 * library.horizon.n_blocks]) if watch else None
         began = time.thread_time()
-        proposal = controller.step(measurement, target, applied, 0.1)
+        proposal = controller.step(measurement, target, applied, STEP_S)
         cpu_s.append(time.thread_time() - began)
-        rows.append((0.1 * k, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c))
+        if watch:
+            watch(time_s, library.state.problem, start)
+        rows.append((time_s, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c))
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)
     return np.array(rows), np.array(cpu_s)
 
 
-def make(kind: str, blocks: int, iterations: int = 50):
-    """A controller with the default tuning."""
-    from fsw_model import nominal
+def make(blocks: int | None = None, **values: Any) -> NmpcController:
+    """A controller with these parameters, and blocks other than those of its preset."""
     from fsw_nmpc.controller import NmpcController
-    from fsw_nmpc.solvers.choice import make_solver
 
-    return NmpcController(make_solver(kind, nominal(), blocks, iterations)[0], nominal())
+    if blocks is None:
+        return NmpcController(values)
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml") as tuning:
+        tuning.write(f"blocks: {blocks}\n")
+        tuning.flush()
+        return NmpcController({"tuning_file": tuning.name, **values})
 
 
 def step_times(quick: bool) -> Figures:
@@ -102,127 +161,190 @@ def step_times(quick: bool) -> Figures:
     import numpy as np
 
     figures: Figures = {}
-    for name, kind, blocks, duration_s in (
-        ("rti", "rti", 20, 240.0),
-        ("rti108", "rti", 54, 240.0),
-        ("casadi", "casadi", 20, 60.0 if quick else 240.0),
-    ):
-        controller = make(kind, blocks)
-        _, cpu_s = close_loop(controller, lambda t, d=duration_s: reference_at(t, 240.0 / d), duration_s, noise=1.0)
+    duration_s = WELD_S / 4 if quick else WELD_S
+    for name, controller in (("rti", make()), ("rti108", make(54)), ("paper", make(preset="paper"))):
+        _, cpu_s = close_loop(controller, lambda t: reference_at(t, WELD_S / duration_s), duration_s, noise=1.0)
         cpu_ms = 1e3 * cpu_s[10:]
         figures[f"{name}_p50_ms"] = float(np.median(cpu_ms))
         figures[f"{name}_p99_ms"] = float(np.quantile(cpu_ms, 0.99))
         figures[f"{name}_max_ms"] = float(cpu_ms.max())
-        figures[f"{name}_failures"] = controller.bad_cycles
+        figures[f"{name}_failures"] = controller.library.output.bad_cycles
     return figures
 
 
-def cpu_now_s() -> float:
-    """CPU time of this process and of those it has waited for: GEKKO's solvers are programs of their own."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)
+def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[ProblemStruct, Vector]]:
+    """Problems as they come after the set-points' steps, each with the last plan's moves."""
+    from fsw_nmpc.library import ProblemStruct
+
+    found: list[tuple[ProblemStruct, Vector]] = []
+    wanted = {round(10 * (at_s + later_s)) for at_s, _, _ in EVENTS for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)}
+
+    def watch(time_s: float, problem: ProblemStruct, start: Vector) -> None:
+        if round(10 * time_s) in wanted:
+            kept = ProblemStruct()
+            ctypes.pointer(kept)[0] = problem
+            found.append((kept, start))
+
+    close_loop(controller, reference_at, WELD_S, noise=1.0, watch=watch)
+    return found
 
 
 def ratios(quick: bool) -> Figures:
-    """The same problems by other solvers, cold, with 54 moves of both inputs"""
+    """The same problems by other solvers, with 54 moves of both inputs"""
     import numpy as np
+
+    warnings.simplefilter("ignore")  # do-mpc tells on import what else could be installed
     from nmpc_rivals import rivals
 
-    from fsw_model import nominal
-    from fsw_nmpc.cases import random_problem
-    from fsw_nmpc.horizon import horizon_of
-    from fsw_nmpc.solvers.rti import RtiSolver
-    from fsw_nmpc.tuning import Tuning
+    from fsw_nmpc.library import Fate
+    from fsw_nmpc.reference import cumulation, input_bounds, objective
 
-    p, rng = nominal(), np.random.default_rng(2)
-    horizon = horizon_of(p, 54)
-    rti = RtiSolver(p, horizon)
-    problems = [random_problem(rng, horizon, p, Tuning.preset("paper")) for _ in range(5 if quick else 20)]
+    controller = make(preset="paper")
+    problems = problems_of_weld(controller, quick)
+    library, parameters = controller.library, controller.settings.model
+    horizon, tuning = library.horizon, library.state.tuning
+    exact, cold = tuning.tolerance, np.zeros(2 * horizon.n_blocks)
 
-    def median_s(solve: Callable, some) -> float:
+    def solved(problem: ProblemStruct, start: Vector, tolerances: tuple[float, ...]) -> tuple[float, Vector]:
+        """CPU seconds and moves."""
         times = []
-        for problem in some:
-            began = cpu_now_s()
-            solve(problem)
-            times.append(cpu_now_s() - began)
-        return float(np.median(times))
+        for _ in range(10):
+            began, moves = time.thread_time(), start
+            for tuning.tolerance in tolerances:
+                fate, moves, _, _ = library.solve(problem, moves)
+            times.append(time.thread_time() - began)
+            if fate not in (Fate.OK, Fate.CAP):
+                raise RuntimeError(f"the library cannot solve a problem of the weld: {fate.name}")
+        tuning.tolerance = exact
+        return statistics.median(times), moves
 
-    cold = np.zeros(108)
-    own_s = median_s(lambda problem: rti.solve(problem, cold), problems * 10)
-    default = RtiSolver(p, horizon_of(p, 20))
-    default_s = median_s(lambda problem: default.solve(problem, cold[:40]), problems * 10)
-    figures: Figures = {"solve_rti108_ms": 1e3 * own_s, "solve_rti_ms": 1e3 * default_s}
-    for name, (count, solve) in rivals(p, horizon).items():
-        if solve is None:
-            figures[f"ratio_{name}"] = figures[f"ratio_{name}_to_default"] = None
-            continue
-        rival_s = median_s(solve, problems[: min(count, len(problems))])
-        figures[f"solve_{name}_ms"] = 1e3 * rival_s
-        figures[f"ratio_{name}"] = rival_s / own_s
-        figures[f"ratio_{name}_to_default"] = rival_s / default_s
+    def cost_of(problem: ProblemStruct, moves: Vector) -> float:
+        return objective(problem, tuning, horizon, moves, *library.predict(problem.start, moves)[:2])
+
+    def beyond(problem: ProblemStruct, moves: Vector) -> float:
+        """By how much moves are beyond the limits, in largest moves."""
+        largest = np.outer(horizon.block_reach, tuning.move_max[:]).ravel()
+        low, high = input_bounds(problem, tuning, horizon)
+        reached = cumulation(horizon) @ moves
+        return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
+
+    solvers = rivals(parameters, library)
+    names = ["rti108", "tick", *(name for name, solve in solvers.items() if solve)]
+    cpu_s: dict[str, list[float]] = {name: [] for name in names}
+    ratio: dict[str, list[float]] = {f"{name}{to}": [] for name in names[2:] for to in ("", "_to_tick")}
+    excess: dict[str, list[float]] = {name: [] for name in names}
+    error: dict[str, list[float]] = {name: [] for name in names[2:]}
+    limits: dict[str, list[float]] = {name: [] for name in names}
+    unsolved = dict.fromkeys(names[2:], 0)
+    for i, (problem, start) in enumerate(problems):
+        own_s, moves = solved(problem, cold, COLD_TOLERANCES)
+        tick_s, one = solved(problem, start, (exact,))
+        found = {"rti108": moves, "tick": one}
+        cpu_s["rti108"].append(own_s)
+        cpu_s["tick"].append(tick_s)
+        for name in names[2:]:
+            if i % -(-len(problems) // MOST_PROBLEMS.get(name, len(problems))):
+                continue
+            answer = solvers[name](problem)
+            if answer.moves is None:
+                unsolved[name] += 1
+                continue
+            found[name] = answer.moves
+            cpu_s[name].append(answer.cpu_s)
+            ratio[name].append(answer.cpu_s / own_s)
+            ratio[f"{name}_to_tick"].append(answer.cpu_s / tick_s)
+            error[name].append(answer.cost / cost_of(problem, answer.moves) - 1.0)
+        costs = {name: cost_of(problem, moves) for name, moves in found.items()}
+        best = min(*costs.values(), cost_of(problem, solved(problem, cold, (exact,) * 8)[1]))
+        for name, cost in costs.items():
+            excess[name].append(cost / best - 1.0)
+            limits[name].append(beyond(problem, found[name]))
+        print(
+            f"  problem {i + 1} of {len(problems)}: cost {best:.4g};",
+            ", ".join(f"{name} {values[-1]:+.1e}" for name, values in excess.items() if name in found),
+            file=sys.stderr,
+            flush=True,
+        )
+    figures: Figures = {"ratio_problems": len(problems)}
+    for name in ("ipopt", "gekko_apopt", "do_mpc"):
+        for key in (name, f"{name}_to_tick"):
+            figures[f"ratio_{key}"] = statistics.median(ratio[key]) if ratio.get(key) else None
+    for name in names:
+        figures[f"solve_{name}_ms"] = 1e3 * statistics.median(cpu_s[name]) if cpu_s[name] else None
+        if name != "tick":
+            figures[f"cost_excess_{name}"] = max(excess[name], default=None)
+        figures[f"limit_excess_{name}"] = max(limits[name], default=None)
+    figures["tick_cost_excess_p50"], figures["tick_cost_excess_max"] = (
+        statistics.median(excess["tick"]),
+        max(excess["tick"]),
+    )
+    for name in names[2:]:
+        figures[f"cost_error_{name}"] = max(error[name], key=abs, default=None)
+        figures[f"unsolved_{name}"] = unsolved[name]
     return figures
 
 
 def against_converged(quick: bool) -> Figures:
-    """Closed loop of rti with all moves against the converged nonlinear problem (cold IPOPT at every tick)"""
+    """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)"""
     import numpy as np
 
-    duration_s = 24.0 if quick else 240.0
-
-    def reference(t: float):
-        return reference_at(t, 240.0 / duration_s)
-
-    own, _ = close_loop(make("rti", 54), reference, duration_s)
-    best, _ = close_loop(make("reference", 54), reference, duration_s)
-
-    def iae(rows, column: int) -> float:
+    def iae(rows: Vector, column: int) -> float:
         return float(0.1 * np.abs(rows[:, column] - rows[:, column + 2]).sum())
 
-    return {
-        "iae_depth_vs_nlp": iae(own, 1) / iae(best, 1) - 1.0,
-        "iae_temperature_vs_nlp": iae(own, 2) / iae(best, 2) - 1.0,
-        "largest_depth_difference_um": 1e3 * float(np.abs(own[:, 1] - best[:, 1]).max()),
-        "largest_temperature_difference_c": float(np.abs(own[:, 2] - best[:, 2]).max()),
-    }
+    figures: Figures = {}
+    for preset, ending, duration_s in (("default", "", 120.0), ("paper", "_paper", 60.0)):
+        length_s = duration_s / (10 if quick else 1)
+
+        def reference(t: float, length_s: float = length_s) -> Reference:
+            return reference_at(t, WELD_S / length_s)
+
+        own, _ = close_loop(make(preset=preset), reference, length_s)
+        converged = make(preset=preset, solver="reference")
+        best, _ = close_loop(converged, reference, length_s)
+        figures |= {
+            f"iae_depth_vs_nlp{ending}": iae(own, 1) / iae(best, 1) - 1.0,
+            f"iae_temperature_vs_nlp{ending}": iae(own, 2) / iae(best, 2) - 1.0,
+            f"largest_depth_difference_um{ending}": 1e3 * float(np.abs(own[:, 1] - best[:, 1]).max()),
+            f"largest_temperature_difference_c{ending}": float(np.abs(own[:, 2] - best[:, 2]).max()),
+            f"nlp_failures{ending}": converged.library.output.bad_cycles,
+        }
+    return figures
 
 
 def worst_cases(quick: bool) -> Figures:
-    """Random states of the whole working range, and set-points out of reach"""
+    """Random states and weights of the whole working range, and set-points out of reach"""
     import numpy as np
 
-    from fsw_control import Reference
+    from fsw_control import Reference, weld
     from fsw_model import nominal
-    from fsw_nmpc.cases import random_problem
-    from fsw_nmpc.horizon import horizon_of
-    from fsw_nmpc.solvers.rti import RtiSolver
+    from fsw_nmpc.library import Fate
+    from fsw_test_support.nmpc_problems import make_library, random_problem
 
-    p, rng = nominal(), np.random.default_rng(3)
-    horizon = horizon_of(p, 20)
-    rti = RtiSolver(p, horizon)
-    cold = np.zeros(40)
+    rng, cold = np.random.default_rng(3), np.zeros(40)
+    library = make_library(20)
     iterations, cpu_s, unsolved = [], [], 0
     for _ in range(1_000 if quick else 100_000):
-        problem = random_problem(rng, horizon, p)
+        problem = random_problem(rng, library, nominal())
         began = time.thread_time()
-        solution = rti.solve(problem, cold)
+        fate, _, _, _ = library.solve(problem, cold)
         cpu_s.append(time.thread_time() - began)
-        iterations.append(solution.iterations)
-        unsolved += not solution.solved
-    stress = make("rti", 20)
-    close_loop(
-        stress,
-        lambda t: Reference(*((3.16, 910.0) if int(t / 25) % 2 else (2.16, 810.0))),
-        60.0 if quick else 240.0,
-        noise=1.0,
-    )
+        iterations.append(library.output.iterations)
+        unsolved += fate is not Fate.OK
+    stress = make()
+
+    def out_of_reach(time_s: float) -> Reference:
+        side = 1.0 if int(time_s / 25.0) % 2 else -1.0
+        return Reference(weld.DEPTH_MM + 0.5 * side, weld.TEMPERATURE_C + 50.0 * side)
+
+    close_loop(stress, out_of_reach, WELD_S / 4 if quick else WELD_S, noise=1.0)
     return {
         "random_states": len(iterations),
         "random_unsolved": unsolved,
         "random_worst_iterations": max(iterations),
         "random_worst_solve_ms": 1e3 * max(cpu_s),
         "random_p999_solve_ms": 1e3 * float(np.quantile(cpu_s, 0.999)),
-        "stress_failures": stress.bad_cycles,
-        "kernel_bytes": rti.kernel.workspace_bytes,
+        "stress_failures": stress.library.output.bad_cycles,
+        "kernel_bytes": library.bytes,
     }
 
 

@@ -1,211 +1,328 @@
-"""The NMPC's problem put to other solvers, for ``nmpc.py``: cold IPOPT, GEKKO with APOPT, do-mpc."""
+"""The NMPC's problem put to other solvers, for ``nmpc.py``: cold IPOPT, GEKKO with APOPT, do-mpc.
+
+All of them get the same problem: the steps and tables of the horizon, the moves, bounds, dead-bands and weights. None
+gets help from a solution: moves start at zero. What a solver needs to be told about a problem is made ready before its
+clock starts. IPOPT is given the moves only (``fsw_nmpc.reference``), GEKKO and do-mpc the states of every step too;
+with do-mpc the power under way in the dead time is a line of states.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from fsw_model import STEP_S, ModelParameters
-from fsw_model.equations import RAD_PER_S_PER_RPM, process_torque_nm
+from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.ocp import Problem
-from fsw_nmpc.solvers.reference import ReferenceSolver
-
-Solve = Callable[[Problem], Any]
-KW_PER_NM_RPM = RAD_PER_S_PER_RPM * 1e-3
+from fsw_nmpc.library import Fate, Library, ProblemStruct, TuningStruct, Vector
+from fsw_nmpc.prediction import start_vector
+from fsw_nmpc.reference import ReferenceSolver
 
 
-def rivals(parameters: ModelParameters, horizon: Horizon) -> dict[str, tuple[int, Solve | None]]:
-    """By name: how many problems to measure, and the solver (None where it is not installed)."""
-    oracle = ReferenceSolver(parameters, horizon)
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a solver makes of a problem.
+
+    Attributes
+    ----------
+    cpu_s : float
+        With the processes that it starts.
+    moves : (2 n_blocks,) array, optional
+        None if it has failed.
+    cost : float
+        What it says its moves cost.
+    """
+
+    cpu_s: float
+    moves: Vector | None = None
+    cost: float = np.nan
+
+
+Solve = Callable[[ProblemStruct], Answer]
+Kept = Callable[..., Any]
+
+
+def rivals(parameters: ModelParameters, library: Library) -> dict[str, Solve | None]:
+    """Solvers by name, None where one is not installed; for the library's horizon and its tuning of now."""
+    h, t = library.horizon, library.state.tuning
+    if h.n_blocks != h.n_out or any(t.square) or any(t.move_square):
+        raise ValueError("the rivals are told L1 costs, and a move in every interval")
     return {
-        "ipopt": (20, lambda problem: oracle.solve(problem, np.zeros(2 * horizon.n_blocks))),
-        "gekko_apopt": (3, gekko_apopt(parameters, horizon) if find_spec("gekko") else None),
-        "do_mpc": (3, do_mpc(parameters, horizon) if find_spec("do_mpc") else None),
+        "ipopt": ipopt(parameters, library),
+        "gekko_apopt": gekko_apopt(parameters, h, t) if find_spec("gekko") else None,
+        "do_mpc": do_mpc(parameters, h, t) if find_spec("do_mpc") else None,
     }
 
 
-def gekko_apopt(p: ModelParameters, h: Horizon) -> Solve:
-    """The same problem, every step of the same tables written as equations, solved locally by APOPT."""
-    from gekko import GEKKO
+def cpu_now_s() -> float:
+    """CPU time of this process and of those it has waited for: GEKKO's solvers are programs of their own."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
-    def solve(problem: Problem) -> None:
-        m, e, lim = GEKKO(remote=False), problem.estimate, problem.limits
-        force, speed = problem.applied.force_kn, problem.applied.speed_rpm
-        state = [float(v) for v in e.x]
-        history = e.history_kw.reshape(-1, 2).tolist()
-        costs, interval = [], -1
-        weights = problem.weights
 
-        def depth_now() -> Any:
-            return p.operating_depth_mm + state[0] + state[1] + state[2] + state[3]
+def ipopt(p: ModelParameters, library: Library) -> Solve:
+    """Cold IPOPT on the moves alone, as CasADi sets it up."""
+    oracle = ReferenceSolver(library, p)
 
-        def power() -> Any:
-            node = m.Var(value=43.6)
-            torque = e.torque_scale * gekko_torque(m, p, force + e.force_offset_kn, depth_now())
-            m.Equation(node == KW_PER_NM_RPM * speed * torque)
-            return node
-
-        def kept(value: float, expression: Any) -> Any:
-            variable = m.Var(value=value)
-            m.Equation(variable == expression)
-            return variable
-
-        for k in range(len(h.step_length_s)):
-            if h.step_interval[k] != interval:
-                interval = int(h.step_interval[k])
-                by_force = m.Var(0.0, lb=-lim.force_step_kn, ub=lim.force_step_kn)
-                by_speed = m.Var(0.0, lb=-lim.speed_step_rpm, ub=lim.speed_step_rpm)
-                for move, weight in ((by_force, weights.move[0]), (by_speed, weights.move[1])):
-                    size = m.Var(0.0, lb=0.0)
-                    m.Equation(size >= move)
-                    m.Equation(size >= -move)
-                    costs.append(weight * size)
-                before_force, before_speed = force, speed
-                force = m.Var(problem.applied.force_kn, lb=lim.force_min_kn, ub=lim.force_max_kn)
-                speed = m.Var(problem.applied.speed_rpm, lb=lim.speed_min_rpm, ub=lim.speed_max_rpm)
-                m.Equation(force == before_force + by_force)
-                m.Equation(speed == before_speed + by_speed)
-            mode = h.modes[k].tolist()
-            pushed = force + e.force_offset_kn - p.operating_force_kn
-            left = power()
-            heat = [mode[5] * state[3] + mode[6] * state[4] + mode[8], mode[7] * state[4] + mode[9]]
-            for i in range(h.weight_start[k], h.weight_start[k + 1]):
-                begin, end = history[h.weight_segment[i]]
-                w = h.weight[i].tolist()
-                heat = [heat[0] + w[0] * begin + w[1] * end, heat[1] + w[2] * begin + w[3] * end]
-            state = [
-                kept(float(e.x[0]), state[0] + mode[0] * pushed),
-                kept(float(e.x[1]), mode[1] * state[1] + mode[2] * pushed),
-                kept(float(e.x[2]), mode[3] * state[2] + mode[4] * pushed),
-                kept(float(e.x[3]), heat[0]),
-                kept(float(e.x[4]), heat[1]),
-            ]
-            history.append([left, power()])
-            if h.out_step[interval] == k:
-                for output, low, high, weight in (
-                    (
-                        depth_now() + e.depth_offset_mm,
-                        problem.depth_low_mm[interval],
-                        problem.depth_high_mm[interval],
-                        weights.depth[interval],
-                    ),
-                    (
-                        state[4] + e.temperature_offset_c,
-                        problem.temperature_low_c[interval],
-                        problem.temperature_high_c[interval],
-                        weights.temperature[interval],
-                    ),
-                ):
-                    over = m.Var(0.0, lb=0.0)
-                    m.Equation(output - over <= float(high))
-                    m.Equation(output + over >= float(low))
-                    costs.append(float(weight) * over)
-        m.Obj(m.sum(costs))
-        m.options.SOLVER = 1
-        m.options.MAX_ITER = 500
-        m.solve(disp=False)
+    def solve(problem: ProblemStruct) -> Answer:
+        began = cpu_now_s()
+        fate, moves, _, _ = oracle.solve(problem, np.zeros(2 * library.horizon.n_blocks))
+        cpu_s = cpu_now_s() - began
+        return Answer(cpu_s, moves, oracle.cost) if fate is Fate.OK else Answer(cpu_s)
 
     return solve
 
 
-def gekko_torque(m: Any, p: ModelParameters, force_kn: Any, depth_mm: Any) -> Any:
-    """Process torque (19)-(22) for GEKKO."""
-    radius_square = 2.0 * p.shoulder_radius_m * 1e-3 * depth_mm
-    area = np.pi * (radius_square - p.contact_inner_radius_m**2)
-    volume = 2.0 * np.pi / 3.0 * (radius_square**1.5 - p.contact_inner_radius_m**3) + p.probe_volume_m3
-    return (p.sticking_stress_pa + p.friction_coefficient * 1e3 * force_kn / area) * volume
+def one_step(
+    p: ModelParameters,
+    mode: Any,
+    state: Sequence[Any],
+    inputs: Sequence[Any],
+    disturbances: Sequence[Any],
+    arriving: Sequence[Any],
+    kept: Kept = lambda value: value,
+) -> tuple[list[Any], list[Any], Any]:
+    """One step of the prediction, as in ``fsw_nmpc.prediction``, of whatever can be added and multiplied.
+
+    Parameters
+    ----------
+    p : ModelParameters
+    mode : (10,) sequence
+    state : creep, slow, copper, tool, motor torque
+    inputs : force, speed during the step
+    disturbances : force offset, heat offset, torque scale, speed offset
+    arriving : delayed power on copper and tool
+    kept : callable
+        Told every value that is worth a variable of its own; returns what stands for it.
+
+    Returns
+    -------
+    state, power (3), depth at the end of the step
+    """
+    creep, slow, copper, tool, motor = state
+    force_offset, heat_offset, scale, speed_offset = disturbances
+    poles, gains = depth_modes(p)
+    acting, speed = inputs[0] + force_offset, inputs[1] + speed_offset
+    pushed = acting - p.operating_force_kn
+    settled = p.operating_depth_mm + float(-gains[2] / poles[2]) * pushed
+    depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
+    left = kept(scale * process_torque_nm(p, acting, depth))
+    creep, slow = kept(creep + mode[0] * pushed), kept(mode[1] * slow + mode[2] * pushed)
+    tool = kept(mode[6] * copper + mode[7] * tool + mode[9] * heat_offset + arriving[1])
+    copper = kept(mode[5] * copper + mode[8] * heat_offset + arriving[0])
+    depth = kept((settled + creep + slow) * (1.0 + p.softening_per_c * tool))
+    right = kept(scale * process_torque_nm(p, acting, depth))
+    begin, friction = left - mode[4] * (right - left), friction_torque_nm(p, speed)
+    rest = kept(motor - friction - begin)
+    power = [
+        kept(power_kw(begin, speed) - p.operating_power_kw),
+        kept(power_kw(right - left, speed)),
+        kept(power_kw(rest, speed)),
+    ]
+    motor = kept(right + friction - mode[4] * (right - left) + mode[3] * rest)
+    return [creep, slow, copper, tool, motor], power, depth
 
 
-def do_mpc(p: ModelParameters, h: Horizon) -> Solve:
-    """As near as do-mpc comes: the discrete model with the dead time as states, 54 intervals of 0.1 s, L1 by slacks."""
+def disturbances_of(start: Sequence[float]) -> tuple[float, float, float, float]:
+    """What :func:`one_step` is told of a start vector: force offset, heat offset, torque scale, speed offset."""
+    return start[7], start[8], start[9], start[12]
+
+
+def along(
+    p: ModelParameters, h: Horizon, problem: ProblemStruct, moves: Sequence[Any], kept: Kept
+) -> Iterator[tuple[int, Any, Any, Any, Any]]:
+    """The whole prediction: interval, depth, temperature, force, speed at every output point."""
+    start = start_vector(problem.start).tolist()
+    state, force, speed, depth_offset, temperature_offset = start[:5], start[5], start[6], start[10], start[11]
+    disturbances = disturbances_of(start)
+    history = problem.start.history[: 3 * h.n_history]
+    segments: list[Any] = [history[3 * j : 3 * j + 3] for j in range(h.n_history)]
+    interval = -1
+    for k in range(len(h.step_length_s)):
+        if h.step_interval[k] != interval:
+            interval = int(h.step_interval[k])
+            force, speed = kept(force + moves[2 * interval]), kept(speed + moves[2 * interval + 1])
+        arriving = [0.0, 0.0]
+        for e in range(h.weight_start[k], h.weight_start[k + 1]):
+            w, segment = h.weight[e].tolist(), segments[h.weight_segment[e]]
+            arriving = [arriving[i] + sum(w[3 * i + j] * segment[j] for j in range(3)) for i in range(2)]
+        mode = h.modes[k].tolist()
+        state, power, depth = one_step(p, mode, state, (force, speed), disturbances, arriving, kept)
+        segments.append(power)
+        if h.out_step[interval] == k:
+            temperature = p.operating_temperature_c + state[3] + temperature_offset
+            yield interval, depth + depth_offset, temperature, force, speed
+
+
+def gekko_apopt(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
+    """Every step's equations in GEKKO, solved locally by APOPT from the path without moves."""
+    from gekko import GEKKO
+
+    still = [0.0] * (2 * h.n_out)
+
+    def solve(problem: ProblemStruct) -> Answer:
+        guesses: list[float] = []
+
+        def noted(value: float) -> float:
+            guesses.append(value)
+            return value
+
+        for _ in along(p, h, problem, still, noted):
+            pass
+        m, guess = GEKKO(remote=False), iter(guesses)
+
+        def kept(expression: Any) -> Any:
+            variable = m.Var(value=next(guess))
+            m.Equation(variable == expression)
+            return variable
+
+        moves: list[Any] = []
+        for j in range(2 * h.n_out):
+            largest = t.move_max[j % 2]
+            moves.append(m.Var(value=0.0, lb=-largest, ub=largest))
+            size = m.Var(value=0.0, lb=0.0)
+            m.Equation(size >= moves[j])
+            m.Equation(size >= -moves[j])
+            m.Minimize(t.move_weight[j % 2] * size)
+        for i, depth, temperature, *inputs in along(p, h, problem, moves, kept):
+            for q, output in enumerate((depth, temperature)):
+                inputs[q].lower, inputs[q].upper = t.input_min[q], t.input_max[q]
+                if (h.depth_width, h.temperature_width)[q][i] == 0:
+                    continue
+                over = m.Var(value=0.0, lb=0.0)
+                m.Equation(output - over <= problem.high[q][i])
+                m.Equation(output + over >= problem.low[q][i])
+                m.Minimize(t.weight[q] * over)
+        m.options.SOLVER = 1
+        m.options.MAX_ITER = 1000
+        began = cpu_now_s()
+        try:
+            m.solve(disp=False)
+            solved = m.options.APPSTATUS == 1
+        except Exception:  # GEKKO raises nothing more special when the solver fails
+            solved = False
+        cpu_s = cpu_now_s() - began
+        found = Answer(cpu_s)
+        if solved:
+            found = Answer(cpu_s, np.array([move.value[0] for move in moves], dtype=float), float(m.options.OBJFCNVAL))
+        m.cleanup()
+        return found
+
+    return solve
+
+
+def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
+    """A discrete model of do-mpc whose tables change with the step; moves are zero where no interval begins."""
     import casadi as ca
     import do_mpc as toolbox
 
-    n_out = h.n_out
+    n_steps, n_line = len(h.step_length_s), h.n_history
+    begins = np.diff(h.step_interval, prepend=-1) > 0
+    tables = np.zeros((n_steps, 10 + 6 * n_line))
+    tables[:, :10] = h.modes
+    for k in range(n_steps):
+        for e in range(h.weight_start[k], h.weight_start[k + 1]):
+            place = h.weight_segment[e] - k  # in the line, which has moved on by one segment with every step
+            if not 0 <= place < n_line:
+                raise ValueError("a step looks back further than the line of states is long")
+            tables[k, 10 + 6 * place : 16 + 6 * place] += h.weight[e]
+
     model = toolbox.model.Model("discrete")
-    names = ("creep", "slow", "fast", "thermal", "temperature", "force", "speed")
-    x = {name: model.set_variable("_x", name) for name in names}
-    line = model.set_variable("_x", "line", (h.n_history, 2))
-    u_names = ("by_force", "by_speed", "over_depth", "over_temperature", "size_force", "size_speed")
-    by_force, by_speed = [model.set_variable("_u", name) for name in u_names][:2]
-    model.set_variable("_tvp", "target", (4, 1))
-    mode, w = h.modes[0].tolist(), h.weight[0].tolist()
-    force, speed = x["force"] + by_force, x["speed"] + by_speed
-    pushed = force - p.operating_force_kn
-
-    def depth(creep: Any, slow: Any, fast: Any, thermal: Any) -> Any:
-        return p.operating_depth_mm + creep + slow + fast + thermal
-
-    before = depth(x["creep"], x["slow"], x["fast"], x["thermal"])
-    delayed = [w[0] * line[0, 0] + w[1] * line[0, 1], w[2] * line[0, 0] + w[3] * line[0, 1]]
-    following = {
-        "creep": x["creep"] + mode[0] * pushed,
-        "slow": mode[1] * x["slow"] + mode[2] * pushed,
-        "fast": mode[3] * x["fast"] + mode[4] * pushed,
-        "thermal": mode[5] * x["thermal"] + mode[6] * x["temperature"] + mode[8] + delayed[0],
-        "temperature": mode[7] * x["temperature"] + mode[9] + delayed[1],
-        "force": force,
-        "speed": speed,
-    }
-    after = depth(*(following[name] for name in names[:4]))
-    nodes = [KW_PER_NM_RPM * speed * process_torque_nm(p, force, z) for z in (before, after)]
-    for name, value in following.items():
+    states = ("creep", "slow", "copper", "tool", "motor")
+    x = [model.set_variable("_x", name) for name in states]
+    before = [model.set_variable("_x", name) for name in ("force", "speed")]
+    line = model.set_variable("_x", "line", (n_line, 3))
+    move_names, size_names, over_names = ("by_force", "by_speed"), ("force_size", "speed_size"), ("over_z", "over_t")
+    move = [model.set_variable("_u", name) for name in move_names]
+    for name in (*size_names, *over_names):
+        model.set_variable("_u", name)
+    table = model.set_variable("_tvp", "table", (tables.shape[1], 1))
+    model.set_variable("_tvp", "band", (4, 1))
+    disturbance = model.set_variable("_tvp", "disturbance", (4, 1))
+    inputs = [before[q] + move[q] for q in range(2)]
+    weight = ca.reshape(table[10:], 6, n_line).T
+    arriving = [ca.sum1(ca.sum2(weight[:, 3 * i : 3 * i + 3] * line)) for i in range(2)]
+    mode, disturbances = ca.vertsplit(table[:10]), ca.vertsplit(disturbance)
+    after, power, depth = one_step(p, mode, x, inputs, disturbances, arriving)
+    for name, value in zip((*states, "force", "speed"), (*after, *inputs), strict=True):
         model.set_rhs(name, value)
-    model.set_rhs("line", ca.vertcat(line[1:, :], ca.horzcat(*nodes)))
-    model.set_expression("depth", after)
-    model.set_expression("shown", following["temperature"])
+    model.set_rhs("line", ca.vertcat(line[1:, :], ca.horzcat(*power)))
+    for name, value in (("depth", depth), ("tool_end", after[3])):
+        model.set_expression(name, value)
     model.setup()
-    u, target, depth_next, shown = model.u, model.tvp["target"], model.aux["depth"], model.aux["shown"]
+    move, size, over = ([model.u[name] for name in names] for names in (move_names, size_names, over_names))
+    band, outputs = model.tvp["band"], (model.aux["depth"], model.aux["tool_end"])
 
     mpc = toolbox.controller.MPC(model)
-    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = n_out, STEP_S, False
+    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = n_steps, STEP_S, False
     mpc.settings.supress_ipopt_output()
-    paper_weights = (100.0, 1.0, 1.0, 0.01)
-    slacks = [u[name] for name in u_names[2:]]
-    cost = sum(weight * slack for weight, slack in zip(paper_weights, slacks, strict=True))
+    cost = sum(t.move_weight[q] * size[q] + t.weight[q] * over[q] for q in range(2))
     mpc.set_objective(mterm=ca.DM(0), lterm=cost)
-    limits = (
-        ("high_depth", depth_next - target[1] - u["over_depth"]),
-        ("low_depth", target[0] - depth_next - u["over_depth"]),
-        ("high_temperature", shown - target[3] - u["over_temperature"]),
-        ("low_temperature", target[2] - shown - u["over_temperature"]),
-        ("force_up", u["by_force"] - u["size_force"]),
-        ("force_down", -u["by_force"] - u["size_force"]),
-        ("speed_up", u["by_speed"] - u["size_speed"]),
-        ("speed_down", -u["by_speed"] - u["size_speed"]),
-    )
-    for name, expression in limits:
-        mpc.set_nl_cons(name, expression, 0.0)
-    for name, low, high in (("by_force", -1.0, 1.0), ("by_speed", -3.0, 3.0)):
-        mpc.bounds["lower", "_u", name], mpc.bounds["upper", "_u", name] = low, high
-    for name in u_names[2:]:
-        mpc.bounds["lower", "_u", name] = 0.0
-    mpc.bounds["lower", "_x", "force"], mpc.bounds["upper", "_x", "force"] = 60.0, 95.0
-    mpc.bounds["lower", "_x", "speed"], mpc.bounds["upper", "_x", "speed"] = 300.0, 500.0
-    template = mpc.get_tvp_template()
-    bands = np.zeros((n_out + 1, 4))
+    mpc.set_rterm(**dict.fromkeys(move_names, 0.0))
+    for q, output in enumerate(outputs):
+        for name, expression in {
+            "low": band[2 * q] - output - over[q],
+            "high": output - band[2 * q + 1] - over[q],
+            "up": move[q] - size[q],
+            "down": -move[q] - size[q],
+        }.items():
+            mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
+        mpc.bounds["lower", "_u", move_names[q]], mpc.bounds["upper", "_u", move_names[q]] = (
+            -t.move_max[q],
+            t.move_max[q],
+        )
+        mpc.bounds["lower", "_u", size_names[q]] = mpc.bounds["lower", "_u", over_names[q]] = 0.0
+        name = ("force", "speed")[q]
+        mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]
+    template, given = mpc.get_tvp_template(), {"bands": np.zeros((n_steps, 4)), "disturbance": np.zeros(4)}
 
     def at(_: float) -> Any:
-        for k in range(n_out + 1):
-            template["_tvp", k, "target"] = bands[k]
+        for k in range(n_steps + 1):
+            step = min(k, n_steps - 1)
+            template["_tvp", k, "table"], template["_tvp", k, "band"] = tables[step], given["bands"][step]
+            template["_tvp", k, "disturbance"] = given["disturbance"]
         return template
 
     mpc.set_tvp_fun(at)
     mpc.setup()
+    reached = np.column_stack([h.depth_width, h.temperature_width]) > 0
+    for k in range(n_steps):
+        held = [] if begins[k] else [*move_names, *size_names]
+        is_out = k in h.out_step
+        held += [over_names[q] for q in range(2) if not (is_out and reached[h.step_interval[k], q])]
+        for name in held:
+            mpc.lb_opt_x["_u", k, 0, name] = mpc.ub_opt_x["_u", k, 0, name] = 0.0
 
-    def solve(problem: Problem) -> None:
-        e, now = problem.estimate, problem.applied
-        rows = [problem.depth_low_mm, problem.depth_high_mm, problem.temperature_low_c, problem.temperature_high_c]
-        bands[:n_out] = np.column_stack(rows)
-        bands[n_out] = bands[n_out - 1]
-        start = np.concatenate([e.x, [now.force_kn, now.speed_rpm], e.history_kw.reshape(-1, 2).ravel(order="F")])
+    def solve(problem: ProblemStruct) -> Answer:
+        start = start_vector(problem.start)
+        bands = np.tile([-np.inf, np.inf] * 2, (n_steps, 1))
+        shown = 0.0, p.operating_temperature_c  # where the outputs that the constraints are on are zero
+        for q in range(2):
+            offset, used = start[10 + q] + shown[q], h.out_step[reached[:, q]]
+            for column, values in enumerate((problem.low[q], problem.high[q])):
+                bands[used, 2 * q + column] = np.array(values[: h.n_out])[reached[:, q]] - offset
+        given["bands"], given["disturbance"] = np.clip(bands, -1e4, 1e4), disturbances_of(start)
+        history = np.array(problem.start.history[: 3 * n_line]).reshape(-1, 3)
+        first = np.concatenate([start[:7], history.ravel(order="F")])
         mpc.reset_history()
-        mpc.x0 = start
+        mpc.x0 = first
         mpc.set_initial_guess()
-        mpc.make_step(start)
+        began = cpu_now_s()
+        mpc.make_step(first)
+        cpu_s = cpu_now_s() - began
+        if not mpc.solver_stats["success"]:
+            return Answer(cpu_s)
+
+        def found(name: str) -> Vector:
+            return np.array([float(mpc.opt_x_num["_u", k, 0, name]) for k in range(n_steps)])
+
+        told = [t.move_weight[q] * found(size_names[q]) + t.weight[q] * found(over_names[q]) for q in range(2)]
+        moves = np.column_stack([found(name)[begins] for name in move_names])
+        return Answer(cpu_s, moves.ravel(), float(np.sum(told)))
 
     return solve

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fsw_model import nominal
+from fsw_control import Command, Measurement, Reference, weld
+from fsw_model import STEP_S, ProcessModel, nominal
+from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import Fate
 from fsw_nmpc.reference import ReferenceSolver, cumulation, input_bounds, objective
 from fsw_nmpc.tuning import Tuning
@@ -145,3 +147,24 @@ def test_iterations_are_capped(rng):
 
 def test_memory_is_one_static_struct(library):
     assert library.bytes < 512 * 1024
+
+
+def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
+    """Dead-bands with L1 costs at rest leave pivots many decades apart."""
+    controller, model, rng = NmpcController({"preset": "paper"}), ProcessModel(P), np.random.default_rng(1)
+    rest = model.equilibrium()
+    state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
+    controller.reset(applied)
+    for k in range(2400):
+        shown, noise = model.outputs(state, applied.force_kn, applied.speed_rpm), rng.normal(size=3)
+        depth_mm = weld.DEPTH_MM + 0.2 * (200 <= k < 700)
+        temperature_c = weld.TEMPERATURE_C + 10.0 * (1300 <= k < 1800)
+        measurement = Measurement(
+            STEP_S * k,
+            shown.depth_mm + 2e-3 * noise[0],
+            shown.motor_torque_nm + 2.0 * noise[1],
+            shown.temperature_c + 0.1 * noise[2],
+        )
+        applied = controller.step(measurement, Reference(depth_mm, temperature_c), applied, STEP_S).command
+        model.step(state, applied.force_kn, applied.speed_rpm)
+    assert controller.library.output.bad_cycles == 0

@@ -22,7 +22,6 @@ static void accumulate(const fsw_workspace *w, int begin, int end, int j, int l,
 
 static void assemble(fsw_workspace *w) {
   const int nv = w->nv;
-  double suffix[FSW_MAX_BLOCKS + 1][2];
   for (int r = 0; r < w->n_rows; r++) {
     const double *restrict a = w->by[w->row[r]];
     double *restrict d = w->scratch.matrices.weighted[r];
@@ -40,21 +39,40 @@ static void assemble(fsw_workspace *w) {
         for (int q = 0; q < FSW_PAD; q++) w->scratch.matrices.factor[j + i][l + q] = acc[i][q];
     }
   }
+  /* inputs at the ends of the blocks: moves of the same input add up */
   const double *input_above = w->hard.pivot + 2 * nv, *input_below = w->hard.pivot + 3 * nv;
-  suffix[nv / 2][0] = suffix[nv / 2][1] = 0.0;
-  for (int j = nv - 1; j >= 0; j--) suffix[j >> 1][j & 1] = suffix[(j >> 1) + 1][j & 1] + input_above[j] + input_below[j];
+  double sum[2] = {0.0, 0.0}, ends[2][FSW_MAX_VARS];
+  for (int j = nv - 1; j >= 0; j--) {
+    sum[j & 1] += input_above[j] + input_below[j];
+    ends[j & 1][j] = w->size[j] * sum[j & 1];
+    ends[!(j & 1)][j] = 0.0;
+  }
   for (int j = 0; j < nv; j++) {
-    double *k = w->scratch.matrices.factor[j];
+    double *restrict k = w->scratch.matrices.factor[j];
+    const double *restrict end = ends[j & 1], size = w->size[j];
+    for (int l = j; l < nv; l++) k[l] += size * end[l];
     k[j] += w->diagonal[j] + w->hard.pivot[j] + w->hard.pivot[nv + j];
-    for (int l = j; l < nv; l += 2) k[l] += w->size[j] * w->size[l] * suffix[l >> 1][l & 1];
   }
   for (int k = 0; k < w->n_moves; k++) w->scratch.matrices.factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_soft_rows + k];
 }
 
-/* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. */
+/* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. What the rows above take is subtracted term by
+ * term: summed up first it would drown what is left where pivots differ by many decades. */
 static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
   for (int p = 0; p < n; p += BLOCK) {
     const int end = p + BLOCK < n ? p + BLOCK : n;
+    for (int l = p / FSW_PAD * FSW_PAD; l < n; l += FSW_PAD) { /* a tile at a time */
+      double acc[BLOCK][FSW_PAD];
+      for (int i = 0; i < BLOCK; i++)
+        for (int q = 0; q < FSW_PAD; q++) acc[i][q] = k[p + i][l + q];
+      for (int e = 0; e < p; e++) {
+        const double *restrict a = k[e] + l, *restrict d = k[e] + p;
+        for (int i = 0; i < BLOCK; i++)
+          for (int q = 0; q < FSW_PAD; q++) acc[i][q] -= d[i] * a[q];
+      }
+      for (int i = 0; i < BLOCK; i++)
+        for (int q = 0; q < FSW_PAD; q++) k[p + i][l + q] = acc[i][q];
+    }
     for (int c = p; c < end; c++) { /* the block's rows, one after the other */
       double *restrict row = k[c];
       for (int e = p; e < c; e++) {
@@ -66,13 +84,6 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
       /* lost to rounding near the solution, where pivots differ by many decades: this variable stays where it is */
       const double per = per_diagonal[c] = row[c] > 0.0 ? 1.0 / sqrt(row[c]) : 0.0;
       for (int l = c; l < n; l++) row[l] *= per;
-    }
-    if (end - p < BLOCK) break;
-    const double *restrict a0 = k[p], *restrict a1 = k[p + 1], *restrict a2 = k[p + 2], *restrict a3 = k[p + 3];
-    for (int j = end; j < n; j++) {
-      double *restrict row = k[j];
-      const double f0 = a0[j], f1 = a1[j], f2 = a2[j], f3 = a3[j];
-      for (int l = j / BLOCK * BLOCK; l < n; l++) row[l] -= (f0 * a0[l] + f1 * a1[l]) + (f2 * a2[l] + f3 * a3[l]);
     }
   }
   return FSW_OK;
