@@ -83,7 +83,7 @@ class Tuning:
     dead_band_temperature_c: float = 0.0
     weight_depth_per_mm: float = 0.0
     weight_temperature_per_c: float = 0.0
-    depth_scale_mm: float = 0.0025
+    depth_scale_mm: float = 0.0022
     temperature_scale_c: float = 0.08
     move_force_per_kn: float = 0.0
     move_speed_per_rpm: float = 0.0

@@ -233,7 +233,7 @@ void fsw_trajectories(fsw_controller *c, const fsw_input *in) {
     const double *x = c->estimator.x;
     corridor(c, 0, fsw_contact_depth(&c->estimator, &c->model, 0) + x[FSW_DEPTH_OFFSET], path[0]);
     corridor(c, 1, c->model.operating_temperature_c + x[FSW_TOOL] + x[FSW_TEMP_OFFSET], path[1]);
-    c->has_rate = 1;
+    c->has_corridor = 1;
   }
   for (int q = 0; q < 2; q++)
     for (int i = 0; i < c->model.n_out; i++) {
