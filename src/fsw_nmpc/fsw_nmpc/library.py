@@ -372,7 +372,8 @@ class Library:
     def go_on_from(self, other: Library) -> None:
         """Take over estimate and plan of a library with the same model and perhaps other blocks."""
         self.reset(other.state.applied[0], other.state.applied[1])
-        for name in ("estimator", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s", "bad_cycles"):
+        kept = ("estimator", "corridor", "rate", "has_corridor", "has_rate", "has_reference", "reference", "late_s")
+        for name in (*kept, "bad_cycles"):
             setattr(self.state, name, getattr(other.state, name))
         mine, its = self.state.plan, other.state.plan
         ctypes.pointer(mine)[0] = its
