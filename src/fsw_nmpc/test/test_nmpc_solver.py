@@ -150,7 +150,7 @@ def test_memory_is_one_static_struct(library):
 
 
 def test_the_papers_cost_is_solved_at_nearly_every_tick_of_a_noisy_weld():
-    """Dead-bands with L1 costs at rest leave pivots many decades apart; a tick that fails goes on with the last plan."""
+    """Dead-bands with L1 costs at rest leave pivots many decades apart; one that fails goes on with the last plan."""
     controller, model, rng = NmpcController({"preset": "paper"}), ProcessModel(P), np.random.default_rng(1)
     rest = model.equilibrium()
     state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
