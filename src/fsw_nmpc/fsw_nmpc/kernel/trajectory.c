@@ -181,11 +181,14 @@ static motion temperature_ahead(const fsw_controller *c) {
 
 /* The rate that an approach begins with: as it is, and the rate that the last approach had for this tick. Where one output
  * gives way to the other, the rate would fall behind a little at every tick; so it is made up for. */
-static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, double goal) {
+static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
+                      int n_targets) {
   motion next;
+  int k = 0;
+  while (k + 1 < n_targets && targets[k + 1].at_s <= begin_s + 1e-9) k++;
   if (c->has_rate) now->rate += KEPT[q] * (c->rate[q] - now->rate);
   next = *now;
-  advance(a, &next, goal, FSW_TICK_S);
+  advance(a, &next, targets[k].value, FSW_TICK_S);
   c->rate[q] = next.rate;
 }
 
@@ -198,14 +201,14 @@ static void approaches(fsw_controller *c, const fsw_input *in, double *depth, do
   authority(c, &to_depth, &to_temp);
   int n = targets_of(&to_depth, c, in, 0, targets);
   motion now = depth_now(c);
-  keep_rate(c, &to_depth, 0, &now, targets[0].value);
+  keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
   follow(&to_depth, now, 0.0, targets, n, m->time_s, 0, m->n_out, depth);
 
   motion ahead = temperature_ahead(c);
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
   n = targets_of(&to_temp, c, in, 1, targets);
-  keep_rate(c, &to_temp, 1, &ahead, targets[0].value);
+  keep_rate(c, &to_temp, 1, &ahead, m->dead_time_s, targets, n);
   c->has_rate = 1;
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
 }
