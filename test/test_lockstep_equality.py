@@ -15,7 +15,8 @@ from fsw_experiment.scenario_file import load
 CLOSED = """
 name: everything
 duration_s: 45.0
-controller: decentral
+controller: nmpc
+announced: true
 plant:
   seed: 11
   start: {depth_mm: 2.7, temperature_c: 812.4}
@@ -68,7 +69,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     assert recorded.problems == []
     assert recorded.attachments["scenario.yaml"] == text.encode()
     there = cut_to_scenario(recorded)
-    here = ClosedLoop(scenario, {} if scenario.open_loop else {"decentral": make("decentral")}).run()
+    here = ClosedLoop(scenario, {name: make(name) for name in scenario.controllers}).run()
 
     assert np.array_equal(there.stamp_ns, here.stamp_ns)
     for name in SIGNALS:
@@ -87,7 +88,7 @@ def test_the_paths_of_the_handles_are_not_trivial(tmp_path):
     """What the test above compares does move: else it could not fail."""
     path = tmp_path / "scenario.yaml"
     path.write_text(CLOSED)
-    signals = ClosedLoop(load(path), {"decentral": make("decentral")}).run()
+    signals = ClosedLoop(load(path), {"nmpc": make("nmpc")}).run()
     assert np.ptp(signals.force_kn) > 1.0
     assert np.ptp(signals.speed_rpm) > 10.0
     assert np.isnan(signals.torque_nm).sum() == 2

@@ -6,7 +6,7 @@ Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times c
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from fsw_control import weld
 
@@ -49,12 +49,28 @@ class Measurement:
         return tuple(name for name, valid in zip(SENSORS, flags, strict=True) if not valid)
 
 
+class Coming(NamedTuple):
+    """Set-points that are known beforehand, and when they begin, on the clock of ``Measurement.time_s``."""
+
+    at_s: float
+    depth_mm: float
+    temperature_c: float
+
+
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Set-points: shoulder depth and stir-zone temperature."""
+    """Set-points: shoulder depth and stir-zone temperature.
+
+    Attributes
+    ----------
+    depth_mm, temperature_c : float
+    coming : tuple of Coming
+        The next ones that are known, in order of time; for controllers that can look ahead.
+    """
 
     depth_mm: float
     temperature_c: float
+    coming: tuple[Coming, ...] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True, slots=True)

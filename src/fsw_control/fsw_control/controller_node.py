@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,11 @@ from fsw_control.message_synchronizer import MessageSynchronizer, Tick
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path
 from fsw_control.parameters_ros import ParameterValues
-from fsw_control.references import ReferenceQueue
+from fsw_control.references import ReferencePlan, ReferenceQueue
 from fsw_control.references_ros import StatedReference, subscribe_references
-from fsw_control.topics_ros import STREAM, subscribe_drives, subscribe_sensors
+from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
-from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand
+from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
 
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
@@ -59,6 +60,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(self._applied.latest)
         self._references = ReferenceQueue()
+        self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
@@ -94,6 +96,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._armed_s: float | None = None
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
         subscribe_references(self, self._references, self._on_bad_reference)
+        self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)
@@ -117,6 +120,12 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 
     def _on_bad_reference(self, what: str) -> None:
         self.get_logger().error(f"{what}; the last one stays")
+
+    def _on_plan(self, message: WeldReferencePlan) -> None:
+        try:
+            self._plan = ReferencePlan(convert.reference_plan(message))
+        except ValueError as error:
+            self._on_bad_reference(str(error))
 
     def _on_deadline(self) -> None:
         self._armed_s = None
@@ -154,6 +163,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
         reference = self._references.at(tick.stamp_ns)
+        if reference is not None and (coming := self._plan.after(tick.stamp_ns)):
+            reference = replace(reference, coming=coming)
         begin = time.perf_counter()
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin

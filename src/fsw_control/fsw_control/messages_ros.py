@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from math import isfinite
 
 from builtin_interfaces.msg import Time
@@ -20,6 +21,7 @@ from fsw_msgs.msg import (
     SpindleTorque,
     WeldCommand,
     WeldReference,
+    WeldReferencePlan,
 )
 
 NANOSECONDS = 1_000_000_000
@@ -109,6 +111,28 @@ def reference(message: WeldReference) -> Reference:
         if not isfinite(value) or value <= 0.0:
             raise ValueError(f"reference refused: {name} is {value!r}, must be finite and positive")
     return Reference(units.mm_from_m(message.depth), float(message.temperature))
+
+
+def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
+    """Set-points of a plan, each with the time in ns from which it will hold.
+
+    Raises
+    ------
+    ValueError
+        When a set-point is not finite or not positive, or the stamps do not rise.
+    """
+    planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
+    for (before_ns, _), (after_ns, _) in pairwise(planned):
+        if not before_ns < after_ns:
+            raise ValueError("plan of set-points refused: their stamps do not rise")
+    return planned
+
+
+def reference_plan_message(planned: Sequence[tuple[int, Reference]], time_ns: int) -> WeldReferencePlan:
+    """Plan made at ``time_ns`` of set-points, each with the time in ns from which it will hold."""
+    return WeldReferencePlan(
+        header=header(time_ns), references=[reference_message(one, begin_ns) for begin_ns, one in planned]
+    )
 
 
 def reference_message(value: Reference, time_ns: int) -> WeldReference:

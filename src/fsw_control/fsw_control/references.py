@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_right, insort
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from fsw_control.contract import Reference
+from fsw_control.contract import Coming, Reference
 
 NANOSECONDS = 1_000_000_000
+#: so many coming set-points are handed to a controller
+MOST_COMING = 8
 
 
 class _Issued(NamedTuple):
@@ -84,3 +87,22 @@ class ReferenceQueue:
                 del self._waiting[: index + 1]
                 break
         return self._current
+
+
+class ReferencePlan:
+    """Set-points that are known beforehand.
+
+    Parameters
+    ----------
+    planned : sequence of (int, Reference)
+        Time in ns from which each will hold, in order.
+    """
+
+    def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
+        self._stamps = [stamp_ns for stamp_ns, _ in planned]
+        self._coming = [Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c) for stamp_ns, one in planned]
+
+    def after(self, tick_ns: int) -> tuple[Coming, ...]:
+        """The next ones after a tick."""
+        first = bisect_right(self._stamps, tick_ns)
+        return tuple(self._coming[first : first + MOST_COMING])

@@ -114,3 +114,21 @@ def test_prediction_and_diagnostics():
     array = convert.diagnostics_message(7, "name", DiagnosticStatus.WARN, "text", {"a": 1})
     assert array.status[0].level == DiagnosticStatus.WARN
     assert [(pair.key, pair.value) for pair in array.status[0].values] == [("a", "1")]
+
+
+def test_a_plan_of_set_points_goes_there_and_back():
+    planned = [(10**9, Reference(2.7, 820.0)), (3 * 10**9, Reference(2.8, 816.4))]
+    back = convert.reference_plan(convert.reference_plan_message(planned, 5))
+    assert [stamp for stamp, _ in back] == [10**9, 3 * 10**9]
+    assert [one.depth_mm for _, one in back] == pytest.approx([2.7, 2.8])
+
+
+@pytest.mark.parametrize("wrong", ["falling", "nan"])
+def test_a_bad_plan_is_refused(wrong):
+    message = convert.reference_plan_message([(10**9, Reference(2.7, 820.0)), (2 * 10**9, Reference(2.8, 816.4))], 0)
+    if wrong == "falling":
+        message.references.reverse()
+    else:
+        message.references[1].depth = math.nan
+    with pytest.raises(ValueError, match="refused"):
+        convert.reference_plan(message)

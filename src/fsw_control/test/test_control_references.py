@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.contract import Reference
-from fsw_control.references import ReferenceQueue
+from fsw_control.contract import Coming, Reference
+from fsw_control.references import ReferencePlan, ReferenceQueue
 
 SECOND = 1_000_000_000
+TICK_NS = SECOND // 10
 REFERENCE, OTHER, THIRD = Reference(2.66, 816.4), Reference(2.86, 816.4), Reference(2.5, 806.4)
 
 
@@ -101,3 +102,11 @@ def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start
         late.add(*message)
     for k in range(start_s, 45):
         assert late.at(k * SECOND) == first.at(k * SECOND)
+
+
+def test_a_plan_tells_what_comes_and_no_more_than_a_controller_takes():
+    plan = ReferencePlan([(10 * k * TICK_NS, Reference(2.66 + 0.01 * k, 816.4)) for k in range(1, 20)])
+    assert [round(one.at_s) for one in plan.after(0)] == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert plan.after(10 * TICK_NS)[0] == Coming(2.0, 2.68, 816.4)
+    assert [round(one.at_s) for one in plan.after(185 * TICK_NS)] == [19]
+    assert plan.after(190 * TICK_NS) == () == ReferencePlan().after(0)

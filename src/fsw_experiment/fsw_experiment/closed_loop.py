@@ -15,6 +15,7 @@ from fsw_analysis.weld_signals import DriveSignals, ProposalSignals, StatusSigna
 from fsw_control import weld
 from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
+from fsw_control.references import ReferencePlan
 from fsw_control.validity import SensorGuard
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
@@ -117,11 +118,14 @@ class ClosedLoop:
         scenario, plant, limits, hosted = self.scenario, self.plant, self.limits, self._hosted
         changes, swaps = references(scenario, start_reference(scenario)), switches(scenario)
         reference = changes[0]
+        plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in changes.items()]) if scenario.announced else None
         guard = SensorGuard()
         applied = self._applied
         clock = time.perf_counter
         for tick in range(1, scenario.n_ticks + 1):
             reference = changes.get(tick, reference)
+            if plan is not None:
+                reference = replace(reference, coming=plan.after(tick * TICK_NS))
             self.selected = swaps.get(tick, self.selected)
             reading = plant.measure()
             stamp_ns = reading.stamp_ns

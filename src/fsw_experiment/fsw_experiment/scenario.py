@@ -92,6 +92,8 @@ class Scenario:
         In order of time.
     figures : tuple of int
         The paper's figures that it shows.
+    announced : bool
+        Whether controllers know the set-points beforehand.
     text : str
         The YAML it was read from, with all overrides applied.
     """
@@ -103,6 +105,7 @@ class Scenario:
     plant: dict[str, Any] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     figures: tuple[int, ...] = ()
+    announced: bool = False
     text: str = ""
 
     @property

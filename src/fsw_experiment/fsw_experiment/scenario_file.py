@@ -30,7 +30,7 @@ from fsw_plant.schedule import event_head, read_event
 #: figures of the paper that a scenario can show
 _FIGURES = range(4, 10)
 #: keys of a scenario file
-KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures")
+KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures", "announced")
 
 
 def shipped() -> list[str]:
@@ -94,6 +94,9 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     for figure in figures:
         if isinstance(figure, bool) or not isinstance(figure, int) or figure not in _FIGURES:
             raise at.inside("figures").error(f"{figure!r} is none of the paper's figures 4 to 9")
+    announced = content.get("announced", False)
+    if not isinstance(announced, bool):
+        raise at.inside("announced").error(f"is {announced!r}: must be true or false")
     return Scenario(
         name=at.word(content, "name"),
         description=str(content.get("description", "")),
@@ -102,6 +105,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         plant=_checked_plant(content.get("plant") or {}, at.inside("plant")),
         events=events,
         figures=figures,
+        announced=announced,
         text=text,
     )
 

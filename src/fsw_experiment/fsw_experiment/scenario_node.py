@@ -22,11 +22,11 @@ from std_msgs.msg import String
 from fsw_control import messages_ros as convert
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
-from fsw_control.topics_ros import LATCHED, STREAM
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_experiment.closed_loop import TICK_NS, start_reference
 from fsw_experiment.scenario_file import load
 from fsw_experiment.timeline import references, switches
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference, WeldReferencePlan
 
 #: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
 #: what the topic keeps.
@@ -69,6 +69,7 @@ class ScenarioNode(Node):
         self.finished = False
         self.failure = ""
         self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._listening = False
@@ -94,6 +95,8 @@ class ScenarioNode(Node):
         self._listening = True
         self._heard_s = time.monotonic()
         _, first = self._references.popleft()
+        if self._simulated:
+            self._announce()
         self._setpoints.publish(convert.reference_message(first, 0))
         if self._simulated:
             self._send_ahead()
@@ -111,6 +114,8 @@ class ScenarioNode(Node):
             self._first_ns = TICK_NS if self._simulated else stamp_ns
             self._began_s = time.monotonic()
             self._drop_extra_subscriptions()
+            if not self._simulated:
+                self._announce()
         self._heard_s = time.monotonic()
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         self._send_ahead()
@@ -123,13 +128,21 @@ class ScenarioNode(Node):
         if self._tick >= self._scenario.n_ticks:
             self._end("")
 
+    def _announce(self) -> None:
+        """Publish the plan of all set-points, where the scenario has one."""
+        if self._scenario.announced:
+            planned = [(self._time_ns(tick), reference) for tick, reference in self._references]
+            self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
+
+    def _time_ns(self, tick: int) -> int:
+        return tick * TICK_NS + (0 if self._first_ns is None else self._first_ns - TICK_NS)
+
     def _send_ahead(self) -> None:
         for _ in range(_AHEAD):
             if not self._references or self._references[0][0] > self._horizon():
                 return
             tick, reference = self._references.popleft()
-            origin_ns = 0 if self._first_ns is None else self._first_ns - TICK_NS
-            self._setpoints.publish(convert.reference_message(reference, origin_ns + tick * TICK_NS))
+            self._setpoints.publish(convert.reference_message(reference, self._time_ns(tick)))
 
     def _horizon(self) -> int:
         if not self._simulated:

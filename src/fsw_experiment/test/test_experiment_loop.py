@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from fsw_control.contract import Command, Limits, Proposal
+from fsw_control.contract import Coming, Command, Limits, Measurement, Proposal, Reference
 from fsw_decentral import DecentralController
 from fsw_experiment import scenario_file
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.controllers import make
 from fsw_experiment.scenario import ScenarioError
+from fsw_model import ProcessModel
 
 
 def run(name, controllers=None, overrides=()):
@@ -111,3 +112,57 @@ def test_progress_goes_from_nothing_to_all():
     ClosedLoop(scenario_file.load("quick"), {"decentral": make("decentral")}).run(shares.append)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
+
+
+def announced_steps(noise=False):
+    text = """
+        {name: announced, duration_s: 100.0, controller: nmpc, announced: true, events: [
+          {at_s: 20.0, reference: {depth_mm: 2.86}}, {at_s: 60.0, reference: {temperature_c: 826.4}}]}"""
+    return [f"plant.noise={str(noise).lower()}"], text
+
+
+def test_announced_set_points_are_prepared_for():
+    overrides, text = announced_steps()
+
+    def errors(extra):
+        scenario = scenario_file.parse(text, "announced", [*overrides, *extra])
+        signals = ClosedLoop(scenario, {"nmpc": make("nmpc")}).run()
+        depth = np.abs(signals.truth.depth_mm - signals.reference_depth_mm).sum()
+        return depth, np.abs(signals.truth.temperature_c - signals.reference_temperature_c).sum()
+
+    ahead, behind = errors([]), errors(["announced=false"])
+    assert ahead[0] < 0.5 * behind[0]
+    assert ahead[1] < 0.5 * behind[1]
+
+
+def test_announcement_that_is_withdrawn_or_unused_is_no_bump():
+    """A plan appears, is changed and taken back while the weld rests; the moves stay those of an approach."""
+    controller, limits = make("nmpc"), Limits()
+    applied = Command(78.4, 407.576)
+    controller.reset(applied)
+    model = ProcessModel()
+    state, moves, depths = model.equilibrium().state.copy(), [], []
+    plans = {10: (Coming(6.0, 2.9, 816.4),), 30: (Coming(9.0, 2.4, 830.0),), 50: ()}
+    coming = ()
+    for k in range(300):
+        coming = plans.get(k, coming)
+        shown = model.outputs(state, applied.force_kn, applied.speed_rpm)
+        measurement = Measurement(0.1 * k, shown.depth_mm, shown.motor_torque_nm, shown.temperature_c)
+        proposal = controller.step(measurement, Reference(2.66, 816.4, coming), applied, 0.1)
+        assert proposal.healthy
+        moves.append(abs(proposal.command.force_kn - applied.force_kn))
+        applied = limits.clip(proposal.command, applied)
+        model.step(state, applied.force_kn, applied.speed_rpm)
+        depths.append(shown.depth_mm)
+    assert max(moves) <= limits.force_step_kn + 1e-9
+    assert depths[-1] == pytest.approx(2.66, abs=1e-3)
+    assert max(abs(depth - 2.66) for depth in depths) < 0.15
+
+
+def test_decentralized_controller_ignores_announcements():
+    overrides, text = announced_steps()
+    runs = []
+    for extra in ("announced=true", "announced=false"):
+        scenario = scenario_file.parse(text, "announced", [*overrides, "controller=decentral", extra])
+        runs.append(ClosedLoop(scenario, {"decentral": make("decentral")}).run())
+    assert np.array_equal(runs[0].force_kn, runs[1].force_kn)

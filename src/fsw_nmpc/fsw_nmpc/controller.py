@@ -13,7 +13,7 @@ from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Referen
 from fsw_control.parameters import defaults, load
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import DISTURBANCES, FATES, Fate, Library, ProblemStruct, Reason, Vector
+from fsw_nmpc.library import DISTURBANCES, FATES, MAX_CHANGES, Fate, Library, ProblemStruct, Reason, Vector
 from fsw_nmpc.settings import Settings
 
 _BLIND = ((1, "depth"), (2, "torque"), (4, "thermocouple"))
@@ -142,6 +142,10 @@ class NmpcController:
         given.applied_force_kn, given.applied_speed_rpm = applied.force_kn, applied.speed_rpm
         given.reference_depth_mm, given.reference_temperature_c = reference.depth_mm, reference.temperature_c
         given.dt_s = dt_s
+        coming = reference.coming if self.settings.preview else ()
+        given.n_changes = min(len(coming), MAX_CHANGES)
+        for change, one in zip(given.change, coming, strict=False):
+            change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
         if self.solver is None:
             library.step()
         elif library.begin():

@@ -24,6 +24,7 @@ class Settings:
     max_iterations: int
     plan_reuse: int
     blind_limit_s: float
+    preview: bool
 
     def struct(self) -> TuningStruct:
         """What the library takes of them."""
@@ -62,4 +63,5 @@ class Settings:
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
             blind_limit_s=v["blind_limit"],
+            preview=v["preview"],
         )
