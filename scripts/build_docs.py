@@ -146,6 +146,7 @@ def scenarios() -> str:
         "plant": "parameters of the plant that differ from their defaults ([`plant.yaml`](parameters.md))",
         "events": "a list in order of time; each entry has `at_s` and one of the events below",
         "figures": "figures of the paper that the scenario shows, 4 to 9",
+        "announced": "whether controllers know the set-points beforehand, by `/fsw/reference_plan` (default false)",
     }
     missing = set(scenario_file.KEYS) ^ set(top)
     if missing:
