@@ -32,6 +32,8 @@ class TestStandby(unittest.TestCase):
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
             commands = eye.listen(WeldCommand, "fsw/command")
             depths = eye.listen(ShoulderDepth, "fsw/depth")
+            eye.until(lambda: bool(commands) and commands[-1].source == "decentral", "the controller's command")
+            commands.clear()  # a hold before the controller is ready
             eye.until(lambda: len(commands) > TICKS, f"{TICKS} commands")
             eye.until(lambda: {"fsw_supervisor", "fsw_supervisor_standby"} <= set(eye.node.get_node_names()), "both")
             first = states[-1].header.frame_id

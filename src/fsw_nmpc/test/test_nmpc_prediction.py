@@ -92,6 +92,10 @@ def test_horizons_that_do_not_fit_are_refused():
         horizon_of(P.with_values(dead_time_s=0.5), 20)
 
 
+@pytest.mark.skipif(
+    f"CasADi {ca.__version__}." not in kernel_codegen.SOURCE.read_text(encoding="utf-8"),
+    reason="another version of CasADi writes the same function in other words",
+)
 def test_generated_torque_is_up_to_date():
     """The C file is what the equations give now (the first lines name CasADi's version)."""
 

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 
 from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_reader import BagReader, BagRecord
+from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
 
 RECORDER = "fsw_recorder.recorder_node"
@@ -230,7 +231,14 @@ def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path:
     second = start_recorder(graph, bag, "number_if_taken:=true")
     numbers = count(100)  # the killed one counts as a subscriber until its lease ends
     timer = graph.node.create_timer(0.01, lambda: depth.publish(ShoulderDepth(depth=float(next(numbers)))))
-    graph.until(lambda: sibling.exists() and len(depths_of(sibling)) >= 50)
+
+    def has_begun() -> bool:
+        try:
+            return len(depths_of(sibling)) >= 50
+        except BagError:  # no file yet, or an empty one
+            return False
+
+    graph.until(has_begun)
     graph.node.destroy_timer(timer)
     code, output = graph.end(second, signal.SIGINT)
     assert code == 0 and "weld exists already" in output and "weld_1" in output
