@@ -74,16 +74,16 @@ def record(name: str, target: Path) -> None:
 
 
 def end_of_scenario(bag: Path, duration_s: float) -> int:
-    """Receive time of the first message of the tick after the scenario."""
-    from fsw_recorder.bag_reader import FOREVER_NS, BagReader
+    """Time after which no message of the scenario's ticks was received: topics overtake each other."""
+    from fsw_recorder.bag_reader import BagReader
     from fsw_recorder.stamps import is_ticking, stamp_ns
 
-    last_ns = round((duration_s + 0.05) * 1e9)
+    last_ns, end_ns = round((duration_s + 0.05) * 1e9), 0
     with BagReader(bag) as reader:
         for record in reader.records():
-            if is_ticking(record.topic) and (stamp_ns(record.data) or 0) > last_ns:
-                return record.log_time_ns
-    return FOREVER_NS
+            if is_ticking(record.topic) and (stamp_ns(record.data) or 0) <= last_ns:
+                end_ns = record.log_time_ns + 1
+    return end_ns
 
 
 def main() -> int:

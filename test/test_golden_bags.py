@@ -24,8 +24,6 @@ CONTROLLERS = [(name, one) for name in CLOSED_LOOP for one in recorded_controlle
 #: equal bit by bit on the machine of the recording; elsewhere the last digits of exp() and the like may differ, and
 #: another compiler may order the sums of the kernel differently
 TOLERANCE_KN_RPM = {"decentral": 1e-9, "nmpc": 1e-6}
-#: the fallback solves the same problem by another method, to the same tolerance
-FALLBACK_TOLERANCE_KN_RPM = 1e-6
 
 
 def numbers(value: Any, path: str = "") -> dict[str, float]:
@@ -80,11 +78,6 @@ def test_controllers_propose_what_they_proposed(name: str, controller: str) -> N
     result = replay(name, controller)
     assert result.notes == [] and result.ticks >= 2400
     assert largest(result) <= TOLERANCE_KN_RPM[controller], "\n".join(result.lines())
-
-
-def test_fallback_solver_proposes_the_same() -> None:
-    result = replay("reference_tracking", "nmpc", solver="casadi")
-    assert largest(result) <= FALLBACK_TOLERANCE_KN_RPM, "\n".join(result.lines())
 
 
 def test_another_tuning_is_told_apart() -> None:
