@@ -13,9 +13,9 @@ import sys
 import time
 from pathlib import Path
 
-if __name__ == "__main__":
-    from _bootstrap import ensure
+from _bootstrap import WORKSPACE, ensure
 
+if __name__ == "__main__":
     ensure()
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,13 +24,26 @@ from fsw_experiment.comparison import figures, report, study
 from fsw_experiment.comparison.cases import SWEEP
 
 
+def publish(table: list[str]) -> None:
+    """Put the table between its marks in the README."""
+    readme = WORKSPACE / "README.md"
+    before, _, rest = readme.read_text(encoding="utf-8").partition("<!-- results -->\n")
+    _, end, after = rest.partition("<!-- results: end -->")
+    readme.write_text("\n".join([f"{before}<!-- results -->", *table[:-1], f"{end}{after}"]), encoding="utf-8")
+
+
 def main() -> int:
     """Run the script; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
     parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
+    parser.add_argument("--publish", action="store_true", help="into docs/results, and the table in the README")
     arguments = parser.parse_args()
+    if arguments.publish and arguments.quick:
+        parser.error("--publish needs the whole comparison, without --quick")
+    if arguments.publish:
+        arguments.out = WORKSPACE / "docs" / "results"
     if arguments.plants < 1:
         parser.error(f"--plants is {arguments.plants}: must be at least 1")
     out: Path = arguments.out
@@ -57,6 +70,8 @@ def main() -> int:
         data["wins"] = study.wins(progress)
         data["random"] = study.random_plants(progress, arguments.plants)
         figures.random_plants(data["random"], out / "random_plants.png")
+        if arguments.publish:
+            publish(report.summary(data["nominal"], data["bounds"]))
     (out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     (out / "README.md").write_text(report.page(data), encoding="utf-8")
     print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")

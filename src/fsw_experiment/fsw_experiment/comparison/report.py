@@ -58,6 +58,21 @@ def events(nominal: Mapping[str, Any], bounds: Mapping[str, Any], kind: str = "c
     return [*lines, *_table(["peak of the other output", *_EVENTS], crossed)]
 
 
+def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
+    """The README's table: each event's own error, and what depth steps do to the temperature."""
+    depth, temperature = ("z up", "z down", "dz"), ("T up", "T down", "dT")
+    rows = []
+    for label in CONTROLLERS:
+        found = nominal[label]["clean"]["events"]
+        peak = max(found[e]["peak_temperature_error_c"] for e in depth)
+        own = [*(found[e][_own(e)] for e in depth), *(found[e][_own(e)] for e in temperature)]
+        rows.append([f"`{label}`", *(f"{value:.3g}" for value in own), f"{peak:.2f}"])
+    best = [f"{bounds[e]['alone']:.3g}" for e in (*depth, *temperature)]
+    rows.append(["no controller can be below", *best, ""])
+    header = ["IAE", "+0.2 mm", "−0.2 mm", "disturbance +0.1 mm", "+10 °C", "−10 °C", "disturbance −5 °C"]
+    return _table([*header, "peak °C in depth events"], rows)
+
+
 def totals(nominal: Mapping[str, Any]) -> list[str]:
     """Whole cases, without noise, and movement at rest with noise."""
     header = ["", "tracking z / T", "disturbances z / T", "noisy tracking z / T", "noisy disturbances z / T"]
