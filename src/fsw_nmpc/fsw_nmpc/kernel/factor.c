@@ -4,6 +4,9 @@
 #include "internal.h"
 
 #define BLOCK 4
+/* Near the solution pivots differ by so many decades that rounding would leave pivots of noise, and directions that no
+ * longer lower the stationarity residual. */
+#define ABOVE_ROUNDING 2e-15
 
 /* From `begin` on, the first row in use that depends on variable j; widths do not fall before `end`. */
 static int first_wider(const fsw_workspace *w, int begin, int end, int j) {
@@ -54,6 +57,7 @@ static void assemble(fsw_workspace *w) {
     k[j] += w->diagonal[j] + w->hard.pivot[j] + w->hard.pivot[nv + j];
   }
   for (int k = 0; k < w->n_moves; k++) w->scratch.matrices.factor[w->move[k]][w->move[k]] += w->soft.pivot[2 * w->n_soft_rows + k];
+  for (int j = 0; j < nv; j++) w->scratch.matrices.factor[j][j] *= 1.0 + ABOVE_ROUNDING;
 }
 
 /* Upper Cholesky factor in place, BLOCK rows at a time; also 1 / diagonal. What the rows above take is subtracted term by
