@@ -149,8 +149,8 @@ def test_memory_is_one_static_struct(library):
     assert library.bytes < 512 * 1024
 
 
-def test_the_papers_cost_is_solved_at_nearly_every_tick_of_a_noisy_weld():
-    """Dead-bands with L1 costs at rest leave pivots many decades apart; one that fails goes on with the last plan."""
+def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
+    """Dead-bands with L1 costs at rest leave pivots many decades apart."""
     controller, model, rng = NmpcController({"preset": "paper"}), ProcessModel(P), np.random.default_rng(1)
     rest = model.equilibrium()
     state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
@@ -169,4 +169,4 @@ def test_the_papers_cost_is_solved_at_nearly_every_tick_of_a_noisy_weld():
         assert proposal.healthy
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)
-    assert controller.library.output.bad_cycles <= 4
+    assert controller.library.output.bad_cycles == 0
