@@ -34,7 +34,7 @@ _SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."
 _MOST_SWAPS = 20
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
 _WIDTH, _PANEL, _TITLE, _LEGEND_ROW = 9.0, 2.25, 0.6, 0.3
-_LEGEND_COLUMNS = 5
+_LEGEND_COLUMNS = 4
 #: share of the data's span that is left free above and below
 _MARGIN = 0.07
 #: a limit is drawn when it is nearer to the data than this share of their span
@@ -208,9 +208,10 @@ def _finish(figure: Figure, axes: Sequence[Axes], path: Path) -> None:
         named |= {label: line for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
     if named:
         # matplotlib before 3.7 cannot place a legend outside by itself
-        below = _LEGEND_ROW * -(-len(named) // _LEGEND_COLUMNS) / figure.get_figheight()
+        rows = -(-len(named) // _LEGEND_COLUMNS)
+        below = _LEGEND_ROW * rows / figure.get_figheight()
         figure.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
-        columns = min(len(named), _LEGEND_COLUMNS)
+        columns = -(-len(named) // rows)
         figure.legend(named.values(), named.keys(), loc="lower center", ncols=columns, frameon=False)
     figure.savefig(path, format="png")
 
