@@ -69,7 +69,15 @@ def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
         rows.append([f"`{label}`", *(f"{value:.3g}" for value in own), f"{peak:.2f}"])
     best = [f"{bounds[e]['alone']:.3g}" for e in (*depth, *temperature)]
     rows.append(["no controller can be below", *best, ""])
-    header = ["IAE [mm s], [°C s]", "+0.2 mm", "−0.2 mm", "disturbance +0.1 mm", "+10 °C", "−10 °C", "disturbance −5 °C"]
+    header = [
+        "IAE [mm s], [°C s]",
+        "+0.2 mm",
+        "−0.2 mm",
+        "disturbance +0.1 mm",
+        "+10 °C",
+        "−10 °C",
+        "disturbance −5 °C",
+    ]
     return _table([*header, "peak °C in depth events"], rows)
 
 
