@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -174,10 +174,7 @@ def _replay(recorded: _Recorded, controller: Controller, settings: dict[str, Any
         last_ns = stamp_ns
         samples = recorded.samples
         values = {sensor: samples[sensor][stamp_ns] for sensor in SENSORS if stamp_ns in samples[sensor]}
-        measurement = guard.measure(stamp_ns * 1e-9, values)
-        if stamp_ns in recorded.drives:
-            drives = recorded.drives[stamp_ns]
-            measurement = replace(measurement, force_kn=drives.force_kn, speed_rpm=drives.speed_rpm)
+        measurement = guard.measure(stamp_ns * 1e-9, values, recorded.drives.get(stamp_ns))
         proposal = answer(controller, measurement, reference, applied, dt_s)
         difference = _compare(recorded.columns, tick, proposal)
         if difference is not None:

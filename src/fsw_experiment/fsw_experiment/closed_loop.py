@@ -140,9 +140,7 @@ class ClosedLoop:
                         values[sensor] = sample.value
                         break
             drives = reading.drives
-            measurement = replace(
-                guard.measure(stamp_ns * 1e-9, values), force_kn=drives.force_kn, speed_rpm=drives.speed_rpm
-            )
+            measurement = guard.measure(stamp_ns * 1e-9, values, drives)
             command, source, healthy = applied, "hold", False
             for name, host in hosted.items():
                 began = clock()

@@ -15,15 +15,8 @@ from fsw_analysis.figures import COLOURS, STYLE, Run, draw
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, scenario
 from fsw_experiment.comparison.runs import Job, weld
-from fsw_experiment.comparison.study import JUDGED, ratios
+from fsw_experiment.comparison.study import JUDGED, JUDGED_TITLES, ratios
 from fsw_nmpc import NmpcController
-
-_SHORT = {
-    "tracking iae_depth_mm_s": "set-points, depth",
-    "tracking iae_temperature_c_s": "set-points, temperature",
-    "disturbances iae_depth_mm_s": "disturbances, depth",
-    "disturbances iae_temperature_c_s": "disturbances, temperature",
-}
 
 
 def papers(folder: Path) -> list[Path]:
@@ -87,7 +80,7 @@ def sweep(data: Mapping[str, Any], path: Path) -> None:
             for (row, column), value in np.ndenumerate(table):
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
             axis.set_title(f"{label}: IAE over decentral:conservative", fontsize=10.0)
-            axis.set_xticks(range(len(JUDGED)), [_SHORT[f"{c} {k}"].replace(", ", "\n") for c, k in JUDGED])
+            axis.set_xticks(range(len(JUDGED)), [JUDGED_TITLES[f"{c} {k}"].replace(", ", "\n") for c, k in JUDGED])
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])
@@ -100,7 +93,7 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
         canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
         axis = canvas.subplots()
         for colour, (key, values) in zip(COLOURS, ratios(data, DECENTRALIZED).items(), strict=False):
-            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=_SHORT[key])
+            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED_TITLES[key])
         axis.axvline(1.0, color="black", linewidth=0.8)
         axis.set(
             xlabel="IAE, default NMPC over the better PI tuning",

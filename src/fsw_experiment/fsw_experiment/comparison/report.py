@@ -8,15 +8,9 @@ from typing import Any
 
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT
 from fsw_experiment.comparison.runs import KPIS, VARIATIONS
-from fsw_experiment.comparison.study import JUDGED, conservative_ratios, quantiles, ratios
+from fsw_experiment.comparison.study import JUDGED, JUDGED_TITLES, conservative_ratios, quantiles, ratios
 
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
-_TITLES = {
-    "tracking iae_depth_mm_s": "set-points, depth",
-    "tracking iae_temperature_c_s": "set-points, temperature",
-    "disturbances iae_depth_mm_s": "disturbances, depth",
-    "disturbances iae_temperature_c_s": "disturbances, temperature",
-}
 _MOST_LOSSES = 60
 _BOUNDS = (
     "The clairvoyant optimum knows the process, the event and all that follows; every move is free within the drives'",
@@ -110,7 +104,7 @@ def sweep(data: Mapping[str, Any]) -> list[str]:
             cells.append(" / ".join(f"{value:.3g}" for value in values))
         cells.append(", ".join(label for label, run in runs.items() if run["swings"]) or "–")
         rows.append(cells)
-    header = ["plant", *(_TITLES[f"{case} {key}"] for case, key in JUDGED), "still swings at the end"]
+    header = ["plant", *(JUDGED_TITLES[f"{case} {key}"] for case, key in JUDGED), "still swings at the end"]
     return [*_table(header, rows), *skipped, *([""] if skipped else [])]
 
 
@@ -121,7 +115,7 @@ def worse_than_conservative(data: Mapping[str, Any]) -> list[str]:
         if any("error" in run for run in runs.values()):
             continue
         worse = {key: ratio for key, ratio in conservative_ratios(runs).items() if ratio > 1.0}
-        lines += [f"- {name}: {_TITLES[key]}, {ratio:.2f} times" for key, ratio in worse.items()]
+        lines += [f"- {name}: {JUDGED_TITLES[key]}, {ratio:.2f} times" for key, ratio in worse.items()]
     return [*(lines or ["Nowhere."]), ""]
 
 
@@ -140,7 +134,7 @@ def random_plants(data: Mapping[str, Any]) -> list[str]:
     for key, values in ratios(data, DECENTRALIZED).items():
         q = quantiles(values)
         cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]
-        rows.append([_TITLES[key], *cells])
+        rows.append([JUDGED_TITLES[key], *cells])
     swings = {
         label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in (*DECENTRALIZED, DEFAULT)
     }
@@ -166,7 +160,7 @@ def wins(data: Mapping[str, Any]) -> list[str]:
 
 def page(data: Mapping[str, Any]) -> str:
     """All results as markdown."""
-    kpis = ", ".join(title for _, title, _ in KPIS)
+    kpis = ", ".join(title for _, title in KPIS)
     parts = [
         "# Controllers compared",
         "",

@@ -19,19 +19,19 @@ from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import scenario
 from fsw_experiment.controllers import make
 
-#: Key in ``fsw_analysis.kpi``, name and factor to the unit in it.
+#: Key in ``fsw_analysis.kpi``, and its title.
 KPIS = (
-    ("iae_depth_mm_s", "IAE depth [mm s]", 1.0),
-    ("iae_temperature_c_s", "IAE temperature [°C s]", 1.0),
-    ("ise_depth_mm2_s", "ISE depth [mm² s]", 1.0),
-    ("ise_temperature_c2_s", "ISE temperature [°C² s]", 1.0),
-    ("peak_temperature_in_depth_step_up_c", "peak T, depth step up [°C]", 1.0),
-    ("peak_temperature_in_depth_step_down_c", "peak T, depth step down [°C]", 1.0),
-    ("peak_depth_in_temperature_step_mm", "peak z, temperature step [µm]", 1e3),
-    ("peak_temperature_after_depth_disturbance_c", "peak T, depth disturbance [°C]", 1.0),
-    ("peak_depth_after_temperature_disturbance_mm", "peak z, temperature disturbance [µm]", 1e3),
-    ("total_variation_force_kn", "total variation force [kN]", 1.0),
-    ("total_variation_speed_rpm", "total variation speed [rpm]", 1.0),
+    ("iae_depth_mm_s", "IAE depth [mm s]"),
+    ("iae_temperature_c_s", "IAE temperature [°C s]"),
+    ("ise_depth_mm2_s", "ISE depth [mm² s]"),
+    ("ise_temperature_c2_s", "ISE temperature [°C² s]"),
+    ("peak_temperature_in_depth_step_up_c", "peak T, depth step up [°C]"),
+    ("peak_temperature_in_depth_step_down_c", "peak T, depth step down [°C]"),
+    ("peak_depth_in_temperature_step_mm", "peak z, temperature step [µm]"),
+    ("peak_temperature_after_depth_disturbance_c", "peak T, depth disturbance [°C]"),
+    ("peak_depth_after_temperature_disturbance_mm", "peak z, temperature disturbance [µm]"),
+    ("total_variation_force_kn", "total variation force [kN]"),
+    ("total_variation_speed_rpm", "total variation speed [rpm]"),
 )
 VARIATIONS = ("total_variation_force_kn", "total_variation_speed_rpm")
 #: An output still swings when, over the last `_LAST` ticks, it moves by more than this.

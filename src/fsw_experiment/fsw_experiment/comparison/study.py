@@ -38,6 +38,12 @@ JUDGED = (
     ("disturbances", "iae_depth_mm_s"),
     ("disturbances", "iae_temperature_c_s"),
 )
+JUDGED_TITLES = {
+    "tracking iae_depth_mm_s": "set-points, depth",
+    "tracking iae_temperature_c_s": "set-points, temperature",
+    "disturbances iae_depth_mm_s": "disturbances, depth",
+    "disturbances iae_temperature_c_s": "disturbances, temperature",
+}
 #: Weight of 1 mm in °C for the joint optimum.
 _JOINT = 100.0
 _LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
@@ -67,7 +73,7 @@ def nominal(progress: Progress) -> dict[str, Any]:
             data[label][name] = {
                 "events": per_event(found),
                 **{
-                    case: {key: found[case][key] for key, _, _ in KPIS if found[case].get(key) is not None}
+                    case: {key: found[case][key] for key, _ in KPIS if found[case].get(key) is not None}
                     for case in found
                 },
             }
@@ -75,7 +81,7 @@ def nominal(progress: Progress) -> dict[str, Any]:
 
 
 def _known(run: Figures) -> Figures:
-    return {key: run[key] for key, _, _ in KPIS if run.get(key) is not None}
+    return {key: run[key] for key, _ in KPIS if run.get(key) is not None}
 
 
 def bounds(progress: Progress) -> dict[str, Any]:
@@ -197,7 +203,7 @@ def wins(progress: Progress) -> dict[str, Any]:
         if any("error" in run for run in runs.values()):
             continue
         part = "tuning" if case in TUNING_CASES else "validation"
-        for key, title, _ in KPIS:
+        for key, title in KPIS:
             if runs[DEFAULT].get(key) is None:
                 continue
             rivals = (TIGHT,) if key in VARIATIONS else DECENTRALIZED
