@@ -64,6 +64,12 @@ static int is_at_rest(const approach *a, const motion *now, double goal) {
   return fabs(now->steered - goal) < size && fabs(now->output - goal) < size && fabs(now->rate) * a->slow_s < size;
 }
 
+/* The target in force at a time, sought from the k-th on. */
+static int target_at(const target *targets, int n_targets, int k, double now_s) {
+  while (k + 1 < n_targets && targets[k + 1].at_s <= now_s + 1e-9) k++;
+  return k;
+}
+
 /* Output at the points time_s[first ... n), from `begin_s` on. */
 static void follow(const approach *a, motion now, double begin_s, const target *targets, int n_targets,
                    const double *time_s, int first, int n, double *path) {
@@ -72,7 +78,7 @@ static void follow(const approach *a, motion now, double begin_s, const target *
   for (int i = first; i < n; i++) {
     while (now_s < time_s[i] - 1e-9) {
       const double left_s = time_s[i] - now_s, dt_s = left_s < FSW_TICK_S ? left_s : FSW_TICK_S;
-      while (k + 1 < n_targets && targets[k + 1].at_s <= now_s + 1e-9) k++;
+      k = target_at(targets, n_targets, k, now_s);
       if (is_at_rest(a, &now, targets[k].value)) {
         now.steered = now.output = targets[k].value;
         now.rate = 0.0;
@@ -184,11 +190,9 @@ static motion temperature_ahead(const fsw_controller *c) {
 static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
                       int n_targets) {
   motion next;
-  int k = 0;
-  while (k + 1 < n_targets && targets[k + 1].at_s <= begin_s + 1e-9) k++;
   if (c->has_rate) now->rate += KEPT[q] * (c->rate[q] - now->rate);
   next = *now;
-  advance(a, &next, targets[k].value, FSW_TICK_S);
+  advance(a, &next, targets[target_at(targets, n_targets, 0, begin_s)].value, FSW_TICK_S);
   c->rate[q] = next.rate;
 }
 
