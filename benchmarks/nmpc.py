@@ -36,7 +36,8 @@ from _bootstrap import ensure
 if TYPE_CHECKING:
     from fsw_control import Reference
     from fsw_nmpc.controller import NmpcController
-    from fsw_nmpc.library import ProblemStruct, Vector
+    from fsw_nmpc.kernel_structs import ProblemStruct
+    from fsw_nmpc.library import Vector
 
 Figures = dict[str, float | int | None]
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
@@ -174,7 +175,7 @@ def step_times(quick: bool) -> Figures:
 
 def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[ProblemStruct, Vector]]:
     """Problems as they come after the set-points' steps, each with the last plan's moves."""
-    from fsw_nmpc.library import ProblemStruct
+    from fsw_nmpc.kernel_structs import ProblemStruct
 
     found: list[tuple[ProblemStruct, Vector]] = []
     wanted = {round(10 * (at_s + later_s)) for at_s, _, _ in EVENTS for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)}

@@ -19,7 +19,8 @@ import numpy as np
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.library import Fate, Library, ProblemStruct, TuningStruct, Vector
+from fsw_nmpc.kernel_structs import ProblemStruct, TuningStruct
+from fsw_nmpc.library import Fate, Library, Vector
 from fsw_nmpc.prediction import start_vector
 from fsw_nmpc.reference import ReferenceSolver
 

@@ -13,7 +13,8 @@ from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Referen
 from fsw_control.parameters import defaults, load
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.library import DISTURBANCES, FATES, MAX_CHANGES, Fate, Library, ProblemStruct, Reason, Vector
+from fsw_nmpc.kernel_structs import MAX_CHANGES, ProblemStruct
+from fsw_nmpc.library import DISTURBANCES, FATES, Fate, Library, Reason, Vector
 from fsw_nmpc.settings import Settings
 
 _BLIND = ((1, "depth"), (2, "torque"), (4, "thermocouple"))

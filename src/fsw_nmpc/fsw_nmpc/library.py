@@ -1,9 +1,9 @@
-"""ctypes binding of the controller library (``kernel/fsw_controller.h``): its structs, and the model as tables."""
+"""ctypes binding of the controller library (``kernel/fsw_controller.h``), and the model as its tables."""
 
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_double, c_int
+from ctypes import c_double
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,18 @@ from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes
 from fsw_nmpc.horizon import Horizon, make_horizon
 from fsw_nmpc.kernel_codegen import TORQUE_PARAMETERS
+from fsw_nmpc.kernel_structs import (
+    ControllerHead,
+    Input,
+    Model,
+    Output,
+    ProblemStruct,
+    Start,
+    TuningStruct,
+)
 
 Vector = NDArray[np.float64]
-MAX_OUT, MAX_HISTORY, MAX_CHANGES, LATEST, N_STATES = 54, 100, 8, 20, 10
 DISTURBANCES = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c")
-_double_p, _int_p = ctypes.POINTER(c_double), ctypes.POINTER(c_int)
-_two = c_double * 2
 
 
 class Fate(IntEnum):
@@ -54,208 +60,6 @@ class Reason(IntEnum):
     WAITING_FOR_REFERENCE = 2
     SOLVER_FAILED = 3
     BLIND = 4
-
-
-class Model(ctypes.Structure):
-    """``fsw_model``."""
-
-    _fields_ = [
-        ("n_steps", c_int),
-        ("n_out", c_int),
-        ("n_blocks", c_int),
-        ("n_history", c_int),
-        ("n_weights", c_int),
-        ("step_interval", _int_p),
-        ("interval_block", _int_p),
-        ("interval_ticks", _double_p),
-        ("block_reach", _double_p),
-        ("out_step", _int_p),
-        ("depth_width", _int_p),
-        ("temp_width", _int_p),
-        ("time_s", _double_p),
-        ("modes", _double_p),
-        ("weight_start", _int_p),
-        ("weight_segment", _int_p),
-        ("weight", _double_p),
-        ("ahead_power", _double_p),
-        ("ahead_mode", c_double * 10),
-        ("torque_par", _double_p),
-        ("friction", c_double * 3),
-        ("depth_gain", _two),
-        ("slow_pole", c_double),
-        ("fast_gain", c_double),
-        ("softening_per_c", c_double),
-        ("thermal_gain_c_per_kw", c_double),
-        ("copper_lag_s", c_double),
-        ("tool_lag_s", c_double),
-        ("dead_time_s", c_double),
-        ("inertia_nm_s_per_rpm", c_double),
-        ("operating_force_kn", c_double),
-        ("operating_depth_mm", c_double),
-        ("operating_temperature_c", c_double),
-        ("operating_power_kw", c_double),
-    ]
-
-
-class TuningStruct(ctypes.Structure):
-    """``fsw_tuning``."""
-
-    _fields_ = [
-        ("trajectory", c_int),
-        ("max_iterations", c_int),
-        ("plan_reuse", c_int),
-        ("time_s", _two),
-        ("corridor_decay", _two),
-        ("dead_band", _two),
-        ("weight", _two),
-        ("square", _two),
-        ("move_weight", _two),
-        ("move_square", _two),
-        ("move_max", _two),
-        ("input_min", _two),
-        ("input_max", _two),
-        ("tolerance", c_double),
-        ("noise", c_double * 3),
-        ("walk", c_double * N_STATES),
-        ("offset_keep", c_double),
-        ("jump_sigmas", c_double),
-        ("blind_limit_s", c_double),
-    ]
-
-
-class Change(ctypes.Structure):
-    """``fsw_change``."""
-
-    _fields_ = [("at_s", c_double), ("depth_mm", c_double), ("temperature_c", c_double)]
-
-
-class Input(ctypes.Structure):
-    """``fsw_input``."""
-
-    _fields_ = [
-        ("depth_mm", c_double),
-        ("torque_nm", c_double),
-        ("temperature_c", c_double),
-        ("depth_fresh", c_int),
-        ("torque_fresh", c_int),
-        ("temperature_fresh", c_int),
-        ("force_kn", c_double),
-        ("speed_rpm", c_double),
-        ("applied_force_kn", c_double),
-        ("applied_speed_rpm", c_double),
-        ("reference_depth_mm", c_double),
-        ("reference_temperature_c", c_double),
-        ("dt_s", c_double),
-        ("n_changes", c_int),
-        ("change", Change * MAX_CHANGES),
-    ]
-
-
-class Output(ctypes.Structure):
-    """``fsw_output``."""
-
-    _fields_ = [
-        ("force_kn", c_double),
-        ("speed_rpm", c_double),
-        ("healthy", c_int),
-        ("reason", c_int),
-        ("blind", c_int),
-        ("fate", c_int),
-        ("iterations", c_int),
-        ("bad_cycles", c_int),
-        ("bad_in_a_row", c_int),
-        ("gap", c_double),
-        ("primal_residual", c_double),
-        ("dual_residual", c_double),
-        ("cost", c_double),
-        ("depth_mm", c_double),
-        ("temperature_c", c_double),
-        ("torque_nm", c_double),
-        ("disturbance", c_double * 5),
-        ("deviation", c_double * 5),
-        ("has_plan", c_int),
-        ("plan_depth_mm", c_double * MAX_OUT),
-        ("plan_temperature_c", c_double * MAX_OUT),
-        ("plan_force_kn", c_double * MAX_OUT),
-        ("plan_speed_rpm", c_double * MAX_OUT),
-    ]
-
-
-class Start(ctypes.Structure):
-    """``fsw_start``."""
-
-    _fields_ = [
-        ("x", c_double * 5),
-        ("history", c_double * (3 * MAX_HISTORY)),
-        ("force_kn", c_double),
-        ("speed_rpm", c_double),
-        ("force_offset_kn", c_double),
-        ("heat_offset_kw", c_double),
-        ("torque_scale", c_double),
-        ("depth_offset_mm", c_double),
-        ("temp_offset_c", c_double),
-        ("speed_offset_rpm", c_double),
-    ]
-
-
-class ProblemStruct(ctypes.Structure):
-    """``fsw_problem``."""
-
-    _fields_ = [("start", Start), ("low", (c_double * MAX_OUT) * 2), ("high", (c_double * MAX_OUT) * 2)]
-
-
-class EstimatorStruct(ctypes.Structure):
-    """``fsw_estimator``."""
-
-    _fields_ = [
-        ("x", c_double * N_STATES),
-        ("p", (c_double * N_STATES) * N_STATES),
-        ("a", (c_double * N_STATES) * N_STATES),
-        ("history", c_double * (3 * MAX_HISTORY)),
-        ("acting_force_kn", c_double),
-        ("acting_speed_rpm", c_double),
-        ("last_speed_rpm", c_double),
-        ("command", (c_double * LATEST) * 2),
-        ("beyond", c_double * 2),
-        ("blind_s", c_double * 3),
-        ("started", c_int),
-        ("innovation", c_double * 3),
-        ("expected", c_double * 3),
-    ]
-
-
-class PlanStruct(ctypes.Structure):
-    """``fsw_plan``."""
-
-    _fields_ = [
-        ("moves", c_double * (2 * MAX_OUT)),
-        ("start", c_double * (2 * MAX_OUT)),
-        ("output", (c_double * MAX_OUT) * 2),
-        ("is_cold", c_int),
-        ("has_outputs", c_int),
-    ]
-
-
-class ControllerHead(ctypes.Structure):
-    """``fsw_controller`` up to its workspace."""
-
-    _fields_ = [
-        ("model", Model),
-        ("tuning", TuningStruct),
-        ("estimator", EstimatorStruct),
-        ("plan", PlanStruct),
-        ("problem", ProblemStruct),
-        ("corridor", _two),
-        ("rate", _two),
-        ("has_corridor", c_int),
-        ("has_rate", c_int),
-        ("has_reference", c_int),
-        ("applied", _two),
-        ("reference", _two),
-        ("late_s", c_double),
-        ("bad_in_a_row", c_int),
-        ("bad_cycles", c_int),
-    ]
 
 
 class Tables:
@@ -435,10 +239,10 @@ def doubles(array: Vector) -> Any:
     """Pointer to the data of a contiguous float64 array; the caller keeps the array alive."""
     if array.dtype != np.float64 or not array.flags.c_contiguous:
         raise TypeError("arrays of the library must be contiguous float64")
-    return array.ctypes.data_as(_double_p)
+    return array.ctypes.data_as(ctypes.POINTER(c_double))
 
 
 def _ints(array: NDArray[np.int32]) -> Any:
     if array.dtype != np.int32 or not array.flags.c_contiguous:
         raise TypeError("index arrays of the library must be contiguous int32")
-    return array.ctypes.data_as(_int_p)
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_int))

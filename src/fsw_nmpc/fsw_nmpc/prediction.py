@@ -8,7 +8,8 @@ import numpy as np
 from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.library import Start, Vector
+from fsw_nmpc.kernel_structs import Start
+from fsw_nmpc.library import Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the power history.
 N_START = 13

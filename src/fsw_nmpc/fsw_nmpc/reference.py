@@ -9,7 +9,8 @@ import numpy as np
 
 from fsw_model import ModelParameters
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.library import Fate, Library, ProblemStruct, TuningStruct, Vector
+from fsw_nmpc.kernel_structs import ProblemStruct, TuningStruct
+from fsw_nmpc.library import Fate, Library, Vector
 from fsw_nmpc.prediction import prediction_function, start_vector
 
 _LONGEST_ITERATIONS = 500

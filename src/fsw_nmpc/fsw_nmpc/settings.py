@@ -9,7 +9,7 @@ from typing import Any
 from fsw_control import Limits
 from fsw_control.parameters import load, validate
 from fsw_model import ModelParameters, nominal
-from fsw_nmpc.library import TuningStruct
+from fsw_nmpc.kernel_structs import TuningStruct
 from fsw_nmpc.tuning import Tuning
 
 

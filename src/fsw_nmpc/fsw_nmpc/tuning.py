@@ -12,7 +12,7 @@ import yaml
 from fsw_control import Limits
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.horizon import BLOCKS
-from fsw_nmpc.library import N_STATES, TuningStruct
+from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
 
 #: Reference trajectories, in the order of the library's ``FSW_APPROACH`` ...; see ``kernel/trajectory.c``.
 TRAJECTORIES = ("approach", "constant", "cold_start", "recentred")

@@ -11,7 +11,8 @@ import pytest
 from fsw_model import nominal
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of, make_horizon
-from fsw_nmpc.library import Input, Library, Output, Tables
+from fsw_nmpc.kernel_structs import Input, Output
+from fsw_nmpc.library import Library, Tables
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 

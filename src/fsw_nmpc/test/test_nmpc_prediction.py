@@ -7,7 +7,7 @@ import pytest
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import horizon_of, make_horizon, paper_grid
-from fsw_nmpc.library import Start
+from fsw_nmpc.kernel_structs import Start
 from fsw_nmpc.prediction import N_START, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, random_moves, random_start
 

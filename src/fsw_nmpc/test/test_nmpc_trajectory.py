@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_nmpc.library import Change
+from fsw_nmpc.kernel_structs import Change
 from fsw_nmpc.tuning import PAPER, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 

@@ -9,7 +9,8 @@ from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import Horizon, horizon_of
-from fsw_nmpc.library import Library, ProblemStruct, Start
+from fsw_nmpc.kernel_structs import ProblemStruct, Start
+from fsw_nmpc.library import Library
 from fsw_nmpc.tuning import PAPER, Tuning
 
 Vector = NDArray[np.float64]
