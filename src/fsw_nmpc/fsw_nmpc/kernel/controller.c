@@ -9,6 +9,10 @@
 #define ACCEPTED 1e-6
 /* share of the largest moves that an input outside its bounds must use to come back (as in rows.c) */
 #define RETURN_SHARE 0.98
+/* A solve is repeated about its solution when that begins with a move so far from the expected one, in largest moves;
+ * unless it took so many iterations that two would take too long. */
+#define FAR 0.5
+#define SHORT_SOLVE 12
 
 int fsw_controller_bytes(void) { return (int)sizeof(fsw_controller); }
 
@@ -270,20 +274,33 @@ void fsw_controller_end(fsw_controller *c, const double *moves, const double *de
   shift_plan(c);
 }
 
+/* Whether the next move is so far from the one about which the model was linearised that a second solve is worth it. */
+static int is_far(const fsw_controller *c, const double *moves, const double *about) {
+  for (int q = 0; q < 2; q++)
+    if (fabs(moves[q] - about[q]) > FAR * c->tuning.move_max[q]) return 1;
+  return 0;
+}
+
+/* One real-time iteration from where the last plan leads; a second one about its solution if that is far, or from no
+ * moves at all if it failed. */
 void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out) {
-  double v[FSW_MAX_VARS], depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
+  double v[FSW_MAX_VARS], about[FSW_MAX_VARS], depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
+  const int nv = 2 * c->model.n_blocks;
   if (!fsw_controller_begin(c, in, out)) return;
+  for (int j = 0; j < nv; j++) v[j] = c->plan.start[j];
   int fate = FSW_OK, iterations = 0;
   for (int attempt = 0; attempt < 2; attempt++) {
-    int is_warm = 0;
-    for (int j = 0; j < 2 * c->model.n_blocks; j++) {
-      v[j] = attempt ? 0.0 : c->plan.start[j];
-      is_warm |= v[j] != 0.0;
+    double size = 0.0;
+    for (int j = 0; j < nv; j++) {
+      about[j] = v[j];
+      size += fabs(v[j]);
     }
     fate = fsw_solve(c, &c->problem, v, depth, temp, out);
     iterations += out->iterations;
     if (fate == FSW_OK) fate = judge(c, v, depth, temp);
-    if (fate == FSW_OK || !is_warm) break;
+    if (fate == FSW_OK ? iterations > SHORT_SOLVE || !is_far(c, v, about) : size == 0.0) break;
+    if (fate != FSW_OK && attempt == 0)
+      for (int j = 0; j < nv; j++) v[j] = 0.0;
   }
   out->iterations = iterations;
   fsw_controller_end(c, v, depth, temp, fate, out);

@@ -121,8 +121,20 @@ static int targets_of(const approach *a, const fsw_controller *c, const fsw_inpu
   return n;
 }
 
+/* Rate of the temperature at a speed while the depth stays at its set-point: as the copper softens the force gives way,
+ * and with it the torque. `power` holds the temperature. */
+static double held_rate(const fsw_controller *c, double speed_rpm, double power, fsw_torque held, double depth_gain) {
+  const fsw_model *m = &c->model;
+  const double *x = c->estimator.x;
+  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s, kw_per_nm = FSW_KW_PER_NM_RPM * speed_rpm;
+  const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
+  const double kn_per_rate = c->reference[0] * m->softening_per_c / (soft * soft * depth_gain);
+  const double given = kw_per_nm * x[FSW_SCALE];
+  return RATE_SHARE * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
+}
+
 /* What force and speed can do together, about the present state. */
-static void authority(const fsw_controller *c, approach *depth, approach *temp) {
+static void authority(const fsw_controller *c, double copper_c, approach *depth, approach *temp) {
   const fsw_model *m = &c->model;
   const fsw_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
@@ -145,12 +157,14 @@ static void authority(const fsw_controller *c, approach *depth, approach *temp) 
   depth->least_rate = gain * (low - centre < -LEAST_FORCE_KN ? low - centre : -LEAST_FORCE_KN);
   depth->top_rate = gain * (high - centre > LEAST_FORCE_KN ? high - centre : LEAST_FORCE_KN);
   depth->acceleration = SMOOTHED * gain * force_rate;
-  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
-  const double slowest = RATE_SHARE * heating * (t->input_min[1] * kw_per_rpm - power);
-  const double fastest = RATE_SHARE * heating * (t->input_max[1] * kw_per_rpm - power);
+  const double holding = m->operating_force_kn - x[FSW_FORCE];
+  const fsw_torque held = fsw_torque_at(m, holding, c->reference[0] - x[FSW_DEPTH_OFFSET]);
+  const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
+  const double slowest = held_rate(c, t->input_min[1], kept, held, gain);
+  const double fastest = held_rate(c, t->input_max[1], kept, held, gain);
   temp->least_rate = slowest < -LEAST_RATE_C_S ? slowest : -LEAST_RATE_C_S;
   temp->top_rate = fastest > LEAST_RATE_C_S ? fastest : LEAST_RATE_C_S;
-  temp->acceleration = heating * kw_per_rpm * speed_rate;
+  temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
 /* Rate of the depth under the inputs that act. */
@@ -202,13 +216,13 @@ static void approaches(fsw_controller *c, const fsw_input *in, double *depth, do
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
   approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
-  authority(c, &to_depth, &to_temp);
+  motion ahead = temperature_ahead(c);
+  authority(c, ahead.steered - m->operating_temperature_c - c->estimator.x[FSW_TEMP_OFFSET], &to_depth, &to_temp);
   int n = targets_of(&to_depth, c, in, 0, targets);
   motion now = depth_now(c);
   keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
   follow(&to_depth, now, 0.0, targets, n, m->time_s, 0, m->n_out, depth);
 
-  motion ahead = temperature_ahead(c);
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
   n = targets_of(&to_temp, c, in, 1, targets);
