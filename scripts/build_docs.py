@@ -29,7 +29,7 @@ import yaml
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
-from fsw_control.parameters import markdown, parse
+from fsw_control.parameters import ParameterSpec, parse
 from fsw_experiment import ranges, scenario_file
 from fsw_experiment.cli.main import parser as operator_parser
 from fsw_experiment.demo import parser as demo_parser
@@ -63,6 +63,14 @@ def parameter_files() -> Iterator[tuple[Path, str]]:
             yield path, text
 
 
+def parameter_row(spec: ParameterSpec) -> tuple[str, ...]:
+    """A parameter as a row of its table."""
+    default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
+    allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
+    text = spec.description + (" (at start only)" if spec.read_only else "")
+    return f"`{spec.name}`", spec.type, default, allowed, spec.unit, text
+
+
 def parameters() -> str:
     """Parameters of all nodes, and the fields of the NMPC's tuning file."""
     lines = [
@@ -80,7 +88,9 @@ def parameters() -> str:
                 break
             comment.append(line.lstrip("# ").replace("<", "&lt;"))
         lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
-        lines += markdown(parse(text, str(path))).splitlines()
+        specs = parse(text, str(path)).values()
+        header = ("parameter", "type", "default", "range", "unit", "meaning")
+        lines += table(header, [parameter_row(spec) for spec in specs])
     lines += ["", "## Tuning file of the NMPC", "", "Fields of the file that the parameter `tuning_file` names.", ""]
     presets = {name: Tuning.preset(name, nominal()) for name in ("default", "paper")}
     meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}

@@ -5,28 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    ParameterType,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
 from fsw_control.parameters import ParameterError, ParameterSpec, load
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-
-_ROS_TYPE = {
-    "double": ParameterType.PARAMETER_DOUBLE,
-    "int": ParameterType.PARAMETER_INTEGER,
-    "bool": ParameterType.PARAMETER_BOOL,
-    "string": ParameterType.PARAMETER_STRING,
-    "string_array": ParameterType.PARAMETER_STRING_ARRAY,
-    "double_array": ParameterType.PARAMETER_DOUBLE_ARRAY,
-}
 
 
 class ParameterValues:
@@ -62,13 +47,17 @@ class ParameterValues:
         """Let ``check`` look at all values before a change is accepted; it returns why not, or None."""
         self._checks.append(check)
 
+    def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
+        """Values in their types, of those declared here; an empty list passes once without a value, at declaration."""
+        return {
+            parameter.name: self.specs[parameter.name].check(parameter.value)
+            for parameter in parameters
+            if parameter.name in self.specs and parameter.value is not None
+        }
+
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
-        wanted = dict(self.values)
         try:
-            for parameter in parameters:
-                # A parameter of empty list type passes here once without a value, while it is declared.
-                if parameter.name in self.specs and parameter.value is not None:
-                    wanted[parameter.name] = self.specs[parameter.name].check(parameter.value)
+            wanted = self.values | self._own(parameters)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
@@ -78,32 +67,36 @@ class ParameterValues:
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[Parameter]) -> None:
-        changed = {
-            parameter.name: self.specs[parameter.name].check(parameter.value)
-            for parameter in parameters
-            if parameter.name in self.specs
-        }
+        changed = self._own(parameters)
         if changed:
             self.values = self.values | changed
             for callback in self._callbacks:
                 callback(self.values)
 
 
+def _ros_type(spec: ParameterSpec) -> Parameter.Type:
+    return Parameter.Type["INTEGER" if spec.type == "int" else spec.type.upper()]
+
+
 def _declare(node: Node, spec: ParameterSpec) -> Any:
     if spec.default == []:
         # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after.
-        kind = Parameter.Type(_ROS_TYPE[spec.type])
-        value = node.declare_parameter(spec.name, kind, descriptor(spec)).value
+        kind = _ros_type(spec)
+        value = node.declare_parameter(spec.name, kind, _descriptor(spec)).value
         if value is None:
             node.set_parameters([Parameter(spec.name, kind, [])])
         return value or []
-    return node.declare_parameter(spec.name, spec.default, descriptor(spec)).value
+    return node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
 
 
-def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    """Return the ROS descriptor of a parameter, with its range and its unit in the description."""
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    unit = f" [{spec.unit}]" if spec.unit else ""
+    options = f" (one of {', '.join(spec.options)})" if spec.options else ""
     message = ParameterDescriptor(
-        name=spec.name, type=_ROS_TYPE[spec.type], description=spec.describe(), read_only=spec.read_only
+        name=spec.name,
+        type=_ros_type(spec).value,
+        description=f"{spec.description}{unit}{options}",
+        read_only=spec.read_only,
     )
     if spec.range is not None:
         low, high = spec.range
