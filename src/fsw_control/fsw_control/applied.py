@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
@@ -17,17 +17,8 @@ _BEFORE_ALL_NS = -1
 class AppliedCommand:
     """A message seen on the command topic.
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the measurement that it answers.
-    command : Command
-    source : str
-        Who computed it.
-    writer : str
-        Which supervisor sent it; empty where nobody says so.
-    healthy : bool
-        False: not to be applied.
+    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, and ``writer`` which supervisor
+    sent it (empty where nobody says so).
     """
 
     stamp_ns: int
@@ -38,10 +29,10 @@ class AppliedCommand:
 
 
 class AppliedCommands:
-    """Commands by the stamp of the measurement that each answers, as the plant obeys them: the first of each stamp.
+    """Commands by the stamp of the measurement that each answers; as in the plant, the first of each stamp counts.
 
     While another controller is in command, the command that answers a tick may arrive before this controller has
-    seen all of the tick's samples. What it shall follow is the command before that.
+    seen all of the tick's samples. The one to follow is the command before that.
 
     Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
     that one has fallen silent.
@@ -72,28 +63,16 @@ class AppliedCommands:
         self.complaint = ""
 
     @property
-    def latest(self) -> Command:
+    def latest(self) -> AppliedCommand:
         """The last command that counts."""
-        return self._kept[-1].command
-
-    @property
-    def source(self) -> str:
-        """Who computed the last command; empty before the first."""
-        return self._kept[-1].source
+        return self._kept[-1]
 
     def add(self, seen: AppliedCommand, newest_ns: int | None, now_s: float) -> bool:
-        """Take a command seen; returns whether it counts.
+        """Take a command seen at ``now_s`` on a steady clock; return whether it counts.
 
-        Parameters
-        ----------
-        seen : AppliedCommand
-            The command.
-        newest_ns : int or None
-            Newest stamp of a measurement; None before the first.
-        now_s : float
-            Time of arrival on any steady clock.
+        ``newest_ns`` is the newest stamp of a measurement, None before the first.
         """
-        last = self._kept[-1]
+        last = self.latest
         self.complaint = self._complaint(seen, last, newest_ns, now_s)
         if self.complaint:
             self.ignored += 1
@@ -125,8 +104,8 @@ class AppliedCommands:
         return ""
 
     def restart(self) -> None:
-        """Time has jumped: what acts stays, the stamps begin anew."""
-        self._kept = deque([AppliedCommand(_BEFORE_ALL_NS, self.latest, self.source)], maxlen=_KEPT)
+        """Time has jumped: what acts stays, the stamps start over."""
+        self._kept = deque([replace(self.latest, stamp_ns=_BEFORE_ALL_NS)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:
         """The command in force until the tick of ``tick_ns``; the oldest known one if all are newer."""

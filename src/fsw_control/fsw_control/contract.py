@@ -5,8 +5,9 @@ Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fsw_control import weld
 
@@ -83,7 +84,13 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the manipulated variables."""
+    """Bounds and largest change per tick of the manipulated variables.
+
+    Raises
+    ------
+    ValueError
+        When a minimum is not below its maximum.
+    """
 
     force_min_kn: float = weld.FORCE_MIN_KN
     force_max_kn: float = weld.FORCE_MAX_KN
@@ -91,6 +98,29 @@ class Limits:
     speed_max_rpm: float = weld.SPEED_MAX_RPM
     force_step_kn: float = weld.FORCE_STEP_KN
     speed_step_rpm: float = weld.SPEED_STEP_RPM
+
+    def __post_init__(self) -> None:
+        for name, unit, low, high in (
+            ("force", "kN", self.force_min_kn, self.force_max_kn),
+            ("speed", "rpm", self.speed_min_rpm, self.speed_max_rpm),
+        ):
+            if not low < high:
+                raise ValueError(
+                    f"minimum of {name} ({name}_min, {low:g} {unit}) must be below "
+                    f"the maximum ({name}_max, {high:g} {unit})"
+                )
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Limits:
+        """Limits from a controller's parameters ``force_min``, ``force_max``, ``speed_min`` ... ``speed_step``."""
+        return cls(
+            values["force_min"],
+            values["force_max"],
+            values["speed_min"],
+            values["speed_max"],
+            values["force_step"],
+            values["speed_step"],
+        )
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
@@ -101,23 +131,17 @@ class Limits:
             speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)
         return Command(force, speed)
 
-    def active(self, command: Command, previous: Command | None, tolerance: float = 1e-9) -> tuple[str, ...]:
+    def active(self, command: Command, previous: Command, tolerance: float = 1e-9) -> tuple[str, ...]:
         """Names of the limits that ``command`` touches, e.g. ``force_max`` or ``speed_rate``."""
-        names: list[str] = []
-        if command.force_kn <= self.force_min_kn + tolerance:
-            names.append("force_min")
-        if command.force_kn >= self.force_max_kn - tolerance:
-            names.append("force_max")
-        if command.speed_rpm <= self.speed_min_rpm + tolerance:
-            names.append("speed_min")
-        if command.speed_rpm >= self.speed_max_rpm - tolerance:
-            names.append("speed_max")
-        if previous is not None:
-            if abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance:
-                names.append("force_rate")
-            if abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance:
-                names.append("speed_rate")
-        return tuple(names)
+        touched = {
+            "force_min": command.force_kn <= self.force_min_kn + tolerance,
+            "force_max": command.force_kn >= self.force_max_kn - tolerance,
+            "speed_min": command.speed_rpm <= self.speed_min_rpm + tolerance,
+            "speed_max": command.speed_rpm >= self.speed_max_rpm - tolerance,
+            "force_rate": abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance,
+            "speed_rate": abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance,
+        }
+        return tuple(name for name, touches in touched.items() if touches)
 
 
 @dataclass(frozen=True, slots=True)

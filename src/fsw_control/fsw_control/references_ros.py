@@ -14,7 +14,7 @@ from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldReference
 
 
-def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], None]) -> None:
+def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], object]) -> None:
     """Subscribe to the set-points that are sent, and to those that a supervisor states for who comes later.
 
     Parameters
@@ -30,11 +30,11 @@ def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[st
         _take(queue, message, info["source_timestamp"], refuse)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
-    subscribe_stated_reference(node, queue, "fsw/supervisor/reference", refuse)
+    _subscribe_stated(node, queue, "fsw/supervisor/reference", refuse)
 
 
-def subscribe_stated_reference(node: Node, queue: ReferenceQueue, topic: str, refuse: Callable[[str], None]) -> None:
-    """Subscribe to what another listener states with a :class:`StatedReference`; arguments as above."""
+def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str, refuse: Callable[[str], object]) -> None:
+    """Subscribe to what another listener states with a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
         _take(queue, message, convert.issued_ns(message), refuse)
@@ -42,13 +42,11 @@ def subscribe_stated_reference(node: Node, queue: ReferenceQueue, topic: str, re
     node.create_subscription(WeldReference, topic, on_stated, LATEST)
 
 
-def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse: Callable[[str], None]) -> None:
+def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse: Callable[[str], object]) -> None:
     try:
-        reference = convert.reference(message)
+        queue.add(convert.stamp_ns(message.header.stamp), convert.reference(message), issued_ns)
     except ValueError as error:
         refuse(str(error))
-        return
-    queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
 
 class StatedReference:
@@ -68,21 +66,11 @@ class StatedReference:
         self._tick_ns = -1
 
     def tell(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
-        """State what holds at a tick, if it has changed or time has begun anew.
-
-        Parameters
-        ----------
-        tick_ns : int
-        reference : Reference or None
-            None: nothing yet.
-        issued_ns : int
-            When it was issued.
-        """
-        began_anew, self._tick_ns = tick_ns < self._tick_ns, tick_ns
-        if reference is None or (not began_anew and (reference, issued_ns) == self._told):
-            return
-        self._told = (reference, issued_ns)
-        self._publisher.publish(convert.stated_reference_message(reference, tick_ns, issued_ns))
+        """State what holds at a tick (None: nothing yet) and when it was issued, if it is new or time went back."""
+        went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
+        if reference is not None and (went_back or (reference, issued_ns) != self._told):
+            self._told = (reference, issued_ns)
+            self._publisher.publish(convert.reference_message(reference, tick_ns, issued_ns))
 
     def close(self) -> None:
         """Take it back."""
@@ -111,7 +99,7 @@ class KeptReference:
 
     def hear(self, controller: str) -> None:
         """Listen to what a controller says that it follows."""
-        subscribe_stated_reference(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
+        _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
 
     def open(self) -> None:
         """Go on duty: tell from the next tick on."""
@@ -125,7 +113,7 @@ class KeptReference:
             self._statement = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """Tell what holds at a tick if it has changed."""
+        """Tell what holds at a tick if it has changed; may be called several times per tick."""
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
