@@ -37,14 +37,8 @@ class AppliedCommands:
     Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
     that one has fallen silent.
 
-    Parameters
-    ----------
-    initial : Command
-        Taken as applied until the first command.
-    period_s : float
-        Of the measurements. After 1.5 periods without a command a writer counts as silent.
-    reach_s : float
-        A command further than this from the newest measurement is of another time, and ignored.
+    Until the first command ``initial`` is taken as applied. After 1.5 periods of the measurements without a command a
+    writer counts as silent. A command further than ``reach_s`` from the newest measurement is of another time.
 
     Attributes
     ----------

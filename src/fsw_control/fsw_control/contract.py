@@ -62,11 +62,7 @@ class Coming(NamedTuple):
 class Reference:
     """Set-points: shoulder depth and stir-zone temperature.
 
-    Attributes
-    ----------
-    depth_mm, temperature_c : float
-    coming : tuple of Coming
-        The next ones that are known, in order of time; for controllers that can look ahead.
+    ``coming`` are the next ones that are known, in order of time; for controllers that can look ahead.
     """
 
     depth_mm: float
@@ -112,15 +108,9 @@ class Limits:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
-        """Limits from a controller's parameters ``force_min``, ``force_max``, ``speed_min`` ... ``speed_step``."""
-        return cls(
-            values["force_min"],
-            values["force_max"],
-            values["speed_min"],
-            values["speed_max"],
-            values["force_step"],
-            values["speed_step"],
-        )
+        """Limits from the parameters of a controller."""
+        names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
+        return cls(*(values[name] for name in names))
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
@@ -157,7 +147,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What a controller tells of itself besides its proposal (all optional)."""
+    """What a controller reports besides its command (all optional)."""
 
     depth_estimate_mm: float = float("nan")
     temperature_estimate_c: float = float("nan")
@@ -188,8 +178,8 @@ class Proposal:
 class Controller(Protocol):
     """Anything that turns measurements into proposals.
 
-    A controller is always warm: it is stepped at every tick, selected or not, and ``applied`` is the command
-    that the plant really obeyed during the tick that just ended. A controller that follows it is bumpless.
+    It is stepped at every tick, selected or not, and ``applied`` is the command that the plant really obeyed during
+    the tick that just ended. A controller that follows it takes over without a bump.
     """
 
     name: str

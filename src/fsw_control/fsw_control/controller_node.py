@@ -32,7 +32,7 @@ Make = Callable[[dict[str, Any]], Controller]
 
 
 class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Feeds a controller with ticks and publishes its proposals, status, diagnostics and prediction.
+    """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
 
     A tick is consumed when it is complete, or when its deadline has passed. Time is that of the measurements: in
     simulated time nothing but data drives the node, apart from the deadline.

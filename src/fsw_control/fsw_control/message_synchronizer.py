@@ -17,25 +17,31 @@ _PUT_OFF_SHARE = 1.0 / 3.0
 _KEPT_DRIVES = 16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Tick:
     """The samples of one stamp.
 
     Attributes
     ----------
     stamp_ns : int
+    begun_s : float
+        Arrival of the first one on the steady clock.
     values : dict of str to float
         By sensor; one that did not come is absent.
-    restarted : bool
-        Whether time jumped before this tick, so that the past must be forgotten.
     drives : Command or None
         Force and speed that act, as the drives report them; None where their sample did not come.
+    restarted : bool
+        Whether time jumped before this tick, so that the past must be forgotten.
+    put_off : bool
+        Whether its deadline was put off, once.
     """
 
     stamp_ns: int
-    values: dict[str, float]
-    restarted: bool = False
+    begun_s: float
+    values: dict[str, float] = field(default_factory=dict)
     drives: Command | None = None
+    restarted: bool = False
+    put_off: bool = False
 
 
 class Believed(NamedTuple):
@@ -86,16 +92,6 @@ class StampFilter:
         return Believed(agreeing, jumped=True)
 
 
-@dataclass(slots=True)
-class _Pending:
-    """A tick that has begun: its samples, when the first came, and whether its deadline was put off once."""
-
-    stamp_ns: int
-    begun_s: float
-    values: dict[str, float] = field(default_factory=dict)
-    put_off: bool = False
-
-
 class MessageSynchronizer:
     """Collects samples into ticks, which come out in order of time and each stamp once.
 
@@ -124,7 +120,7 @@ class MessageSynchronizer:
         self._command_ns: int | None = None
         self._awaits_command = True
         self._unanswered = 0
-        self._pending: list[_Pending] = []
+        self._pending: list[Tick] = []
         self._restarted = False
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
@@ -195,7 +191,7 @@ class MessageSynchronizer:
             if len(self._pending) == _PENDING_TICKS and stamp_ns < self._pending[0].stamp_ns:
                 self.counts[sensor]["late"] += 1
                 return []
-            tick = _Pending(stamp_ns, now_s)
+            tick = Tick(stamp_ns, now_s)
             insort(self._pending, tick, key=lambda tick: tick.stamp_ns)
         if sensor in tick.values:
             self.counts[sensor]["duplicate"] += 1
@@ -216,7 +212,7 @@ class MessageSynchronizer:
         lacking = self.lacking
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
-    def _sources_of(self, tick: _Pending) -> set[str]:
+    def _sources_of(self, tick: Tick) -> set[str]:
         return {*tick.values, "drives"} if tick.stamp_ns in self._drives else set(tick.values)
 
     def _release(self) -> list[Tick]:
@@ -226,8 +222,8 @@ class MessageSynchronizer:
         return ticks
 
     def _pop(self) -> Tick:
-        oldest = self._pending.pop(0)
-        missed = [sensor for sensor in SENSORS if sensor not in oldest.values]
+        tick = self._pending.pop(0)
+        missed = [sensor for sensor in SENSORS if sensor not in tick.values]
         for sensor in missed:
             self.counts[sensor]["missing"] += 1
         if not self._answered():
@@ -235,13 +231,13 @@ class MessageSynchronizer:
             self._unanswered += 1
             # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
             self._awaits_command = self._unanswered < 3
-        drives = self._drives.pop(oldest.stamp_ns, None)
-        if drives is None and self._await_drives:
+        tick.drives = self._drives.pop(tick.stamp_ns, None)
+        self._drives_come = tick.drives is not None
+        if self._await_drives and not self._drives_come:
             missed.append("drives")
-        self._drives_come = drives is not None
         self.missed = frozenset(missed)
-        tick = Tick(oldest.stamp_ns, oldest.values, self._restarted, drives)
-        self._last_ns, self._restarted = oldest.stamp_ns, False
+        tick.restarted = self._restarted
+        self._last_ns, self._restarted = tick.stamp_ns, False
         return tick
 
     def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[Tick]:

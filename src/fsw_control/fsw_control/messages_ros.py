@@ -94,12 +94,9 @@ def reference(message: WeldReference) -> Reference:
 
 
 def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
-    """Set-points of a plan, each with the time in ns from which it will hold.
+    """Set-points of a plan, each with the time in ns from which it will hold; raises as :func:`reference` does.
 
-    Raises
-    ------
-    ValueError
-        When a set-point is not finite or not positive, or the stamps do not rise.
+    It also raises when the stamps do not rise.
     """
     planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
@@ -151,7 +148,7 @@ def command_message(value: Command, time_ns: int, source: str, healthy: bool = T
 def status_message(
     proposal: Proposal, time_ns: int, controller: str, selected: bool, tolerated_sensors: Iterable[str]
 ) -> ControllerStatus:
-    """What a controller tells of itself with a proposal."""
+    """What a controller reports with a proposal."""
     diagnosis = proposal.diagnosis
     names, values = wire_quantities(diagnosis.disturbances)
     return ControllerStatus(
@@ -179,13 +176,9 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
 
     Only the names that the core uses are converted; a controller's own names and values go out unchanged.
     """
-    names: list[str] = []
-    values: list[float] = []
-    for name, value in quantities.items():
-        wire_name, converted = _WIRE.get(name, (name, float))
-        names.append(wire_name)
-        values.append(converted(value))
-    return names, values
+    wire = [_WIRE.get(name, (name, float)) for name in quantities]
+    values = [converted(value) for (_, converted), value in zip(wire, quantities.values(), strict=True)]
+    return [name for name, _ in wire], values
 
 
 def prediction_message(plan: Plan, time_ns: int) -> Prediction:

@@ -127,14 +127,7 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
 
 
 def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
-    """Read parameter descriptions from YAML text; they keep its order.
-
-    Parameters
-    ----------
-    text : str
-        The YAML.
-    where : str
-        Name of the source, for error messages.
+    """Read parameter descriptions from YAML text, in its order; ``where`` names the source in errors.
 
     Raises
     ------

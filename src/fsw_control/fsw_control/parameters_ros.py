@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class ParameterValues:
-    """The declared parameters of one node, always as last accepted.
+    """The declared parameters of one node, always as last accepted; rclpy raises when a value given at start is wrong.
 
     Attributes
     ----------
@@ -108,13 +108,5 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
 
 
 def declare(node: Node, package: str, file: str) -> ParameterValues:
-    """Declare on ``node`` the parameters that ``package`` describes in ``file``.
-
-    Raises
-    ------
-    ParameterError
-        When the file is missing or wrong.
-    rclpy.exceptions.InvalidParameterValueException, rclpy.exceptions.InvalidParameterTypeException
-        When a value given at start does not fit.
-    """
+    """Declare on ``node`` the parameters that ``package`` describes in ``file``."""
     return ParameterValues(node, load(package, file))

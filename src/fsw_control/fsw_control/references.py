@@ -33,11 +33,6 @@ class ReferenceQueue:
     The middleware repeats what it keeps to everyone who joins later, sender by sender. So the age of a message is not
     told by when it arrives but by when it was published.
 
-    Parameters
-    ----------
-    horizon_s : float
-        Longest time that a reference may be sent ahead.
-
     Attributes
     ----------
     issued_ns : int
@@ -80,13 +75,7 @@ class ReferenceQueue:
 
 
 class ReferencePlan:
-    """Set-points that are known beforehand.
-
-    Parameters
-    ----------
-    planned : sequence of (int, Reference)
-        Time in ns from which each will hold, in order.
-    """
+    """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference."""
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
         self._stamps = [stamp_ns for stamp_ns, _ in planned]

@@ -15,15 +15,9 @@ from fsw_msgs.msg import WeldReference
 
 
 def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], object]) -> None:
-    """Subscribe to the set-points that are sent, and to those that a supervisor states for who comes later.
+    """Put the set-points that are sent, and those that a supervisor states for who comes later, into ``queue``.
 
-    Parameters
-    ----------
-    node : Node
-    queue : ReferenceQueue
-        Takes them.
-    refuse : callable
-        Gets what is wrong with a message that is not taken.
+    ``refuse`` gets what is wrong with a message that is not taken.
     """
 
     def on_sent(message: WeldReference, info: Any) -> None:
@@ -52,11 +46,7 @@ def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse:
 class StatedReference:
     """States, latched, which set-points hold, for those who come when their sender has left.
 
-    Parameters
-    ----------
-    node : Node
-    topic : str
-        Of which this is the only writer.
+    Its ``topic`` has no other writer.
     """
 
     def __init__(self, node: Node, topic: str) -> None:
@@ -83,11 +73,6 @@ class KeptReference:
     An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
     them. A topic of its own has one writer, the supervisor on duty, and can override nobody: it states when each
     set-point was issued, and of two the one issued last holds. A supervisor that was away learns from the controllers.
-
-    Parameters
-    ----------
-    node : Node
-        The supervisor's node.
     """
 
     def __init__(self, node: Node) -> None:

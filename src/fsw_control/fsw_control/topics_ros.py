@@ -29,14 +29,7 @@ _SENSORS: dict[str, tuple[str, Any, str, Callable[[float], float]]] = {
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> None:
-    """Subscribe to the sensors.
-
-    Parameters
-    ----------
-    node : Node
-    take : callable
-        Gets each sample: the sensor's name (one of ``SENSORS``), the stamp in ns, the value in mm, N m or degC.
-    """
+    """Subscribe to the sensors; ``take`` gets name (of ``SENSORS``), stamp in ns, and value in mm, N m or degC."""
 
     def subscribe(sensor: str) -> None:
         topic, kind, field, converted = _SENSORS[sensor]
@@ -51,13 +44,9 @@ def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> No
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
-    """Subscribe to what the drives report; before the sensors, so that an executor finds it first.
+    """Subscribe to what the drives report; ``take`` gets the stamp in ns and what acts.
 
-    Parameters
-    ----------
-    node : Node
-    take : callable
-        Gets each sample: the stamp in ns, and the force and speed that act.
+    To be called before :func:`subscribe_sensors`, so that an executor finds this topic first.
     """
 
     def on_feedback(message: DriveFeedback) -> None:

@@ -22,21 +22,10 @@ _MEMORY = 150
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """What one sensor may show; values in the sensor's unit (mm, N m, degC).
+    """What one sensor may show, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
 
-    Attributes
-    ----------
-    minimum, maximum : float
-        Plausible range, inclusive.
-    max_rate : float
-        Largest change per second against the last good sample. A larger one is a spike, unless
-        ``confirm_samples`` samples in a row agree with each other.
-    hold_s : float
-        The last good value stands in for bad samples so long; then the sensor is invalid.
-    frozen_samples : int
-        So many equal samples in a row are at least needed to call a sensor frozen; 0 never calls it so.
-    confirm_samples : int
-        See ``max_rate``; also the good samples needed to become valid again.
+    A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
+    row agree with each other. So many are also needed to become valid again.
     """
 
     minimum: float
@@ -134,13 +123,7 @@ class Frozen:
 
 
 class SensorValidity:
-    """Judges one sensor, sample by sample.
-
-    Parameters
-    ----------
-    limits : SensorLimits
-        What the sensor may show; may be replaced at any time.
-    """
+    """Judges one sensor, sample by sample; ``limits`` may be replaced at any time."""
 
     def __init__(self, limits: SensorLimits) -> None:
         self.limits = limits
@@ -197,12 +180,7 @@ class SensorValidity:
 
 
 class SensorGuard:
-    """Judges the three sensors of a tick together.
-
-    Parameters
-    ----------
-    limits : dict of str to SensorLimits, optional
-        By sensor; those of ``controller.yaml`` by default.
+    """Judges the three sensors of a tick together, by default with the limits of ``controller.yaml``.
 
     Attributes
     ----------
@@ -226,20 +204,13 @@ class SensorGuard:
             sensor.limits = limits[name]
 
     def measure(self, time_s: float, values: dict[str, float], drives: Command | None = None) -> Measurement:
-        """Return the measurement of a tick.
+        """Return the measurement of the tick at ``time_s``.
 
-        Parameters
-        ----------
-        time_s : float
-            Stamp of the tick.
-        values : dict of str to float
-            Sample by sensor name (mm, N m, degC); absent where none came.
-        drives : Command, optional
-            Force and speed that act, as the drives report them at this tick.
+        ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
         """
         readings = {name: sensor.update(time_s, values.get(name)) for name, sensor in self._sensors.items()}
         self.reasons.update({name: reading.reason for name, reading in readings.items()})
-        depth, torque, temperature = (readings[name] for name in SENSORS)
+        depth, torque, temperature = readings.values()
         return Measurement(
             time_s,
             depth.value,
