@@ -11,6 +11,8 @@ from fsw_control.contract import Command
 #: More than a controller ever lags behind.
 _KEPT = 100
 _BEFORE_ALL_NS = -1
+#: A command further than this from the newest measurement is of another time.
+_REACH_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +20,7 @@ class AppliedCommand:
     """A message seen on the command topic.
 
     ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, and ``writer`` which supervisor
-    sent it (empty where nobody says so).
+    sent it (empty where that is not given).
     """
 
     stamp_ns: int
@@ -38,7 +40,7 @@ class AppliedCommands:
     that one has fallen silent.
 
     Until the first command ``initial`` is taken as applied. After 1.5 periods of the measurements without a command a
-    writer counts as silent. A command further than ``reach_s`` from the newest measurement is of another time.
+    writer counts as silent.
 
     Attributes
     ----------
@@ -48,9 +50,8 @@ class AppliedCommands:
         Why the last one did not count; empty if it did, or was sent again.
     """
 
-    def __init__(self, initial: Command, period_s: float = 0.1, reach_s: float = 1.0) -> None:
+    def __init__(self, initial: Command, period_s: float = 0.1) -> None:
         self._silence_s = 1.5 * period_s
-        self._reach_ns = round(reach_s * 1e9)
         self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
         self._heard_s = 0.0
         self.ignored = 0
@@ -82,8 +83,8 @@ class AppliedCommands:
         if refused is not None:
             return f"it is {refused.words}"
         if not seen.healthy:
-            return "it says that it must not be applied"
-        if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > self._reach_ns:
+            return "it is marked as not to be applied"
+        if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > _REACH_NS:
             return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
         if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer:
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
@@ -103,7 +104,7 @@ class AppliedCommands:
 
     def before(self, tick_ns: int) -> Command:
         """The command in force until the tick of ``tick_ns``; the oldest known one if all are newer."""
-        while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + self._reach_ns:
+        while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + _REACH_NS:
             self._kept.pop()  # came before there was a measurement to compare it with
         for seen in reversed(self._kept):
             if seen.stamp_ns < tick_ns:

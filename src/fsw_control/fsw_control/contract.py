@@ -121,8 +121,9 @@ class Limits:
             speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)
         return Command(force, speed)
 
-    def active(self, command: Command, previous: Command, tolerance: float = 1e-9) -> tuple[str, ...]:
+    def active(self, command: Command, previous: Command) -> tuple[str, ...]:
         """Names of the limits that ``command`` touches, e.g. ``force_max`` or ``speed_rate``."""
+        tolerance = 1e-9
         touched = {
             "force_min": command.force_kn <= self.force_min_kn + tolerance,
             "force_max": command.force_kn >= self.force_max_kn - tolerance,

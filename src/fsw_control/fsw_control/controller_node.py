@@ -167,7 +167,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
-        self._followed.tell(tick.stamp_ns, reference, self._references.issued_ns)
+        self._followed.update(tick.stamp_ns, reference, self._references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s
@@ -262,8 +262,5 @@ def run_controller(
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):
         raise TypeError("run_controller: give name=..., or a controller class with a class attribute 'name'")
-
-    def made(values: dict[str, Any]) -> Controller:
-        return make(values) if parameters is not None else make()
-
+    made = make if parameters is not None else lambda _: make()
     return run(lambda: ControllerNode(controller_name, made, parameters), args)

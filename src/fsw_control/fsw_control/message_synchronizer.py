@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command
 
-NANOSECONDS = 1_000_000_000
+#: Distance of a stamp from the newest one that counts as a jump of time.
+_JUMP_NS = 1_000_000_000
 #: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
 _PENDING_TICKS = 2
 #: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
@@ -54,9 +55,9 @@ class Believed(NamedTuple):
 class StampFilter:
     """Which stamps are believed.
 
-    A stamp further than ``jump_s`` from the newest one (the clock jumped, the plant was restarted, or one sensor's
-    clock is broken) is not believed until a second source confirms it or nothing else has come for ``silence_s``. So
-    one sensor with a broken clock cannot stop the others.
+    A stamp far from the newest one (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not
+    believed until a second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken
+    clock cannot stop the others.
 
     Attributes
     ----------
@@ -66,17 +67,16 @@ class StampFilter:
         Jumps of time since the start.
     """
 
-    def __init__(self, silence_s: float, jump_s: float = 1.0) -> None:
+    def __init__(self, silence_s: float) -> None:
         self.newest_ns: int | None = None
         self.jumps = 0
-        self._jump_ns = round(jump_s * NANOSECONDS)
         self._silence_s = silence_s
         self._heard_s = float("-inf")
         self._strange: dict[str, tuple[int, float]] = {}
 
     def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> Believed | None:
         """Take a sample that came at ``now_s`` on a steady clock; return what is believed because of it, or None."""
-        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= self._jump_ns:
+        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= _JUMP_NS:
             self._heard_s = now_s
             if self.newest_ns is None or stamp_ns > self.newest_ns:
                 self.newest_ns = stamp_ns

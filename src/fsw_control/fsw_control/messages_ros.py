@@ -113,7 +113,7 @@ def reference_plan_message(planned: Sequence[tuple[int, Reference]], time_ns: in
 
 
 def reference_message(value: Reference, time_ns: int, issued_ns: int | None = None) -> WeldReference:
-    """Reference message that holds from ``time_ns``; ``issued_ns`` in one of who did not issue it but states it."""
+    """Reference message that holds from ``time_ns``; ``issued_ns`` only where a node repeats another one's."""
     message = WeldReference(
         header=header(time_ns), depth=units.m_from_mm(value.depth_mm), temperature=float(value.temperature_c)
     )
@@ -123,7 +123,7 @@ def reference_message(value: Reference, time_ns: int, issued_ns: int | None = No
 
 
 def issued_ns(message: WeldReference) -> int:
-    """When the reference that a message states was issued; 0: not told."""
+    """When the reference that a message repeats was issued; 0: not given."""
     text = message.header.frame_id
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 

@@ -9,6 +9,8 @@ from typing import NamedTuple
 from fsw_control.contract import Coming, Reference
 
 NANOSECONDS = 1_000_000_000
+#: longest time that a reference may be sent ahead
+_HORIZON_NS = 36_000 * NANOSECONDS
 #: most coming set-points that a controller is given
 MOST_COMING = 8
 
@@ -26,9 +28,9 @@ class ReferenceQueue:
     """References in the order in which they were issued, each held back until the time in its stamp.
 
     A reference stamped with a coming tick begins at exactly that tick, however fast the message travels; one stamped
-    with 0 or a past time begins at once. A stamp further ahead than ``horizon_s`` comes from another clock, and means
-    "now" too. At a tick, of all references that have begun the one issued last holds; whatever was issued before it
-    is void, also what was sent ahead for later.
+    with 0 or a past time begins at once, and so does one stamped hours ahead, by another clock. At a tick, of all
+    references that have begun the one issued last holds; whatever was issued before it is void, also what was sent
+    ahead for later.
 
     The middleware repeats what it keeps to everyone who joins later, sender by sender. So the age of a message is not
     told by when it arrives but by when it was published.
@@ -39,9 +41,8 @@ class ReferenceQueue:
         When the reference that holds was issued; 0 before the first.
     """
 
-    def __init__(self, horizon_s: float = 36_000.0) -> None:
+    def __init__(self) -> None:
         self.issued_ns = 0
-        self._horizon_ns = round(horizon_s * NANOSECONDS)
         self._waiting: list[_Issued] = []
         self._current: Reference | None = None
         self._newest_ns = 0
@@ -67,7 +68,7 @@ class ReferenceQueue:
         """Return the reference that holds at a tick, None before the first; to be called in order of time."""
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
-            if not tick_ns < one.stamp_ns <= tick_ns + self._horizon_ns:
+            if not tick_ns < one.stamp_ns <= tick_ns + _HORIZON_NS:
                 self._current, self.issued_ns = one.reference, one.issued_ns
                 del self._waiting[: index + 1]
                 break

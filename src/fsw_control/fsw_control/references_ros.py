@@ -1,4 +1,4 @@
-"""Set-points on topics: as they are sent, and as those who hear them state what holds."""
+"""Set-points on topics: as they are sent, and as those who follow them state what holds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fsw_msgs.msg import WeldReference
 
 
 def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], object]) -> None:
-    """Put the set-points that are sent, and those that a supervisor states for who comes later, into ``queue``.
+    """Put the set-points that are sent, and those that a supervisor states for late joiners, into ``queue``.
 
     ``refuse`` gets what is wrong with a message that is not taken.
     """
@@ -44,7 +44,7 @@ def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse:
 
 
 class StatedReference:
-    """States, latched, which set-points hold, for those who come when their sender has left.
+    """States, latched, which set-points hold, for nodes that join when the sender has left.
 
     Its ``topic`` has no other writer.
     """
@@ -55,7 +55,7 @@ class StatedReference:
         self._told: tuple[Reference, int] | None = None
         self._tick_ns = -1
 
-    def tell(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
+    def update(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
         """State what holds at a tick (None: nothing yet) and when it was issued, if it is new or time went back."""
         went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
         if reference is not None and (went_back or (reference, issued_ns) != self._told):
@@ -63,7 +63,7 @@ class StatedReference:
             self._publisher.publish(convert.reference_message(reference, tick_ns, issued_ns))
 
     def close(self) -> None:
-        """Take it back."""
+        """Withdraw the statement."""
         self._node.destroy_publisher(self._publisher)
 
 
@@ -83,11 +83,11 @@ class KeptReference:
         subscribe_references(node, self._queue, _ignore)
 
     def hear(self, controller: str) -> None:
-        """Listen to what a controller says that it follows."""
+        """Listen to which set-points a controller follows."""
         _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
 
     def open(self) -> None:
-        """Go on duty: tell from the next tick on."""
+        """Go on duty: state from the next tick on."""
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
 
@@ -98,14 +98,14 @@ class KeptReference:
             self._statement = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """Tell what holds at a tick if it has changed; may be called several times per tick."""
+        """State what holds at a tick if it has changed; may be called several times per tick."""
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
         present = self._queue.at(tick_ns)
         if self._statement is not None:
-            self._statement.tell(tick_ns, present, self._queue.issued_ns)
+            self._statement.update(tick_ns, present, self._queue.issued_ns)
 
 
 def _ignore(what: str) -> None:
-    """Say nothing of a bad message: every controller does."""
+    """Pass over a bad message: every controller reports it."""

@@ -15,7 +15,7 @@ from fsw_control.contract import Command
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: the last message is kept for who comes later
+#: the last message is kept for late joiners
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: set-points; as deep as a scenario's are sent ahead
 LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -42,7 +42,7 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     Raises
     ------
     ValueError
-        When they contradict each other; the message says which.
+        When they contradict each other; the message names the sensor.
     """
     if values is None:
         values = defaults(load("fsw_control", "controller.yaml"))
@@ -136,7 +136,7 @@ class SensorValidity:
         self._valid = False
 
     def update(self, time_s: float, value: float | None) -> Reading:
-        """Judge the sample of the tick at ``time_s``; None says that none came."""
+        """Judge the sample of the tick at ``time_s``; None: none came."""
         fault = self._fault(value)
         if fault:
             self._agreeing = 0
