@@ -80,13 +80,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the manipulated variables.
-
-    Raises
-    ------
-    ValueError
-        When a minimum is not below its maximum.
-    """
+    """Bounds and largest change per tick of the manipulated variables."""
 
     force_min_kn: float = weld.FORCE_MIN_KN
     force_max_kn: float = weld.FORCE_MAX_KN
@@ -95,20 +89,18 @@ class Limits:
     force_step_kn: float = weld.FORCE_STEP_KN
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
-    def __post_init__(self) -> None:
-        for name, unit, low, high in (
-            ("force", "kN", self.force_min_kn, self.force_max_kn),
-            ("speed", "rpm", self.speed_min_rpm, self.speed_max_rpm),
-        ):
-            if not low < high:
-                raise ValueError(
-                    f"minimum of {name} ({name}_min, {low:g} {unit}) must be below "
-                    f"the maximum ({name}_max, {high:g} {unit})"
-                )
-
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
-        """Limits from the parameters of a controller."""
+        """Limits from the parameters of a controller.
+
+        Raises
+        ------
+        ValueError
+            When a minimum is not below its maximum.
+        """
+        for low, high in (("force_min", "force_max"), ("speed_min", "speed_max")):
+            if not values[low] < values[high]:
+                raise ValueError(f"{low} must be below {high}")
         names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
         return cls(*(values[name] for name in names))
 
