@@ -17,22 +17,17 @@ if TYPE_CHECKING:
 class ParameterValues:
     """The declared parameters of one node, always as last accepted; rclpy raises when a value given at start is wrong.
 
-    Attributes
-    ----------
-    specs : dict of str to ParameterSpec
-        What was declared.
-    values : dict of str to Any
-        Present values; replaced as a whole at a change, so a reader may keep the dict it has.
+    ``values`` is replaced as a whole at a change, so a reader may keep the dict it has.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, ParameterSpec]) -> None:
-        self.specs = dict(specs)
+        self._specs = dict(specs)
         self.values: dict[str, Any] = {}
         self._callbacks: list[Callable[[dict[str, Any]], None]] = []
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
         # The check comes first, so that it also sees the values given at start.
         node.add_on_set_parameters_callback(self._check)
-        for spec in self.specs.values():
+        for spec in self._specs.values():
             self.values[spec.name] = spec.check(_declare(node, spec))
         node.add_post_set_parameters_callback(self._accept)
 
@@ -50,9 +45,9 @@ class ParameterValues:
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
         """Values in their types, of those declared here; an empty list passes once without a value, at declaration."""
         return {
-            parameter.name: self.specs[parameter.name].check(parameter.value)
+            parameter.name: self._specs[parameter.name].check(parameter.value)
             for parameter in parameters
-            if parameter.name in self.specs and parameter.value is not None
+            if parameter.name in self._specs and parameter.value is not None
         }
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
