@@ -43,6 +43,17 @@ NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page.
 RESULTS = "results/README.md"
 
 
+def markdown(specs: dict[str, ParameterSpec]) -> str:
+    """A table of parameters."""
+    rows = []
+    for spec in specs.values():
+        default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
+        allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
+        text = spec.description + (" (at start only)" if spec.read_only else "")
+        rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
+    return "\n".join(table(("parameter", "type", "default", "range", "unit", "meaning"), rows))
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
     """Lines of a markdown table."""
     cells = [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
@@ -63,14 +74,6 @@ def parameter_files() -> Iterator[tuple[Path, str]]:
             yield path, text
 
 
-def parameter_row(spec: ParameterSpec) -> tuple[str, ...]:
-    """A parameter as a row of its table."""
-    default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
-    allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
-    text = spec.description + (" (at start only)" if spec.read_only else "")
-    return f"`{spec.name}`", spec.type, default, allowed, spec.unit, text
-
-
 def parameters() -> str:
     """Parameters of all nodes, and the fields of the NMPC's tuning file."""
     lines = [
@@ -88,9 +91,7 @@ def parameters() -> str:
                 break
             comment.append(line.lstrip("# ").replace("<", "&lt;"))
         lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
-        specs = parse(text, str(path)).values()
-        header = ("parameter", "type", "default", "range", "unit", "meaning")
-        lines += table(header, [parameter_row(spec) for spec in specs])
+        lines += markdown(parse(text, str(path))).splitlines()
     lines += ["", "## Tuning file of the NMPC", "", "Fields of the file that the parameter `tuning_file` names.", ""]
     presets = {name: Tuning.preset(name, nominal()) for name in ("default", "paper")}
     meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}
