@@ -29,7 +29,7 @@ import yaml
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
-from fsw_control.parameters import markdown, parse
+from fsw_control.parameters import ParameterSpec, parse
 from fsw_experiment import ranges, scenario_file
 from fsw_experiment.cli.main import parser as operator_parser
 from fsw_experiment.demo import parser as demo_parser
@@ -41,6 +41,17 @@ DOCS = WORKSPACE / "docs"
 REFERENCE = DOCS / "reference"
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
+
+
+def markdown(specs: dict[str, ParameterSpec]) -> str:
+    """A table of parameters."""
+    rows = []
+    for spec in specs.values():
+        default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
+        allowed = ", ".join(spec.options) if spec.range is None else f"{spec.range[0]:g} … {spec.range[1]:g}"
+        text = spec.description + (" (at start only)" if spec.read_only else "")
+        rows.append((f"`{spec.name}`", spec.type, default, allowed, spec.unit, text))
+    return "\n".join(table(("parameter", "type", "default", "range", "unit", "meaning"), rows))
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
@@ -11,23 +11,16 @@ from fsw_control.contract import Command
 #: More than a controller ever lags behind.
 _KEPT = 100
 _BEFORE_ALL_NS = -1
+#: A command further than this from the newest measurement is of another time.
+_REACH_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class AppliedCommand:
     """A message seen on the command topic.
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the measurement that it answers.
-    command : Command
-    source : str
-        Who computed it.
-    writer : str
-        Which supervisor sent it; empty where nobody says so.
-    healthy : bool
-        False: not to be applied.
+    ``stamp_ns`` is that of the measurement that it answers, ``source`` who computed it, and ``writer`` which supervisor
+    sent it (empty where that is not given).
     """
 
     stamp_ns: int
@@ -38,22 +31,16 @@ class AppliedCommand:
 
 
 class AppliedCommands:
-    """Commands by the stamp of the measurement that each answers, as the plant obeys them: the first of each stamp.
+    """Commands by the stamp of the measurement that each answers; as in the plant, the first of each stamp counts.
 
     While another controller is in command, the command that answers a tick may arrive before this controller has
-    seen all of the tick's samples. What it shall follow is the command before that.
+    seen all of the tick's samples. The one to follow is the command before that.
 
     Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
     that one has fallen silent.
 
-    Parameters
-    ----------
-    initial : Command
-        Taken as applied until the first command.
-    period_s : float
-        Of the measurements. After 1.5 periods without a command a writer counts as silent.
-    reach_s : float
-        A command further than this from the newest measurement is of another time, and ignored.
+    Until the first command ``initial`` is taken as applied. After 1.5 periods of the measurements without a command a
+    writer counts as silent.
 
     Attributes
     ----------
@@ -63,37 +50,24 @@ class AppliedCommands:
         Why the last one did not count; empty if it did, or was sent again.
     """
 
-    def __init__(self, initial: Command, period_s: float = 0.1, reach_s: float = 1.0) -> None:
+    def __init__(self, initial: Command, period_s: float = 0.1) -> None:
         self._silence_s = 1.5 * period_s
-        self._reach_ns = round(reach_s * 1e9)
         self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
         self._heard_s = 0.0
         self.ignored = 0
         self.complaint = ""
 
     @property
-    def latest(self) -> Command:
+    def latest(self) -> AppliedCommand:
         """The last command that counts."""
-        return self._kept[-1].command
-
-    @property
-    def source(self) -> str:
-        """Who computed the last command; empty before the first."""
-        return self._kept[-1].source
+        return self._kept[-1]
 
     def add(self, seen: AppliedCommand, newest_ns: int | None, now_s: float) -> bool:
-        """Take a command seen; returns whether it counts.
+        """Take a command seen at ``now_s`` on a steady clock; return whether it counts.
 
-        Parameters
-        ----------
-        seen : AppliedCommand
-            The command.
-        newest_ns : int or None
-            Newest stamp of a measurement; None before the first.
-        now_s : float
-            Time of arrival on any steady clock.
+        ``newest_ns`` is the newest stamp of a measurement, None before the first.
         """
-        last = self._kept[-1]
+        last = self.latest
         self.complaint = self._complaint(seen, last, newest_ns, now_s)
         if self.complaint:
             self.ignored += 1
@@ -109,8 +83,8 @@ class AppliedCommands:
         if refused is not None:
             return f"it is {refused.words}"
         if not seen.healthy:
-            return "it says that it must not be applied"
-        if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > self._reach_ns:
+            return "it is marked as not to be applied"
+        if newest_ns is not None and abs(seen.stamp_ns - newest_ns) > _REACH_NS:
             return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
         if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer:
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
@@ -125,12 +99,12 @@ class AppliedCommands:
         return ""
 
     def restart(self) -> None:
-        """Time has jumped: what acts stays, the stamps begin anew."""
-        self._kept = deque([AppliedCommand(_BEFORE_ALL_NS, self.latest, self.source)], maxlen=_KEPT)
+        """Time has jumped: what acts stays, the stamps start over."""
+        self._kept = deque([replace(self.latest, stamp_ns=_BEFORE_ALL_NS)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:
         """The command in force until the tick of ``tick_ns``; the oldest known one if all are newer."""
-        while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + self._reach_ns:
+        while len(self._kept) > 1 and self._kept[-1].stamp_ns > tick_ns + _REACH_NS:
             self._kept.pop()  # came before there was a measurement to compare it with
         for seen in reversed(self._kept):
             if seen.stamp_ns < tick_ns:

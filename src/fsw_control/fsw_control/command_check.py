@@ -48,7 +48,6 @@ def refusal(
     Parameters
     ----------
     command : Command
-        The command.
     bounds : Bounds, optional
         None: it has to be finite only.
     previous, moves : Command, Limits, optional
@@ -58,19 +57,17 @@ def refusal(
     if not (isfinite(force) and isfinite(speed)):
         return Refusal(Flaw.NOT_FINITE, f"not finite: force {force} kN, speed {speed} rpm")
     if bounds is not None:
-        rows = (
+        for name, unit, value, low, high in (
             ("force", "kN", force, bounds.force_min_kn, bounds.force_max_kn),
             ("speed", "rpm", speed, bounds.speed_min_rpm, bounds.speed_max_rpm),
-        )
-        for name, unit, value, low, high in rows:
+        ):
             if not low - ROUNDING <= value <= high + ROUNDING:
                 return Refusal(Flaw.OUT_OF_RANGE, f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}")
     if previous is not None and moves is not None:
-        changes = (
+        for name, unit, change, largest in (
             ("force", "kN", force - previous.force_kn, moves.force_step_kn),
             ("speed", "rpm", speed - previous.speed_rpm, moves.speed_step_rpm),
-        )
-        for name, unit, change, largest in changes:
+        ):
             if abs(change) > largest + ROUNDING:
                 words = f"{name} would jump by {abs(change):.3f} {unit}, more than {largest:g} {unit} per tick"
                 return Refusal(Flaw.JUMP, words)

@@ -5,8 +5,9 @@ Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fsw_control import weld
 
@@ -61,11 +62,7 @@ class Coming(NamedTuple):
 class Reference:
     """Set-points: shoulder depth and stir-zone temperature.
 
-    Attributes
-    ----------
-    depth_mm, temperature_c : float
-    coming : tuple of Coming
-        The next ones that are known, in order of time; for controllers that can look ahead.
+    ``coming`` are the next ones that are known, in order of time; for controllers that can look ahead.
     """
 
     depth_mm: float
@@ -92,6 +89,21 @@ class Limits:
     force_step_kn: float = weld.FORCE_STEP_KN
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Limits:
+        """Limits from the parameters of a controller.
+
+        Raises
+        ------
+        ValueError
+            When a minimum is not below its maximum.
+        """
+        for low, high in (("force_min", "force_max"), ("speed_min", "speed_max")):
+            if not values[low] < values[high]:
+                raise ValueError(f"{low} must be below {high}")
+        names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
+        return cls(*(values[name] for name in names))
+
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
         force = min(max(wanted.force_kn, self.force_min_kn), self.force_max_kn)
@@ -101,23 +113,18 @@ class Limits:
             speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)
         return Command(force, speed)
 
-    def active(self, command: Command, previous: Command | None, tolerance: float = 1e-9) -> tuple[str, ...]:
+    def active(self, command: Command, previous: Command) -> tuple[str, ...]:
         """Names of the limits that ``command`` touches, e.g. ``force_max`` or ``speed_rate``."""
-        names: list[str] = []
-        if command.force_kn <= self.force_min_kn + tolerance:
-            names.append("force_min")
-        if command.force_kn >= self.force_max_kn - tolerance:
-            names.append("force_max")
-        if command.speed_rpm <= self.speed_min_rpm + tolerance:
-            names.append("speed_min")
-        if command.speed_rpm >= self.speed_max_rpm - tolerance:
-            names.append("speed_max")
-        if previous is not None:
-            if abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance:
-                names.append("force_rate")
-            if abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance:
-                names.append("speed_rate")
-        return tuple(names)
+        tolerance = 1e-9
+        touched = {
+            "force_min": command.force_kn <= self.force_min_kn + tolerance,
+            "force_max": command.force_kn >= self.force_max_kn - tolerance,
+            "speed_min": command.speed_rpm <= self.speed_min_rpm + tolerance,
+            "speed_max": command.speed_rpm >= self.speed_max_rpm - tolerance,
+            "force_rate": abs(command.force_kn - previous.force_kn) >= self.force_step_kn - tolerance,
+            "speed_rate": abs(command.speed_rpm - previous.speed_rpm) >= self.speed_step_rpm - tolerance,
+        }
+        return tuple(name for name, touches in touched.items() if touches)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +140,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What a controller tells of itself besides its proposal (all optional)."""
+    """What a controller reports besides its command (all optional)."""
 
     depth_estimate_mm: float = float("nan")
     temperature_estimate_c: float = float("nan")
@@ -164,8 +171,8 @@ class Proposal:
 class Controller(Protocol):
     """Anything that turns measurements into proposals.
 
-    A controller is always warm: it is stepped at every tick, selected or not, and ``applied`` is the command
-    that the plant really obeyed during the tick that just ended. A controller that follows it is bumpless.
+    It is stepped at every tick, selected or not, and ``applied`` is the command that the plant really obeyed during
+    the tick that just ended. A controller that follows it takes over without a bump.
     """
 
     name: str

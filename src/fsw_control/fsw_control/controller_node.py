@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,12 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.contract import SENSORS, Command, Controller, Proposal
+from fsw_control.contract import Command, Controller, Proposal
 from fsw_control.host import answer
 from fsw_control.message_synchronizer import MessageSynchronizer, Tick
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load, load_path
-from fsw_control.parameters_ros import ParameterValues
+from fsw_control.parameters import load, load_path, problem
+from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan, ReferenceQueue
 from fsw_control.references_ros import StatedReference, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
@@ -31,10 +32,10 @@ Make = Callable[[dict[str, Any]], Controller]
 
 
 class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Feeds a controller with ticks and publishes its proposals, status, diagnostics and prediction.
+    """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
 
-    Callbacks only buffer; a tick is consumed when it is complete, or when its deadline has passed. Time is that
-    of the measurements: in simulated time nothing but data drives the node, apart from the deadline.
+    A tick is consumed when it is complete, or when its deadline has passed. Time is that of the measurements: in
+    simulated time nothing but data drives the node, apart from the deadline.
 
     Parameters
     ----------
@@ -49,16 +50,16 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 
     def __init__(self, name: str, make: Make, parameters: tuple[str, str] | str | Path | None = None) -> None:
         super().__init__(f"fsw_{name}")
-        own = (
-            {} if parameters is None else load(*parameters) if isinstance(parameters, tuple) else load_path(parameters)
-        )
-        self._settings = ParameterValues(self, load("fsw_control", "controller.yaml"))
+        self._settings = declare(self, "fsw_control", "controller.yaml")
+        own = {}
+        if parameters is not None:
+            own = load(*parameters) if isinstance(parameters, tuple) else load_path(parameters)
         self._own = ParameterValues(self, own)
         self._controller = make(self._own.values)
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._applied = AppliedCommands(initial, self._settings["period"])
-        self._controller.reset(self._applied.latest)
+        self._controller.reset(initial)
         self._references = ReferenceQueue()
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
@@ -76,13 +77,11 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 
     def _open_parameters(self) -> None:
         self._settings.on_change(lambda values: self._guard.configure(sensor_limits(values)))
-        self._settings.add_check(_wrong_limits)
-        check = getattr(self._controller, "check", None)
-        if check is not None:
-            self._own.add_check(check)
-        configure = getattr(self._controller, "configure", None)
-        if configure is not None:
-            self._own.on_change(configure)
+        self._settings.add_check(partial(problem, sensor_limits))
+        if hasattr(self._controller, "check"):
+            self._own.add_check(self._controller.check)
+        if hasattr(self._controller, "configure"):
+            self._own.on_change(self._controller.configure)
 
     def _open_topics(self) -> None:
         self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", STREAM)
@@ -108,12 +107,11 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._consume(self._synchronizer.add(sensor, stamp_ns, value, time.monotonic()))
 
     def _on_command(self, message: WeldCommand) -> None:
-        header = message.header
-        seen = AppliedCommand(
-            convert.stamp_ns(header.stamp), convert.command(message), message.source, header.frame_id, message.healthy
-        )
-        if self._applied.add(seen, self._synchronizer.newest_ns, time.monotonic()):
-            self._consume(self._synchronizer.add_command(seen.stamp_ns))
+        header, command = message.header, convert.command(message)
+        stamp_ns = convert.stamp_ns(header.stamp)
+        seen = AppliedCommand(stamp_ns, command, message.source, header.frame_id, message.healthy)
+        if self._applied.add(seen, self._synchronizer.stamps.newest_ns, time.monotonic()):
+            self._consume(self._synchronizer.add_command(stamp_ns))
         elif self._applied.complaint:
             text = f"a command of {message.source[:40]!r} is ignored: {self._applied.complaint}"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
@@ -156,9 +154,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         if tick.restarted:
             self._guard.reset()
             self._applied.restart()
-            self._controller.reset(self._applied.latest)
+            self._controller.reset(self._applied.latest.command)
             self._last_ns = None
-            self.get_logger().warning("time of the measurements has jumped: controller starts anew")
+            self.get_logger().warning("time of the measurements has jumped: the controller starts over")
         dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
@@ -169,7 +167,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)
         elapsed_s = time.perf_counter() - begin
         self._publish(tick.stamp_ns, proposal)
-        self._followed.tell(tick.stamp_ns, reference, self._references.issued_ns)
+        self._followed.update(tick.stamp_ns, reference, self._references.issued_ns)
         self._steps += 1
         self._stream_of_ticks = True
         self._step_time_s += elapsed_s
@@ -187,7 +185,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                     proposal,
                     time_ns,
                     self._controller_name,
-                    selected=self._applied.source == self._controller_name,
+                    selected=self._applied.latest.source == self._controller_name,
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
@@ -201,12 +199,11 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         health = (proposal.healthy, proposal.reason)
         if health == self._health:
             return
-        was_healthy = self._health is None or self._health[0]
-        self._health = health
         if not proposal.healthy:
             self.get_logger().warning(f"unhealthy: {proposal.reason}", throttle_duration_sec=0.5)
-        elif not was_healthy:
+        elif self._health is not None and not self._health[0]:
             self.get_logger().info("healthy again")
+        self._health = health
         self._publish_diagnostics()
 
     def _on_heartbeat(self) -> None:
@@ -217,40 +214,25 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         healthy, reason = self._health or (False, "no measurement received yet")
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, reason = False, "measurements have stopped"
-        reasons = {sensor: text for sensor, text in self._guard.reasons.items() if text}
-        level = DiagnosticStatus.OK if healthy and not reasons else DiagnosticStatus.WARN
+        faults = [f"{sensor}: {why}" for sensor, why in self._guard.reasons.items() if why]
+        level = DiagnosticStatus.OK if healthy and not faults else DiagnosticStatus.WARN
         if not healthy and self._steps:
             level = DiagnosticStatus.ERROR
-        text = reason or ", ".join(f"{sensor}: {why}" for sensor, why in reasons.items()) or "proposing"
-        counts = self._synchronizer.counts
         values: dict[str, object] = {
             "steps": self._steps,
             "unhealthy steps": self._unhealthy_steps,
             "mean step time [ms]": f"{1e3 * self._step_time_s / max(self._steps, 1):.4f}",
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
-            "applied from": self._applied.source,
+            "applied from": self._applied.latest.source,
             "commands ignored": self._applied.ignored,
-            "jumps of time": self._synchronizer.jumps,
+            "jumps of time": self._synchronizer.stamps.jumps,
         }
-        for sensor in SENSORS:
-            values[f"{sensor} late"] = counts.late[sensor]
-            values[f"{sensor} duplicate"] = counts.duplicate[sensor]
-            values[f"{sensor} missing"] = counts.missing[sensor]
+        for sensor, counts in self._synchronizer.counts.items():
+            values |= {f"{sensor} {what}": count for what, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
-        now_ns = self.get_clock().now().nanoseconds
-        self._diagnostics.publish(
-            convert.diagnostics_message(
-                now_ns, f"{self.get_name()}: controller {self._controller_name}", level, text, values
-            )
-        )
-
-
-def _wrong_limits(values: dict[str, Any]) -> str | None:
-    try:
-        sensor_limits(values)
-    except ValueError as error:
-        return f"sensor validity: {error}"
-    return None
+        name, now_ns = f"{self.get_name()}: controller {self._controller_name}", self.get_clock().now().nanoseconds
+        text = reason or ", ".join(faults) or "proposing"
+        self._diagnostics.publish(convert.diagnostics_message(now_ns, name, level, text, values))
 
 
 def run_controller(
@@ -280,8 +262,5 @@ def run_controller(
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):
         raise TypeError("run_controller: give name=..., or a controller class with a class attribute 'name'")
-
-    def made(values: dict[str, Any]) -> Controller:
-        return make(values) if parameters is not None else make()
-
+    made = make if parameters is not None else lambda _: make()
     return run(lambda: ControllerNode(controller_name, made, parameters), args)

@@ -20,15 +20,9 @@ class NoFreeDomainError(RuntimeError):
 
 @contextlib.contextmanager
 def free_domain() -> Iterator[int]:
-    """A ROS domain of its own on this machine, for as long as the context lasts.
+    """A ROS domain (20 to 100) that lock files reserve on this machine for as long as the context lasts.
 
-    Lock files keep others away. A process takes another one every time, since participants that were killed linger in
-    their domain until their lease ends.
-
-    Yields
-    ------
-    int
-        The domain, 20 to 100.
+    A process takes another one every time: participants that were killed linger in their domain until their lease ends.
 
     Raises
     ------
@@ -39,15 +33,11 @@ def free_domain() -> Iterator[int]:
     for _ in _DOMAINS:
         _last += 1
         domain = _DOMAINS[_last % len(_DOMAINS)]
-        path = Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock"
-        try:
-            file = path.open("w")
-        except OSError:  # another user's
-            continue
-        with file:
+        with contextlib.ExitStack() as stack:
             try:
+                file = stack.enter_context((Path(tempfile.gettempdir()) / f"ros_domain_{domain}.lock").open("w"))
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            except OSError:  # in use, or another user's file
                 continue
             yield domain
             return

@@ -15,13 +15,7 @@ def answer(
 
     That is where it raises, where its command is not finite, where a sensor that it needs is invalid, and where
     there is no set-point yet (the controller is not stepped then). An unusable command is replaced by ``applied``.
-
-    Parameters
-    ----------
-    controller : Controller
-        Whom to ask.
-    measurement, reference, applied, dt_s
-        As for ``Controller.step``.
+    The arguments are those of :meth:`fsw_control.Controller.step`.
     """
     if reference is None:
         return Proposal(applied, healthy=False, reason="no set-point yet")
@@ -34,10 +28,7 @@ def answer(
         return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
     if refused is not None:
         return Proposal(applied, healthy=False, reason=f"command is {refused.words}", diagnosis=proposal.diagnosis)
-    if proposal.healthy and not (
-        measurement.depth_valid and measurement.torque_valid and measurement.temperature_valid
-    ):
-        needed = [name for name in measurement.invalid_sensors() if name not in controller.tolerated_sensors]
-        if needed:
-            return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
+    needed = [name for name in measurement.invalid_sensors() if name not in controller.tolerated_sensors]
+    if proposal.healthy and needed:
+        return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
     return proposal

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command
 
-NANOSECONDS = 1_000_000_000
+#: Distance of a stamp from the newest one that counts as a jump of time.
+_JUMP_NS = 1_000_000_000
 #: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
 _PENDING_TICKS = 2
 #: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
@@ -16,26 +18,31 @@ _PUT_OFF_SHARE = 1.0 / 3.0
 _KEPT_DRIVES = 16
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Tick:
     """The samples of one stamp.
 
     Attributes
     ----------
     stamp_ns : int
-        The stamp that they share.
+    begun_s : float
+        Arrival of the first one on the steady clock.
     values : dict of str to float
-        Value by sensor name; a sensor that did not come is absent.
-    restarted : bool
-        Whether time jumped before this tick, so that the past must be forgotten.
+        By sensor; one that did not come is absent.
     drives : Command or None
         Force and speed that act, as the drives report them; None where their sample did not come.
+    restarted : bool
+        Whether time jumped before this tick, so that the past must be forgotten.
+    put_off : bool
+        Whether its deadline was put off, once.
     """
 
     stamp_ns: int
-    values: dict[str, float]
-    restarted: bool = False
+    begun_s: float
+    values: dict[str, float] = field(default_factory=dict)
     drives: Command | None = None
+    restarted: bool = False
+    put_off: bool = False
 
 
 class Believed(NamedTuple):
@@ -48,16 +55,9 @@ class Believed(NamedTuple):
 class StampFilter:
     """Which stamps are believed.
 
-    A stamp far from the newest one (the clock jumped, the plant was restarted, or one sensor's clock is broken) is
-    not believed until a second source confirms it or all else is silent, so that one sensor with a broken clock cannot
-    stop the others.
-
-    Parameters
-    ----------
-    silence_s : float
-        After so long without any believed sample a jump is believed unconfirmed.
-    jump_s : float
-        Distance of a stamp from the newest one that counts as a jump of time.
+    A stamp far from the newest one (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not
+    believed until a second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken
+    clock cannot stop the others.
 
     Attributes
     ----------
@@ -67,29 +67,16 @@ class StampFilter:
         Jumps of time since the start.
     """
 
-    def __init__(self, silence_s: float, jump_s: float = 1.0) -> None:
+    def __init__(self, silence_s: float) -> None:
         self.newest_ns: int | None = None
         self.jumps = 0
-        self._jump_ns = round(jump_s * NANOSECONDS)
         self._silence_s = silence_s
         self._heard_s = float("-inf")
         self._strange: dict[str, tuple[int, float]] = {}
 
     def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> Believed | None:
-        """Take a sample; return what is believed because of it, None when that is nothing.
-
-        Parameters
-        ----------
-        source : str
-            Which sensor.
-        stamp_ns : int
-            Stamp of the sample.
-        value : float
-            The sample.
-        now_s : float
-            Time of arrival on any steady clock.
-        """
-        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= self._jump_ns:
+        """Take a sample that came at ``now_s`` on a steady clock; return what is believed because of it, or None."""
+        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= _JUMP_NS:
             self._heard_s = now_s
             if self.newest_ns is None or stamp_ns > self.newest_ns:
                 self.newest_ns = stamp_ns
@@ -105,54 +92,36 @@ class StampFilter:
         return Believed(agreeing, jumped=True)
 
 
-@dataclass(slots=True)
-class SynchronizerCounts:
-    """What did not go as it should, by sensor, since start."""
-
-    late: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
-    duplicate: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
-    missing: dict[str, int] = field(default_factory=lambda: dict.fromkeys(SENSORS, 0))
-
-
-@dataclass(slots=True)
-class _Pending:
-    """A tick that has begun: its samples, when the first came, and whether its deadline was put off once."""
-
-    stamp_ns: int
-    begun_s: float
-    values: dict[str, float] = field(default_factory=dict)
-    put_off: bool = False
-
-
 class MessageSynchronizer:
     """Collects samples into ticks, which come out in order of time and each stamp once.
 
     A tick is complete when all sensors came and the command that answers the tick before is known (a controller
-    needs to know what was applied). It is given up waiting for when all sensors that it lacks have sent newer samples
-    (a topic keeps its order), when the tick after the next begins, or by :meth:`expire`. Which stamps are believed says
-    a :class:`StampFilter`.
+    needs to know what was applied). The wait ends early when all sensors that it lacks have sent newer samples (a topic
+    keeps its order), when the tick after the next begins, or by :meth:`expire`.
 
     The drives' sample rides along: it neither begins nor confirms a tick, and a tick goes without it. Only where time
     waits for the controllers anyway (``await_drives``) does a tick wait for it, as long as it came with the last one.
 
-    Parameters
+    Attributes
     ----------
-    jump_s, silence_s : float
-        Of the filter.
-    await_drives : bool
-        Whether the drives' sample belongs to a complete tick, so that the result does not depend on timing.
+    stamps : StampFilter
+        Decides which stamps are believed.
+    counts : dict of str to dict of str to int
+        By sensor, its samples ``late``, ``duplicate`` and ``missing`` since start.
+    missed : frozenset of str
+        Sensors (and ``drives``, ``command``) that the last tick had to do without.
     """
 
-    def __init__(self, jump_s: float = 1.0, silence_s: float = 1.0, await_drives: bool = False) -> None:
-        self.counts = SynchronizerCounts()
-        self._stamps = StampFilter(silence_s, jump_s)
+    def __init__(self, await_drives: bool = False) -> None:
+        self.stamps = StampFilter(silence_s=1.0)
+        self.counts = {sensor: dict.fromkeys(("late", "duplicate", "missing"), 0) for sensor in SENSORS}
+        self.missed: frozenset[str] = frozenset()
         self._last_ns: int | None = None
         self._command_ns: int | None = None
         self._awaits_command = True
         self._unanswered = 0
-        self._pending: list[_Pending] = []
+        self._pending: list[Tick] = []
         self._restarted = False
-        self._missed: frozenset[str] = frozenset()
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
         self._drives_come = True
@@ -163,63 +132,37 @@ class MessageSynchronizer:
         return self._pending[0].begun_s if self._pending else None
 
     @property
-    def newest_ns(self) -> int | None:
-        """Newest stamp of a tick, complete or not; None before the first."""
-        return self._stamps.newest_ns
-
-    @property
-    def jumps(self) -> int:
-        """Jumps of time since the start."""
-        return self._stamps.jumps
-
-    @property
     def lacking(self) -> frozenset[str]:
         """Sensors (and ``drives``, ``command``) that the oldest tick that is not complete still waits for."""
-        lacking = {sensor for sensor in SENSORS if not self._pending or sensor not in self._pending[0].values}
-        if self._await_drives and self._drives_come and self._pending and self._pending[0].stamp_ns not in self._drives:
+        oldest = self._pending[0] if self._pending else None
+        lacking = set(SENSORS).difference(oldest.values if oldest else ())
+        if self._await_drives and self._drives_come and oldest and oldest.stamp_ns not in self._drives:
             lacking.add("drives")
         if not self._answered():
             lacking.add("command")
         return frozenset(lacking)
 
-    @property
-    def missed(self) -> frozenset[str]:
-        """Sensors (and ``drives``, ``command``) that the last tick had to do without."""
-        return self._missed
-
     def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
-        """Take one sample; return the ticks that it completes, oldest first.
-
-        Parameters
-        ----------
-        sensor : str
-            One of ``SENSORS``.
-        stamp_ns : int
-            Stamp of the sample.
-        value : float
-            The sample.
-        now_s : float
-            Time of arrival on any steady clock.
-        """
-        believed = self._stamps.offer(sensor, stamp_ns, value, now_s)
+        """Take a sample that came at ``now_s`` on a steady clock; return the ticks that it completes, oldest first."""
+        believed = self.stamps.offer(sensor, stamp_ns, value, now_s)
         if believed is None or believed.jumped:
-            self.counts.late[sensor] += 1
+            self.counts[sensor]["late"] += 1
             return [] if believed is None else self._jump(stamp_ns, believed.samples, now_s)
         if self._last_ns is not None and stamp_ns <= self._last_ns:
-            same = stamp_ns == self._last_ns and sensor not in self._missed
-            (self.counts.duplicate if same else self.counts.late)[sensor] += 1
+            again = stamp_ns == self._last_ns and sensor not in self.missed
+            self.counts[sensor]["duplicate" if again else "late"] += 1
             return []
         return self._accept(sensor, stamp_ns, value, now_s)
 
     def add_command(self, stamp_ns: int) -> list[Tick]:
-        """Note that the command answering ``stamp_ns`` is known; return the ticks that it completes, oldest first."""
+        """Note that the command that answers ``stamp_ns`` is known; return the ticks that this completes."""
         self._command_ns = stamp_ns
         self._awaits_command = True
         self._unanswered = 0
         return self._release()
 
     def add_drives(self, stamp_ns: int, acting: Command) -> list[Tick]:
-        """Take a sample of the drives; return the ticks that it completes, oldest first."""
+        """Take a sample of the drives; return the ticks that it completes."""
         self._drives_come = True
         self._drives[stamp_ns] = acting
         if len(self._drives) > _KEPT_DRIVES:
@@ -246,13 +189,12 @@ class MessageSynchronizer:
         tick = next((tick for tick in self._pending if tick.stamp_ns == stamp_ns), None)
         if tick is None:
             if len(self._pending) == _PENDING_TICKS and stamp_ns < self._pending[0].stamp_ns:
-                self.counts.late[sensor] += 1
+                self.counts[sensor]["late"] += 1
                 return []
-            tick = _Pending(stamp_ns, now_s)
-            self._pending.append(tick)
-            self._pending.sort(key=lambda tick: tick.stamp_ns)
+            tick = Tick(stamp_ns, now_s)
+            insort(self._pending, tick, key=lambda tick: tick.stamp_ns)
         if sensor in tick.values:
-            self.counts.duplicate[sensor] += 1
+            self.counts[sensor]["duplicate"] += 1
             return []
         tick.values[sensor] = value
         return self._release()
@@ -270,7 +212,7 @@ class MessageSynchronizer:
         lacking = self.lacking
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
-    def _sources_of(self, tick: _Pending) -> set[str]:
+    def _sources_of(self, tick: Tick) -> set[str]:
         return {*tick.values, "drives"} if tick.stamp_ns in self._drives else set(tick.values)
 
     def _release(self) -> list[Tick]:
@@ -280,28 +222,28 @@ class MessageSynchronizer:
         return ticks
 
     def _pop(self) -> Tick:
-        oldest = self._pending.pop(0)
-        missed = [sensor for sensor in SENSORS if sensor not in oldest.values]
+        tick = self._pending.pop(0)
+        missed = [sensor for sensor in SENSORS if sensor not in tick.values]
         for sensor in missed:
-            self.counts.missing[sensor] += 1
+            self.counts[sensor]["missing"] += 1
         if not self._answered():
             missed.append("command")
             self._unanswered += 1
             # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
             self._awaits_command = self._unanswered < 3
-        drives = self._drives.pop(oldest.stamp_ns, None)
-        if drives is None and self._await_drives:
+        tick.drives = self._drives.pop(tick.stamp_ns, None)
+        self._drives_come = tick.drives is not None
+        if self._await_drives and not self._drives_come:
             missed.append("drives")
-        self._drives_come = drives is not None
-        self._missed = frozenset(missed)
-        tick = Tick(oldest.stamp_ns, oldest.values, self._restarted, drives)
-        self._last_ns, self._restarted = oldest.stamp_ns, False
+        self.missed = frozenset(missed)
+        tick.restarted = self._restarted
+        self._last_ns, self._restarted = tick.stamp_ns, False
         return tick
 
     def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[Tick]:
-        """Forget the past, and begin with the first tick after a jump of time."""
+        """Forget the past; the first tick after a jump of time follows."""
         ticks = [self._pop() for _ in range(len(self._pending))]
-        self._last_ns, self._command_ns, self._missed = None, None, frozenset()
+        self._last_ns, self._command_ns, self.missed = None, None, frozenset()
         self._restarted = True
         for name, sample in samples.items():
             ticks += self._accept(name, stamp_ns, sample, now_s)

@@ -1,4 +1,4 @@
-"""Converts between the messages (SI) and the core's data (the paper's units): the only place that does."""
+"""Converts between the messages (SI) and the core's data (the paper's units)."""
 
 from __future__ import annotations
 
@@ -54,21 +54,6 @@ def header(time_ns: int) -> Header:
     return Header(stamp=stamp_from_ns(time_ns))
 
 
-def depth_mm(message: ShoulderDepth) -> float:
-    """Depth of a depth sample."""
-    return units.mm_from_m(message.depth)
-
-
-def torque_nm(message: SpindleTorque) -> float:
-    """Motor torque of a torque sample."""
-    return float(message.torque)
-
-
-def temperature_c(message: Temperature) -> float:
-    """Temperature of a thermocouple sample."""
-    return float(message.temperature)
-
-
 def depth_message(value_mm: float, time_ns: int) -> ShoulderDepth:
     """Depth sample."""
     return ShoulderDepth(header=header(time_ns), depth=units.m_from_mm(value_mm))
@@ -88,14 +73,9 @@ def drives_message(acting: Command, time_ns: int) -> DriveFeedback:
     )
 
 
-def temperature_message(value_c: float, time_ns: int, variance_c2: float = 0.0) -> Temperature:
-    """Thermocouple sample; variance 0 means unknown."""
-    return Temperature(header=header(time_ns), temperature=float(value_c), variance=float(variance_c2))
-
-
-def drives(message: DriveFeedback) -> Command:
-    """Inputs that act, of a drive feedback."""
-    return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
+def temperature_message(value_c: float, time_ns: int) -> Temperature:
+    """Thermocouple sample."""
+    return Temperature(header=header(time_ns), temperature=float(value_c))
 
 
 def reference(message: WeldReference) -> Reference:
@@ -114,12 +94,9 @@ def reference(message: WeldReference) -> Reference:
 
 
 def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
-    """Set-points of a plan, each with the time in ns from which it will hold.
+    """Set-points of a plan, each with the time in ns from which it will hold; raises as :func:`reference` does.
 
-    Raises
-    ------
-    ValueError
-        When a set-point is not finite or not positive, or the stamps do not rise.
+    It also raises when the stamps do not rise.
     """
     planned = [(stamp_ns(one.header.stamp), reference(one)) for one in message.references]
     for (before_ns, _), (after_ns, _) in pairwise(planned):
@@ -135,28 +112,24 @@ def reference_plan_message(planned: Sequence[tuple[int, Reference]], time_ns: in
     )
 
 
-def reference_message(value: Reference, time_ns: int) -> WeldReference:
-    """Reference message that holds from ``time_ns``."""
-    return WeldReference(
+def reference_message(value: Reference, time_ns: int, issued_ns: int | None = None) -> WeldReference:
+    """Reference message that holds from ``time_ns``; ``issued_ns`` only where a node repeats another one's."""
+    message = WeldReference(
         header=header(time_ns), depth=units.m_from_mm(value.depth_mm), temperature=float(value.temperature_c)
     )
-
-
-def stated_reference_message(value: Reference, since_ns: int, issued_ns: int) -> WeldReference:
-    """Reference message of who did not issue it but states that it holds since ``since_ns``."""
-    message = reference_message(value, since_ns)
-    message.header.frame_id = str(issued_ns)
+    if issued_ns is not None:
+        message.header.frame_id = str(issued_ns)
     return message
 
 
 def issued_ns(message: WeldReference) -> int:
-    """When the reference that a :func:`stated_reference_message` states was issued; 0: not told."""
+    """When the reference that a message repeats was issued; 0: not given."""
     text = message.header.frame_id
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 
 
-def command(message: WeldCommand) -> Command:
-    """Handles of a command or proposal message; not checked for being finite."""
+def command(message: WeldCommand | DriveFeedback) -> Command:
+    """Manipulated variables of a command, proposal or drive feedback; not checked for being finite."""
     return Command(units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed))
 
 
@@ -175,7 +148,7 @@ def command_message(value: Command, time_ns: int, source: str, healthy: bool = T
 def status_message(
     proposal: Proposal, time_ns: int, controller: str, selected: bool, tolerated_sensors: Iterable[str]
 ) -> ControllerStatus:
-    """What a controller tells of itself with a proposal."""
+    """What a controller reports with a proposal."""
     diagnosis = proposal.diagnosis
     names, values = wire_quantities(diagnosis.disturbances)
     return ControllerStatus(
@@ -203,13 +176,9 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
 
     Only the names that the core uses are converted; a controller's own names and values go out unchanged.
     """
-    names: list[str] = []
-    values: list[float] = []
-    for name, value in quantities.items():
-        wire_name, converted = _WIRE.get(name, (name, float))
-        names.append(wire_name)
-        values.append(converted(value))
-    return names, values
+    wire = [_WIRE.get(name, (name, float)) for name in quantities]
+    values = [converted(value) for (_, converted), value in zip(wire, quantities.values(), strict=True)]
+    return [name for name, _ in wire], values
 
 
 def prediction_message(plan: Plan, time_ns: int) -> Prediction:

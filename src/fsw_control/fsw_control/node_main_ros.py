@@ -13,29 +13,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-#: How long after a first Ctrl-C a second one is meant.
+#: A Ctrl-C later than this after the first one is meant as a second.
 _PATIENCE_S = 1.0
-
-
-def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make the node and spin it until SIGINT, SIGTERM or shutdown.
-
-    Parameters
-    ----------
-    factory : callable
-        Returns the node; called after ``rclpy.init``. May raise to refuse its parameters.
-    args : sequence of str, optional
-        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on stderr).
-        Errors while spinning are bugs and deserve their traceback, unless ROS was shut down meanwhile.
-    """
-    argv = list(sys.argv if args is None else args)
-    with _Interrupts() as interrupts:
-        return _run(factory, argv, interrupts)
 
 
 class _Interrupts:
@@ -71,10 +50,26 @@ class _Interrupts:
             raise KeyboardInterrupt
 
 
-def _run(factory: Callable[[], Node], argv: list[str], interrupts: _Interrupts) -> int:
+def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """Make the node and spin it until SIGINT, SIGTERM or shutdown.
+
+    Parameters
+    ----------
+    factory : callable
+        Returns the node; called after ``rclpy.init``. May raise to refuse its parameters.
+    args : sequence of str, optional
+        Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after a clean end, 2 when an argument or a parameter is wrong (one line on stderr).
+        Errors while spinning are bugs and deserve their traceback, unless ROS was shut down meanwhile.
+    """
+    argv = list(sys.argv if args is None else args)
     node: Node | None = None
     started = False
-    try:
+    with _Interrupts() as interrupts:
         try:
             rclpy.init(args=argv)
             started = True
@@ -82,35 +77,22 @@ def _run(factory: Callable[[], Node], argv: list[str], interrupts: _Interrupts) 
             if surplus:
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
             node = factory()
-        except (KeyboardInterrupt, ExternalShutdownException):
-            return 0
-        except Exception as error:
-            if started and not rclpy.ok():
-                return 0  # told to end while still starting
-            # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
-            print(f"{_program(argv)}: {_one_line(error)}", file=sys.stderr)
-            return 2
-        interrupts.phase = "spinning"
-        try:
+            interrupts.phase = "spinning"
             rclpy.spin(node)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
-        except Exception:
-            # A shutdown in the middle of a callback, or between two, lets rclpy raise whatever it stumbles over.
-            if rclpy.ok():
-                raise
-        return 0
-    finally:
-        interrupts.phase = "ending"
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-
-
-def _program(argv: Sequence[str]) -> str:
-    return argv[0].rsplit("/", 1)[-1] if argv else "node"
-
-
-def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return text or type(error).__name__
+        except Exception as error:
+            # After a shutdown, while starting or in a callback, rclpy raises whatever it stumbles over.
+            if not started or rclpy.ok():
+                if node is not None:
+                    raise
+                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
+                program = argv[0].rsplit("/", 1)[-1] if argv else "node"
+                print(f"{program}: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
+                return 2
+        finally:
+            interrupts.phase = "ending"
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+    return 0

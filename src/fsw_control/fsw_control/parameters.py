@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -29,7 +29,7 @@ from fsw_control import weld
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 _KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only"}
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*\Z")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 
 
 class ParameterError(ValueError):
@@ -38,26 +38,10 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
-    """One parameter.
+    """One parameter: its name on the node (dots group, e.g. ``depth.gain``) and its entry of the file.
 
-    Attributes
-    ----------
-    name : str
-        Name on the node; dots group, e.g. ``depth.gain``.
-    type : str
-        One of ``TYPES``.
-    default : Any
-        Value when nobody sets one.
-    description : str
-        For people.
-    unit : str
-        Of the value, empty when it has none.
-    range : tuple of float or None
-        Inclusive bounds of numbers (of each entry of an array).
-    options : tuple of str
-        Allowed strings; empty when all are.
-    read_only : bool
-        Whether it can be set at start only.
+    ``range`` bounds a number, or each entry of an array; bounds included. ``options`` empty: any string will do.
+    ``read_only``: can be set at start only.
     """
 
     name: str
@@ -77,102 +61,73 @@ class ParameterSpec:
         ParameterError
             When the type, the range or the options do not fit, or a number is not finite.
         """
-        if self.type.endswith("_array"):
-            if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-                raise ParameterError(f"{self.name}: {value!r} is not a list ({self.type})")
-            return [self._check_entry(entry, self.type.removesuffix("_array")) for entry in value]
-        return self._check_entry(value, self.type)
+        kind = self.type.removesuffix("_array")
+        if kind == self.type:
+            return self._check_entry(value, kind)
+        if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+            raise ParameterError(f"{self.name}: {value!r} is not a list ({self.type})")
+        return [self._check_entry(entry, kind) for entry in value]
 
     def _check_entry(self, value: Any, kind: str) -> Any:
+        def require(met: bool, text: str) -> None:
+            if not met:
+                raise ParameterError(f"{self.name}: {value!r} is {text}")
+
         if kind == "bool":
-            if not isinstance(value, bool):
-                raise ParameterError(f"{self.name}: {value!r} is not true or false")
+            require(isinstance(value, bool), "not true or false")
             return value
         if kind == "string":
-            if not isinstance(value, str):
-                raise ParameterError(f"{self.name}: {value!r} is not a string")
-            if self.options and value not in self.options:
-                raise ParameterError(f"{self.name}: {value!r} is none of {', '.join(self.options)}")
+            require(isinstance(value, str), "not a string")
+            require(not self.options or value in self.options, f"none of {', '.join(self.options)}")
             return value
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ParameterError(f"{self.name}: {value!r} is not a number")
-        if not math.isfinite(value):
-            raise ParameterError(f"{self.name}: {value!r} is not finite")
-        if kind == "int" and value != int(value):
-            raise ParameterError(f"{self.name}: {value!r} is not a whole number")
-        if self.range is not None and not self.range[0] <= value <= self.range[1]:
-            unit = f" {self.unit}" if self.unit else ""
-            raise ParameterError(f"{self.name}: {value!r} is outside {self.range[0]:g} to {self.range[1]:g}{unit}")
+        require(isinstance(value, int | float) and not isinstance(value, bool), "not a number")
+        require(math.isfinite(value), "not finite")
+        require(kind != "int" or value == int(value), "not a whole number")
+        if self.range is not None:
+            low, high = self.range
+            require(low <= value <= high, f"outside {low:g} to {high:g} {self.unit}".rstrip())
         return int(value) if kind == "int" else float(value)
 
-    def describe(self) -> str:
-        """Return the description with the unit and the options, as shown by ``ros2 param describe``."""
-        unit = f" [{self.unit}]" if self.unit else ""
-        options = f" (one of {', '.join(self.options)})" if self.options else ""
-        return f"{self.description}{unit}{options}"
 
+def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
+    def require(met: object, text: str) -> None:
+        if not met:
+            raise ParameterError(f"{where}: {text}")
 
-def _spec(name: object, entry: object, where: str) -> ParameterSpec:
-    if not isinstance(name, str) or not _NAME.match(name):
-        raise ParameterError(f"{where}: {name!r} is no parameter name (letters, digits, '_', groups parted by '.')")
-    if not isinstance(entry, Mapping):
-        raise ParameterError(f"{where}: {name} must be a mapping with type, default_value and description")
+    named = isinstance(name, str) and _NAME.fullmatch(name)
+    require(named, f"{name!r} is no parameter name (letters, digits, '_', groups parted by '.')")
+    require(isinstance(entry, Mapping), f"{name} must be a mapping with type, default_value and description")
     unknown = sorted(str(key) for key in entry if key not in _KEYS)
-    if unknown:
-        raise ParameterError(
-            f"{where}: {name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}"
-        )
+    require(not unknown, f"{name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}")
     missing = [key for key in ("type", "default_value", "description") if key not in entry]
-    if missing:
-        raise ParameterError(f"{where}: {name} lacks {', '.join(missing)}")
-    kind = entry["type"]
-    if kind not in TYPES:
-        raise ParameterError(f"{where}: {name} has type {kind!r}; known: {', '.join(TYPES)}")
-    bounds = entry.get("range")
+    require(not missing, f"{name} lacks {', '.join(missing)}")
+    kind, bounds, options = entry["type"], entry.get("range"), entry.get("options", [])
+    require(kind in TYPES, f"{name} has type {kind!r}; known: {', '.join(TYPES)}")
     if bounds is not None:
+        pair = isinstance(bounds, list) and len(bounds) == 2
         numeric = kind in ("double", "int", "double_array")
-        if not numeric or not isinstance(bounds, list) or len(bounds) != 2:
-            raise ParameterError(f"{where}: range of {name} must be [min, max] and needs a numeric type")
-        if (
-            not all(isinstance(bound, int | float) and math.isfinite(bound) for bound in bounds)
-            or bounds[0] > bounds[1]
-        ):
-            raise ParameterError(f"{where}: range of {name} must be two finite numbers, min before max")
+        require(pair and numeric, f"range of {name} must be [min, max] and needs a numeric type")
+        finite = all(isinstance(bound, int | float) and math.isfinite(bound) for bound in bounds)
+        require(finite and bounds[0] <= bounds[1], f"range of {name} must be two finite numbers, min before max")
         bounds = (float(bounds[0]), float(bounds[1]))
-    options = entry.get("options", [])
-    if options and kind not in ("string", "string_array"):
-        raise ParameterError(f"{where}: options of {name} need type string or string_array")
-    if not isinstance(options, list) or not all(isinstance(option, str) for option in options):
-        raise ParameterError(f"{where}: options of {name} must be a list of strings")
+    strings = isinstance(options, list) and all(isinstance(option, str) for option in options)
+    require(strings, f"options of {name} must be a list of strings")
+    require(not options or kind in ("string", "string_array"), f"options of {name} need type string or string_array")
     read_only = entry.get("read_only", False)
-    if not isinstance(read_only, bool):
-        raise ParameterError(f"{where}: read_only of {name} must be true or false")
-    unit, description = str(entry.get("unit", "")), str(entry["description"])
-    spec = ParameterSpec(name, kind, None, description, unit, bounds, tuple(options), read_only)
+    require(isinstance(read_only, bool), f"read_only of {name} must be true or false")
     default = entry["default_value"]
     if isinstance(default, str) and default.startswith("$"):
         default = getattr(weld, default[1:], default)
+    unit, description = str(entry.get("unit", "")), str(entry["description"])
+    spec = ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only)
     try:
-        default = spec.check(default)
+        return replace(spec, default=spec.check(default))
     except ParameterError as error:
         raise ParameterError(f"{where}: default_value of {error}") from None
-    return ParameterSpec(name, kind, default, description, unit, bounds, tuple(options), read_only)
 
 
 def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
-    """Read parameter descriptions from YAML text.
-
-    Parameters
-    ----------
-    text : str
-        The YAML.
-    where : str
-        Name of the source, for error messages.
-
-    Returns
-    -------
-    dict of str to ParameterSpec
-        In the order of the file.
+    """Read parameter descriptions from YAML text, in its order; ``where`` names the source in errors.
 
     Raises
     ------
@@ -190,24 +145,20 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
     return {str(name): _spec(name, entry, where) for name, entry in content.items()}
 
 
+@cache
 def load(package: str, file: str) -> dict[str, ParameterSpec]:
-    """Read the parameter descriptions that ``package`` ships as ``file``.
+    """Read the parameter descriptions that ``package`` ships as ``file``, once; the result is shared.
 
     Raises
     ------
     ParameterError
         When there is no such package or file, or its content is wrong.
     """
-    return dict(_load(package, file))
-
-
-@cache
-def _load(package: str, file: str) -> dict[str, ParameterSpec]:
     try:
-        text = resources.files(package).joinpath(file).read_text(encoding="utf-8")
-    except (ModuleNotFoundError, OSError) as error:
+        folder = resources.files(package)
+    except ModuleNotFoundError as error:
         raise ParameterError(f"cannot read {file} of package {package}: {error}") from None
-    return parse(text, f"{package}/{file}")
+    return load_path(str(folder.joinpath(file)))
 
 
 def load_path(path: str | Path) -> dict[str, ParameterSpec]:
@@ -238,15 +189,10 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
     return defaults(specs) | {name: specs[name].check(value) for name, value in values.items()}
 
 
-def markdown(specs: Mapping[str, ParameterSpec]) -> str:
-    """Return a markdown table of the parameters, for the README."""
-    rows = ["| parameter | type | default | range | unit | meaning |", "|---|---|---|---|---|---|"]
-    for spec in specs.values():
-        default = ", ".join(map(str, spec.default)) if isinstance(spec.default, list) else str(spec.default)
-        allowed = ", ".join(spec.options) if spec.options else ""
-        if spec.range is not None:
-            allowed = f"{spec.range[0]:g} … {spec.range[1]:g}"
-        text = spec.description + (" (at start only)" if spec.read_only else "")
-        cells = (f"`{spec.name}`", spec.type, default, allowed, spec.unit, text)
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(rows) + "\n"
+def problem(make: Callable[[Mapping[str, Any]], object], values: Mapping[str, Any]) -> str | None:
+    """Why ``make`` refuses ``values`` with a ValueError, None if it takes them."""
+    try:
+        make(values)
+    except ValueError as error:
+        return str(error)
+    return None

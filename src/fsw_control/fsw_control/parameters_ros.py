@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    ParameterType,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
 from fsw_control.parameters import ParameterError, ParameterSpec, load
@@ -19,35 +13,21 @@ from fsw_control.parameters import ParameterError, ParameterSpec, load
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-_ROS_TYPE = {
-    "double": ParameterType.PARAMETER_DOUBLE,
-    "int": ParameterType.PARAMETER_INTEGER,
-    "bool": ParameterType.PARAMETER_BOOL,
-    "string": ParameterType.PARAMETER_STRING,
-    "string_array": ParameterType.PARAMETER_STRING_ARRAY,
-    "double_array": ParameterType.PARAMETER_DOUBLE_ARRAY,
-}
-
 
 class ParameterValues:
-    """The declared parameters of one node, always as last accepted.
+    """The declared parameters of one node, always as last accepted; rclpy raises when a value given at start is wrong.
 
-    Attributes
-    ----------
-    specs : dict of str to ParameterSpec
-        What was declared.
-    values : dict of str to Any
-        Present values; replaced as a whole at a change, so a reader may keep the dict it has.
+    ``values`` is replaced as a whole at a change, so a reader may keep the dict it has.
     """
 
     def __init__(self, node: Node, specs: Mapping[str, ParameterSpec]) -> None:
-        self.specs = dict(specs)
+        self._specs = dict(specs)
         self.values: dict[str, Any] = {}
         self._callbacks: list[Callable[[dict[str, Any]], None]] = []
         self._checks: list[Callable[[dict[str, Any]], str | None]] = []
         # The check comes first, so that it also sees the values given at start.
         node.add_on_set_parameters_callback(self._check)
-        for spec in self.specs.values():
+        for spec in self._specs.values():
             self.values[spec.name] = spec.check(_declare(node, spec))
         node.add_post_set_parameters_callback(self._accept)
 
@@ -62,13 +42,17 @@ class ParameterValues:
         """Let ``check`` look at all values before a change is accepted; it returns why not, or None."""
         self._checks.append(check)
 
+    def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
+        """Values in their types, of those declared here; an empty list passes once without a value, at declaration."""
+        return {
+            parameter.name: self._specs[parameter.name].check(parameter.value)
+            for parameter in parameters
+            if parameter.name in self._specs and parameter.value is not None
+        }
+
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
-        wanted = dict(self.values)
         try:
-            for parameter in parameters:
-                # A parameter of empty list type passes here once without a value, while it is declared.
-                if parameter.name in self.specs and parameter.value is not None:
-                    wanted[parameter.name] = self.specs[parameter.name].check(parameter.value)
+            wanted = self.values | self._own(parameters)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         for check in self._checks:
@@ -78,32 +62,36 @@ class ParameterValues:
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[Parameter]) -> None:
-        changed = {
-            parameter.name: self.specs[parameter.name].check(parameter.value)
-            for parameter in parameters
-            if parameter.name in self.specs
-        }
+        changed = self._own(parameters)
         if changed:
             self.values = self.values | changed
             for callback in self._callbacks:
                 callback(self.values)
 
 
+def _ros_type(spec: ParameterSpec) -> Parameter.Type:
+    return Parameter.Type["INTEGER" if spec.type == "int" else spec.type.upper()]
+
+
 def _declare(node: Node, spec: ParameterSpec) -> Any:
     if spec.default == []:
         # rclpy takes an empty list for an array of bytes; so the type is declared and the value set after.
-        kind = Parameter.Type(_ROS_TYPE[spec.type])
-        value = node.declare_parameter(spec.name, kind, descriptor(spec)).value
+        kind = _ros_type(spec)
+        value = node.declare_parameter(spec.name, kind, _descriptor(spec)).value
         if value is None:
             node.set_parameters([Parameter(spec.name, kind, [])])
         return value or []
-    return node.declare_parameter(spec.name, spec.default, descriptor(spec)).value
+    return node.declare_parameter(spec.name, spec.default, _descriptor(spec)).value
 
 
-def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
-    """Return the ROS descriptor of a parameter, with its range and its unit in the description."""
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    unit = f" [{spec.unit}]" if spec.unit else ""
+    options = f" (one of {', '.join(spec.options)})" if spec.options else ""
     message = ParameterDescriptor(
-        name=spec.name, type=_ROS_TYPE[spec.type], description=spec.describe(), read_only=spec.read_only
+        name=spec.name,
+        type=_ros_type(spec).value,
+        description=f"{spec.description}{unit}{options}",
+        read_only=spec.read_only,
     )
     if spec.range is not None:
         low, high = spec.range
@@ -115,13 +103,5 @@ def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
 
 
 def declare(node: Node, package: str, file: str) -> ParameterValues:
-    """Declare on ``node`` the parameters that ``package`` describes in ``file``.
-
-    Raises
-    ------
-    ParameterError
-        When the file is missing or wrong.
-    rclpy.exceptions.InvalidParameterValueException, rclpy.exceptions.InvalidParameterTypeException
-        When a value given at start does not fit.
-    """
+    """Declare on ``node`` the parameters that ``package`` describes in ``file``."""
     return ParameterValues(node, load(package, file))

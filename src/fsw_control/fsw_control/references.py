@@ -9,7 +9,9 @@ from typing import NamedTuple
 from fsw_control.contract import Coming, Reference
 
 NANOSECONDS = 1_000_000_000
-#: so many coming set-points are handed to a controller
+#: longest time that a reference may be sent ahead
+_HORIZON_NS = 36_000 * NANOSECONDS
+#: most coming set-points that a controller is given
 MOST_COMING = 8
 
 
@@ -25,18 +27,13 @@ class _Issued(NamedTuple):
 class ReferenceQueue:
     """References in the order in which they were issued, each held back until the time in its stamp.
 
-    A sender that stamps a reference with the coming tick at which it shall begin gets exactly that tick, however
-    fast the message travels; one that stamps it with 0 or a past time gets it at once. A stamp further ahead
-    than ``horizon_s`` comes from another clock, and is taken as "now" too. At a tick, of all references that have
-    begun the one issued last holds; whatever was issued before it is void, also what was sent ahead for later.
+    A reference stamped with a coming tick begins at exactly that tick, however fast the message travels; one stamped
+    with 0 or a past time begins at once, and so does one stamped hours ahead, by another clock. At a tick, of all
+    references that have begun the one issued last holds; whatever was issued before it is void, also what was sent
+    ahead for later.
 
-    The middleware repeats what it keeps to everyone who joins later, sender by sender. So when a message arrives says
-    nothing about its age; when it was published does.
-
-    Parameters
-    ----------
-    horizon_s : float
-        Longest time that a reference may be sent ahead.
+    The middleware repeats what it keeps to everyone who joins later, sender by sender. So the age of a message is not
+    told by when it arrives but by when it was published.
 
     Attributes
     ----------
@@ -44,9 +41,8 @@ class ReferenceQueue:
         When the reference that holds was issued; 0 before the first.
     """
 
-    def __init__(self, horizon_s: float = 36_000.0) -> None:
+    def __init__(self) -> None:
         self.issued_ns = 0
-        self._horizon_ns = round(horizon_s * NANOSECONDS)
         self._waiting: list[_Issued] = []
         self._current: Reference | None = None
         self._newest_ns = 0
@@ -57,16 +53,9 @@ class ReferenceQueue:
         return self._current is not None or bool(self._waiting)
 
     def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None) -> None:
-        """Take a reference that shall hold from ``stamp_ns`` on.
+        """Take a reference that holds from ``stamp_ns`` on (0: at once).
 
-        Parameters
-        ----------
-        stamp_ns : int
-            When it begins; 0: at once.
-        reference : Reference
-            The set-points.
-        issued_ns : int, optional
-            When it was published, on the senders' clock; by default after all that is known.
+        ``issued_ns`` is when it was published, on the senders' clock; by default after all that is known.
         """
         if issued_ns is None:
             issued_ns = self._newest_ns + 1
@@ -76,13 +65,10 @@ class ReferenceQueue:
             insort(self._waiting, _Issued(issued_ns, self._count, stamp_ns, reference))
 
     def at(self, tick_ns: int) -> Reference | None:
-        """Return the reference that holds at a tick, None before the first.
-
-        Ticks are asked for in order; a reference that has begun stays until the next begins.
-        """
+        """Return the reference that holds at a tick, None before the first; to be called in order of time."""
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
-            if not tick_ns < one.stamp_ns <= tick_ns + self._horizon_ns:
+            if not tick_ns < one.stamp_ns <= tick_ns + _HORIZON_NS:
                 self._current, self.issued_ns = one.reference, one.issued_ns
                 del self._waiting[: index + 1]
                 break
@@ -90,13 +76,7 @@ class ReferenceQueue:
 
 
 class ReferencePlan:
-    """Set-points that are known beforehand.
-
-    Parameters
-    ----------
-    planned : sequence of (int, Reference)
-        Time in ns from which each will hold, in order.
-    """
+    """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference."""
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
         self._stamps = [stamp_ns for stamp_ns, _ in planned]

@@ -1,4 +1,4 @@
-"""Set-points on topics: as they are sent, and as those who hear them state what holds."""
+"""Set-points on topics: as they are sent, and as those who follow them state what holds."""
 
 from __future__ import annotations
 
@@ -14,27 +14,21 @@ from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldReference
 
 
-def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], None]) -> None:
-    """Subscribe to the set-points that are sent, and to those that a supervisor states for who comes later.
+def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], object]) -> None:
+    """Put the set-points that are sent, and those that a supervisor states for late joiners, into ``queue``.
 
-    Parameters
-    ----------
-    node : Node
-    queue : ReferenceQueue
-        Takes them.
-    refuse : callable
-        Gets what is wrong with a message that is not taken.
+    ``refuse`` gets what is wrong with a message that is not taken.
     """
 
     def on_sent(message: WeldReference, info: Any) -> None:
         _take(queue, message, info["source_timestamp"], refuse)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
-    subscribe_stated_reference(node, queue, "fsw/supervisor/reference", refuse)
+    _subscribe_stated(node, queue, "fsw/supervisor/reference", refuse)
 
 
-def subscribe_stated_reference(node: Node, queue: ReferenceQueue, topic: str, refuse: Callable[[str], None]) -> None:
-    """Subscribe to what another listener states with a :class:`StatedReference`; arguments as above."""
+def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str, refuse: Callable[[str], object]) -> None:
+    """Subscribe to what another listener states with a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
         _take(queue, message, convert.issued_ns(message), refuse)
@@ -42,23 +36,17 @@ def subscribe_stated_reference(node: Node, queue: ReferenceQueue, topic: str, re
     node.create_subscription(WeldReference, topic, on_stated, LATEST)
 
 
-def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse: Callable[[str], None]) -> None:
+def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse: Callable[[str], object]) -> None:
     try:
-        reference = convert.reference(message)
+        queue.add(convert.stamp_ns(message.header.stamp), convert.reference(message), issued_ns)
     except ValueError as error:
         refuse(str(error))
-        return
-    queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
 
 class StatedReference:
-    """States, latched, which set-points hold, for those who come when their sender has left.
+    """States, latched, which set-points hold, for nodes that join when the sender has left.
 
-    Parameters
-    ----------
-    node : Node
-    topic : str
-        Of which this is the only writer.
+    Its ``topic`` has no other writer.
     """
 
     def __init__(self, node: Node, topic: str) -> None:
@@ -67,25 +55,15 @@ class StatedReference:
         self._told: tuple[Reference, int] | None = None
         self._tick_ns = -1
 
-    def tell(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
-        """State what holds at a tick, if it has changed or time has begun anew.
-
-        Parameters
-        ----------
-        tick_ns : int
-        reference : Reference or None
-            None: nothing yet.
-        issued_ns : int
-            When it was issued.
-        """
-        began_anew, self._tick_ns = tick_ns < self._tick_ns, tick_ns
-        if reference is None or (not began_anew and (reference, issued_ns) == self._told):
-            return
-        self._told = (reference, issued_ns)
-        self._publisher.publish(convert.stated_reference_message(reference, tick_ns, issued_ns))
+    def update(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
+        """State what holds at a tick (None: nothing yet) and when it was issued, if it is new or time went back."""
+        went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
+        if reference is not None and (went_back or (reference, issued_ns) != self._told):
+            self._told = (reference, issued_ns)
+            self._publisher.publish(convert.reference_message(reference, tick_ns, issued_ns))
 
     def close(self) -> None:
-        """Take it back."""
+        """Withdraw the statement."""
         self._node.destroy_publisher(self._publisher)
 
 
@@ -95,11 +73,6 @@ class KeptReference:
     An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
     them. A topic of its own has one writer, the supervisor on duty, and can override nobody: it states when each
     set-point was issued, and of two the one issued last holds. A supervisor that was away learns from the controllers.
-
-    Parameters
-    ----------
-    node : Node
-        The supervisor's node.
     """
 
     def __init__(self, node: Node) -> None:
@@ -110,11 +83,11 @@ class KeptReference:
         subscribe_references(node, self._queue, _ignore)
 
     def hear(self, controller: str) -> None:
-        """Listen to what a controller says that it follows."""
-        subscribe_stated_reference(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
+        """Listen to which set-points a controller follows."""
+        _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
 
     def open(self) -> None:
-        """Go on duty: tell from the next tick on."""
+        """Go on duty: state from the next tick on."""
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
 
@@ -125,14 +98,14 @@ class KeptReference:
             self._statement = None
 
     def on_tick(self, tick_ns: int) -> None:
-        """Tell what holds at a tick if it has changed."""
+        """State what holds at a tick if it has changed; may be called several times per tick."""
         if tick_ns == self._tick_ns:
             return
         self._tick_ns = tick_ns
         present = self._queue.at(tick_ns)
         if self._statement is not None:
-            self._statement.tell(tick_ns, present, self._queue.issued_ns)
+            self._statement.update(tick_ns, present, self._queue.issued_ns)
 
 
 def _ignore(what: str) -> None:
-    """Say nothing of a bad message: every controller does."""
+    """Pass over a bad message: every controller reports it."""

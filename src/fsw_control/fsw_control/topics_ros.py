@@ -10,54 +10,46 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.contract import Command
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-#: the last message is kept for who comes later
+#: the last message is kept for late joiners
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 #: set-points; as deep as a scenario's are sent ahead
 LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-#: by sensor (of ``SENSORS``): topic, message, and its value in the paper's units
-_SENSOR_TOPICS: dict[str, tuple[str, Any, Callable[[Any], float]]] = {
-    "depth": ("fsw/depth", ShoulderDepth, convert.depth_mm),
-    "torque": ("fsw/spindle_torque", SpindleTorque, convert.torque_nm),
-    "thermocouple": ("fsw/thermocouple", Temperature, convert.temperature_c),
+#: by sensor (of ``SENSORS``): topic, message, its field, and conversion to the paper's unit
+_SENSORS: dict[str, tuple[str, Any, str, Callable[[float], float]]] = {
+    "depth": ("fsw/depth", ShoulderDepth, "depth", units.mm_from_m),
+    "torque": ("fsw/spindle_torque", SpindleTorque, "torque", float),
+    "thermocouple": ("fsw/thermocouple", Temperature, "temperature", float),
 }
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> None:
-    """Subscribe to the sensors.
+    """Subscribe to the sensors; ``take`` gets name (of ``SENSORS``), stamp in ns, and value in mm, N m or degC."""
 
-    Parameters
-    ----------
-    node : Node
-    take : callable
-        Gets each sample: the sensor's name (one of ``SENSORS``), the stamp in ns, the value in mm, N m or degC.
-    """
+    def subscribe(sensor: str) -> None:
+        topic, kind, field, converted = _SENSORS[sensor]
 
-    def subscribe(sensor: str, topic: str, kind: Any, value: Callable[[Any], float]) -> None:
         def on_sample(message: Any) -> None:
-            take(sensor, convert.stamp_ns(message.header.stamp), value(message))
+            take(sensor, convert.stamp_ns(message.header.stamp), converted(getattr(message, field)))
 
         node.create_subscription(kind, topic, on_sample, STREAM)
 
-    for sensor, (topic, kind, value) in _SENSOR_TOPICS.items():
-        subscribe(sensor, topic, kind, value)
+    for sensor in _SENSORS:
+        subscribe(sensor)
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
-    """Subscribe to what the drives report; before the sensors, so that an executor finds it first.
+    """Subscribe to what the drives report; ``take`` gets the stamp in ns and what acts.
 
-    Parameters
-    ----------
-    node : Node
-    take : callable
-        Gets each sample: the stamp in ns, and the force and speed that act.
+    To be called before :func:`subscribe_sensors`, so that an executor finds this topic first.
     """
 
     def on_feedback(message: DriveFeedback) -> None:
-        take(convert.stamp_ns(message.header.stamp), convert.drives(message))
+        take(convert.stamp_ns(message.header.stamp), convert.command(message))
 
     node.create_subscription(DriveFeedback, "fsw/drives", on_feedback, STREAM)

@@ -6,40 +6,32 @@ RAD_PER_S_PER_RPM = pi / 30.0
 
 
 def mm_from_m(value_m: float) -> float:
-    """Millimetres from metres."""
     return value_m * 1e3
 
 
 def m_from_mm(value_mm: float) -> float:
-    """Metres from millimetres."""
     return value_mm * 1e-3
 
 
 def kn_from_n(value_n: float) -> float:
-    """Kilonewtons from newtons."""
     return value_n * 1e-3
 
 
 def n_from_kn(value_kn: float) -> float:
-    """Newtons from kilonewtons."""
     return value_kn * 1e3
 
 
 def rpm_from_rad_s(value_rad_s: float) -> float:
-    """Revolutions per minute from radians per second."""
     return value_rad_s / RAD_PER_S_PER_RPM
 
 
 def rad_s_from_rpm(value_rpm: float) -> float:
-    """Radians per second from revolutions per minute."""
     return value_rpm * RAD_PER_S_PER_RPM
 
 
 def w_from_kw(value_kw: float) -> float:
-    """Watts from kilowatts."""
     return value_kw * 1e3
 
 
 def kw_from_w(value_w: float) -> float:
-    """Kilowatts from watts."""
     return value_w * 1e-3

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fsw_control.contract import SENSORS, Command, Measurement
+from fsw_control.parameters import defaults, load
 
 #: probability at which a run of equal samples is no longer believed to be chance
 _CHANCE = 1e-9
@@ -15,58 +16,37 @@ _CHANCE = 1e-9
 _ROUNDING = 1e-9
 #: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth signal: ~0)
 _NOISY = 0.25
+#: samples over which the noise and the share of equal neighbours are averaged
+_MEMORY = 150
 
 
 @dataclass(frozen=True, slots=True)
 class SensorLimits:
-    """What one sensor may show; values in the sensor's unit (mm, N m, degC).
+    """What one sensor may show, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
 
-    Attributes
-    ----------
-    minimum, maximum : float
-        Plausible range, inclusive.
-    max_rate : float
-        Largest change per second against the last good sample. A larger one is a spike, unless
-        ``confirm_samples`` samples in a row agree with each other.
-    hold_s : float
-        The last good value stands in for bad samples so long; then the sensor is invalid.
-    frozen_samples : int
-        So many equal samples in a row are at least needed to call a sensor frozen; 0 never calls it so.
-    confirm_samples : int
-        See ``max_rate``; also the good samples needed to become valid again.
+    A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
+    row agree with each other. So many are also needed to become valid again.
     """
 
     minimum: float
     maximum: float
     max_rate: float
-    hold_s: float = 0.3
-    frozen_samples: int = 10
-    confirm_samples: int = 3
-
-    def __post_init__(self) -> None:
-        if not self.minimum < self.maximum:
-            raise ValueError(f"minimum {self.minimum} must be below maximum {self.maximum}")
-        if not self.max_rate > 0.0 or self.hold_s < 0.0 or self.frozen_samples < 0 or self.confirm_samples < 1:
-            raise ValueError("max_rate and confirm_samples must be positive, hold_s and frozen_samples not negative")
+    hold_s: float
+    frozen_samples: int
+    confirm_samples: int
 
 
-#: Chosen: wide enough for every step, disturbance and inertia spike of the experiments.
-DEFAULT_LIMITS = {
-    "depth": SensorLimits(0.0, 6.0, 10.0),
-    "torque": SensorLimits(100.0, 3000.0, 3000.0),
-    "thermocouple": SensorLimits(300.0, 1080.0, 400.0),
-}
-
-
-def sensor_limits(values: Mapping[str, Any]) -> dict[str, SensorLimits]:
-    """Limits of all sensors from a node's parameters ``validity.*``.
+def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLimits]:
+    """Limits of all sensors from a node's parameters ``validity.*``; by default those of ``controller.yaml``.
 
     Raises
     ------
     ValueError
-        When they contradict each other; the message says which.
+        When they contradict each other; the message names the sensor.
     """
-    return {
+    if values is None:
+        values = defaults(load("fsw_control", "controller.yaml"))
+    limits = {
         sensor: SensorLimits(
             minimum=values[f"validity.{sensor}.minimum"],
             maximum=values[f"validity.{sensor}.maximum"],
@@ -77,6 +57,10 @@ def sensor_limits(values: Mapping[str, Any]) -> dict[str, SensorLimits]:
         )
         for sensor in SENSORS
     }
+    for sensor, one in limits.items():
+        if not one.minimum < one.maximum:
+            raise ValueError(f"validity.{sensor}: minimum {one.minimum} must be below maximum {one.maximum}")
+    return limits
 
 
 class Reading(NamedTuple):
@@ -96,41 +80,29 @@ class Frozen:
 
     A run of equal samples is suspicious only where the signal was noisy before, and only when the run is
     longer than the share of equal neighbours seen before makes likely.
-
-    Parameters
-    ----------
-    samples : int
-        Shortest run to call frozen; 0 switches the test off.
-    memory : int
-        Samples over which the noise and the share of equal neighbours are averaged.
     """
 
-    __slots__ = ("_count", "_equal", "_last", "_memory", "_reversed", "_rising", "run", "samples")
-
-    def __init__(self, samples: int, memory: int = 150) -> None:
-        self.samples = samples
-        self.run = 0
-        self._memory = memory
+    def __init__(self) -> None:
+        self._run = 0
         self._last = math.nan
         self._rising = False
         self._count = 0
         self._equal = 0.0
         self._reversed = 0.0
 
-    def update(self, value: float) -> bool:
-        """Take the next sample; return whether the sensor is frozen."""
+    def update(self, value: float, samples: int) -> bool:
+        """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never)."""
         if abs(value - self._last) <= _ROUNDING * abs(value):
-            self.run += 1
-            return self.run >= self.samples - 1 and self._is_frozen()
+            self._run += 1
+            return self._is_frozen(samples)
         # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
         # a freeze must not teach that standing still is normal.
-        if self.run:
-            if not (self.run >= self.samples - 1 and self._is_frozen()):
-                for _ in range(min(self.run, self._memory)):
-                    self._equal += (1.0 - self._equal) * self._weight()
-            self.run = 0
+        if self._run and not self._is_frozen(samples):
+            for _ in range(min(self._run, _MEMORY)):
+                self._equal += (1.0 - self._equal) * self._weight()
+        self._run = 0
         rising = value > self._last
-        if self._last == self._last:
+        if not math.isnan(self._last):
             weight = self._weight()
             self._equal -= self._equal * weight
             self._reversed += ((rising != self._rising) - self._reversed) * weight
@@ -138,31 +110,24 @@ class Frozen:
         return False
 
     def _weight(self) -> float:
-        if self._count < self._memory:
-            self._count += 1
+        self._count = min(self._count + 1, _MEMORY)
         return 1.0 / self._count
 
-    def _is_frozen(self) -> bool:
-        if not self.samples or self._count < 20 or self._reversed < _NOISY:
+    def _is_frozen(self, samples: int) -> bool:
+        if not samples or self._run < samples - 1 or self._count < 20 or self._reversed < _NOISY:
             return False
         # three standard deviations up, because the share was estimated from few samples
         likely = max(self._equal, 1.0 / self._count)
         share = min(likely + 3.0 * math.sqrt(likely * (1.0 - likely) / (2.0 * self._count)), 0.95)
-        return self.run >= math.log(_CHANCE) / math.log(share)
+        return self._run >= math.log(_CHANCE) / math.log(share)
 
 
 class SensorValidity:
-    """Judges one sensor, sample by sample.
-
-    Parameters
-    ----------
-    limits : SensorLimits
-        What the sensor may show.
-    """
+    """Judges one sensor, sample by sample; ``limits`` may be replaced at any time."""
 
     def __init__(self, limits: SensorLimits) -> None:
         self.limits = limits
-        self._frozen = Frozen(limits.frozen_samples)
+        self._frozen = Frozen()
         self._good = math.nan
         self._good_s = -math.inf
         self._candidate = math.nan
@@ -170,13 +135,8 @@ class SensorValidity:
         self._agreeing = 0
         self._valid = False
 
-    def configure(self, limits: SensorLimits) -> None:
-        """Judge by other limits from now on, without forgetting."""
-        self.limits = limits
-        self._frozen.samples = limits.frozen_samples
-
     def update(self, time_s: float, value: float | None) -> Reading:
-        """Judge the sample of the tick at ``time_s``; None says that none came."""
+        """Judge the sample of the tick at ``time_s``; None: none came."""
         fault = self._fault(value)
         if fault:
             self._agreeing = 0
@@ -195,7 +155,7 @@ class SensorValidity:
             return "missing"
         if not math.isfinite(value):
             return "not finite"
-        frozen = self._frozen.update(value)
+        frozen = self._frozen.update(value, self.limits.frozen_samples)
         if not self.limits.minimum <= value <= self.limits.maximum:
             return "out of range"
         return "frozen" if frozen else ""
@@ -219,9 +179,8 @@ class SensorValidity:
         return abs(value - other) <= self.limits.max_rate * max(elapsed_s, 0.05)
 
 
-@dataclass(slots=True)
 class SensorGuard:
-    """Judges the three sensors of a tick together.
+    """Judges the three sensors of a tick together, by default with the limits of ``controller.yaml``.
 
     Attributes
     ----------
@@ -229,39 +188,29 @@ class SensorGuard:
         By sensor, why its last sample was not used; empty where it was.
     """
 
-    limits: dict[str, SensorLimits] = field(default_factory=lambda: dict(DEFAULT_LIMITS))
-    reasons: dict[str, str] = field(default_factory=lambda: dict.fromkeys(SENSORS, ""))
-    _sensors: dict[str, SensorValidity] = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, limits: dict[str, SensorLimits] | None = None) -> None:
+        self.reasons = dict.fromkeys(SENSORS, "")
+        self._limits = sensor_limits() if limits is None else limits
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as at a restart of time."""
-        self._sensors = {name: SensorValidity(self.limits[name]) for name in SENSORS}
+        self._sensors = {name: SensorValidity(self._limits[name]) for name in SENSORS}
 
     def configure(self, limits: dict[str, SensorLimits]) -> None:
         """Judge by other limits from now on, without forgetting."""
-        self.limits = limits
+        self._limits = limits
         for name, sensor in self._sensors.items():
-            sensor.configure(limits[name])
+            sensor.limits = limits[name]
 
     def measure(self, time_s: float, values: dict[str, float], drives: Command | None = None) -> Measurement:
-        """Return the measurement of a tick.
+        """Return the measurement of the tick at ``time_s``.
 
-        Parameters
-        ----------
-        time_s : float
-            Stamp of the tick.
-        values : dict of str to float
-            Sample by sensor name (mm, N m, degC); absent where none came.
-        drives : Command, optional
-            Force and speed that act, as the drives report them at this tick.
+        ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
         """
-        depth, torque, temperature = readings = [
-            self._sensors[name].update(time_s, values.get(name)) for name in SENSORS
-        ]
-        self.reasons.update(zip(SENSORS, (reading.reason for reading in readings), strict=True))
+        readings = {name: sensor.update(time_s, values.get(name)) for name, sensor in self._sensors.items()}
+        self.reasons.update({name: reading.reason for name, reading in readings.items()})
+        depth, torque, temperature = readings.values()
         return Measurement(
             time_s,
             depth.value,
@@ -270,7 +219,7 @@ class SensorGuard:
             depth.valid,
             torque.valid,
             temperature.valid,
-            held=tuple(name for name, reading in zip(SENSORS, readings, strict=True) if reading.held),
+            held=tuple(name for name, reading in readings.items() if reading.held),
             force_kn=math.nan if drives is None else drives.force_kn,
             speed_rpm=math.nan if drives is None else drives.speed_rpm,
         )

@@ -18,8 +18,8 @@ def see(applied, stamp_ns, command, source="nmpc", writer="s1", newest_ns=None, 
 
 def test_initial_until_the_first_command():
     applied = AppliedCommands(INITIAL)
-    assert applied.before(100) == applied.latest == INITIAL
-    assert applied.source == ""
+    assert applied.before(100) == applied.latest.command == INITIAL
+    assert applied.latest.source == ""
 
 
 def test_a_command_that_answers_the_tick_itself_does_not_count_yet():
@@ -28,8 +28,8 @@ def test_a_command_that_answers_the_tick_itself_does_not_count_yet():
     assert see(applied, 200, SECOND, "decentral")
     assert applied.before(100) == INITIAL
     assert applied.before(200) == FIRST
-    assert applied.before(300) == applied.latest == SECOND
-    assert applied.source == "decentral"
+    assert applied.before(300) == applied.latest.command == SECOND
+    assert applied.latest.source == "decentral"
 
 
 def test_only_the_first_command_of_a_stamp_counts():
@@ -51,7 +51,7 @@ def test_what_the_plant_refuses_does_not_count(bad):
     assert applied.before(200) == INITIAL
 
 
-def test_when_time_goes_back_what_acts_stays_and_the_stamps_begin_anew():
+def test_when_time_goes_back_what_acts_stays_and_the_stamps_start_over():
     applied = AppliedCommands(INITIAL)
     see(applied, 5000 * STEP_NS, FIRST, newest_ns=5000 * STEP_NS)
     applied.restart()
@@ -119,7 +119,7 @@ def test_whatever_others_write_while_the_supervisor_commands_nothing_of_it_count
             if own:
                 assert see(applied, stamp_ns, answer, newest_ns=newest_ns, now_s=now_s + 0.005)
         assert applied.before(stamp_ns) == acting
-        assert applied.latest == answer
+        assert applied.latest.command == answer
         acting = answer
         k, now_s = k + 1, now_s + 0.1
     assert applied.before(k * STEP_NS) == acting

@@ -39,10 +39,10 @@ def test_command_is_in_si_units():
 
 
 @given(st.floats(0.1, 10.0), st.floats(1.0, 2000.0), st.integers(0, 10**18))
-def test_sensors_and_references_come_back(depth, temperature, time_ns):
-    assert convert.depth_mm(convert.depth_message(depth, time_ns)) == pytest.approx(depth, rel=1e-12)
-    assert convert.temperature_c(convert.temperature_message(temperature, time_ns)) == temperature
-    assert convert.torque_nm(convert.torque_message(temperature, time_ns)) == temperature
+def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature, time_ns):
+    assert convert.depth_message(depth, time_ns).depth == pytest.approx(depth * 1e-3, rel=1e-12)
+    assert convert.temperature_message(temperature, time_ns).temperature == temperature
+    assert convert.torque_message(temperature, time_ns).torque == temperature
     reference = convert.reference(convert.reference_message(Reference(depth, temperature), time_ns))
     assert reference.depth_mm == pytest.approx(depth, rel=1e-12)
     assert reference.temperature_c == temperature
@@ -101,7 +101,7 @@ def test_quantities_are_converted_by_their_exact_names():
 def test_drive_feedback_comes_back(force, speed, time_ns):
     message = convert.drives_message(Command(force, speed), time_ns)
     assert convert.stamp_ns(message.header.stamp) == time_ns
-    back = convert.drives(message)
+    back = convert.command(message)
     assert back.force_kn == pytest.approx(force, rel=1e-12, abs=1e-12)
     assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
 

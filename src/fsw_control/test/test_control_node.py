@@ -199,7 +199,7 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(st
     peer = start()
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
     issued_ns = peer.peer.get_clock().now().nanoseconds
-    kept.publish(convert.stated_reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
+    kept.publish(convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
     peer.wait(lambda: peer.node._references)
     if not sender_is_gone:
         peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))

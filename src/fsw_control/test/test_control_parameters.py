@@ -54,8 +54,6 @@ def test_reads_every_type():
     }
     assert isinstance(specs["deadline"].default, float)
     assert specs["kind"].read_only and not specs["deadline"].read_only
-    assert specs["deadline"].describe() == "Wait so long [s]"
-    assert specs["kind"].describe() == "Which (one of a, b)"
 
 
 @pytest.mark.parametrize(
@@ -121,16 +119,15 @@ def test_a_checked_number_is_finite_and_in_range(value):
         assert isinstance(checked, float) and math.isfinite(checked) and 0.0 <= checked <= 2.0 and checked == value
 
 
+def test_a_problem_is_told_in_words():
+    specs = parameters.parse(TEXT)
+    assert parameters.problem(specs["deadline"].check, 1.0) is None
+    assert "outside 0.5 to 2 s" in parameters.problem(specs["deadline"].check, 3.0)
+
+
 def test_infinite_int_is_refused():
     with pytest.raises(ParameterError):
         ParameterSpec("x", "int", 1, "").check(math.inf)
-
-
-def test_markdown_has_one_row_for_each_parameter_and_keeps_its_columns():
-    lines = parameters.markdown(parameters.parse(TEXT)).splitlines()
-    assert len(lines) == 2 + 6
-    assert all(line.replace("\\|", "").count("|") == 7 for line in lines)
-    assert "| `deadline` | double | 1.0 | 0.5 … 2 | s | Wait so long |" in lines
 
 
 def test_own_file_is_sound():

@@ -71,6 +71,7 @@ def test_defaults_and_descriptors(start):
     descriptor = node.describe_parameter("wait")
     assert descriptor.description == "Wait so long [s]"
     assert descriptor.floating_point_range[0].to_value == 2.0
+    assert node.describe_parameter("kind").description == "Which (one of a, b)"
     assert node.describe_parameter("count").integer_range[0].to_value == 9
     assert node.describe_parameter("fixed").read_only
     assert list(node.get_parameter("names").value) == []

@@ -74,7 +74,7 @@ def test_a_supervisor_that_has_lost_a_set_point_takes_it_from_nobody():
     assert queue.at(7 * SECOND) == OTHER
 
 
-def test_when_time_begins_anew_what_held_goes_on():
+def test_when_time_starts_over_what_held_goes_on():
     queue = ReferenceQueue()
     queue.add(100 * SECOND, OTHER, 100)
     assert queue.at(101 * SECOND) == OTHER

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Command
-from fsw_control.validity import DEFAULT_LIMITS, Frozen, SensorGuard, SensorLimits, SensorValidity
+from fsw_control.parameters import defaults, load
+from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
 
 LIMITS = SensorLimits(0.0, 6.0, max_rate=10.0, hold_s=0.3, frozen_samples=10, confirm_samples=3)
 
@@ -77,21 +78,21 @@ def test_freeze_of_a_noisy_sensor_is_found(quantum, latest):
 
 @pytest.mark.parametrize("quantum", [1e-3, 2e-3, 5e-3])
 def test_quantised_noise_is_no_freeze_in_an_hour(quantum):
-    frozen = Frozen(10)
-    assert not any(frozen.update(value) for value in noisy(36_000, quantum))
+    frozen = Frozen()
+    assert not any(frozen.update(value, 10) for value in noisy(36_000, quantum))
 
 
 def test_still_or_smooth_signals_without_noise_are_no_freeze():
-    frozen = Frozen(10)
+    frozen = Frozen()
     still = [2.66] * 500
     smooth = [round(2.66 + 0.2 * (1.0 - math.exp(-k / 100.0)), 3) for k in range(3000)]
-    assert not any(frozen.update(value) for value in still + smooth + still)
+    assert not any(frozen.update(value, 10) for value in still + smooth + still)
 
 
 def test_zero_switches_the_frozen_test_off():
-    frozen = Frozen(0)
+    frozen = Frozen()
     values = noisy(200, 1e-9)
-    assert not any(frozen.update(value) for value in values + [values[-1]] * 1000)
+    assert not any(frozen.update(value, 0) for value in values + [values[-1]] * 1000)
 
 
 def test_a_frozen_sensor_recovers():
@@ -142,10 +143,9 @@ def test_the_drives_feedback_is_part_of_the_measurement():
 
 
 def test_limits_that_make_no_sense_are_refused():
-    with pytest.raises(ValueError, match="below maximum"):
-        SensorLimits(1.0, 1.0, 1.0)
-    with pytest.raises(ValueError, match="positive"):
-        SensorLimits(0.0, 1.0, 0.0)
+    values = defaults(load("fsw_control", "controller.yaml"))
+    with pytest.raises(ValueError, match=r"torque: minimum 3000\.0 must be below"):
+        sensor_limits(values | {"validity.torque.minimum": 3000.0})
 
 
 def test_guard_gives_a_measurement_and_the_reasons():
@@ -164,12 +164,12 @@ def test_guard_takes_new_limits_without_forgetting():
     guard = SensorGuard()
     good = {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}
     guard.measure(0.0, good)
-    guard.configure({name: SensorLimits(0.0, 1.0, 1.0, hold_s=0.2) for name in good})
+    guard.configure({name: SensorLimits(0.0, 1.0, 1.0, 0.2, 10, 3) for name in good})
     assert guard.measure(0.1, good).depth_mm == 2.66
     assert guard.reasons["depth"] == "out of range, held"
 
 
 def test_rounding_is_no_noise_that_could_freeze():
-    sensor = SensorValidity(DEFAULT_LIMITS["torque"])
+    sensor = SensorValidity(sensor_limits()["torque"])
     readings = [sensor.update(0.1 * k, 1052.86 * (1.0 + 2e-16 * (-1) ** k if k < 40 else 1.0)) for k in range(200)]
     assert all(reading.valid and not reading.held for reading in readings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import resources
 from math import isfinite
@@ -14,34 +14,12 @@ import yaml
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """All tuning of the three loops.
+    """All tuning of the three loops; names, units and meaning are those of the parameters in ``decentral.yaml``.
 
-    Attributes
-    ----------
-    depth_gain : float
-        Force per depth error, kN/mm.
-    depth_integral_time, depth_derivative_time : float
-        s; derivative acts on the measurement, 0 switches it off.
-    depth_filter : float
-        Time constant of each of the two first-order filters of the measurement in series, s.
-    depth_weight : float
-        Share of the set-point that enters the proportional part, 0 to 1.
-    depth_reference_filter : float
-        Time constant of the set-point's filter, s.
-    depth_tracking_time : float
-        Time constant of back-calculation while limits act, s.
-    temperature_gain : float
-        Power per temperature error, kW/degC; the other ``temperature_*`` as for depth, but for the tracking time, which
-        counts while the speed is at a bound only.
-    power_gain : float
-        Speed per power error, rpm/kW.
-    power_integral_time, power_filter : float
-        s; the filter is that of the measured torque.
-    power_tracking_time : float
-        Time constant of back-calculation while the move limit acts, s. A long one keeps the energy that is missing
-        while the speed cannot follow, and the loop makes up for it afterwards.
-    feedforward_filter : float
-        Time constant of the filter of the torque that turns the power reference into speed, s.
+    Raises
+    ------
+    ValueError
+        When one is negative or not finite, or an integral or tracking time is 0.
     """
 
     depth_gain: float
@@ -65,25 +43,34 @@ class Gains:
     feedforward_filter: float
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for name, value in asdict(self).items():
             if not isfinite(value) or value < 0.0:
-                raise ValueError(f"gain {field.name} is {value!r}, must be finite and not negative")
-            if value == 0.0 and field.name.endswith(("integral_time", "tracking_time")):
-                raise ValueError(f"gain {field.name} must be positive")
+                raise ValueError(f"gain {name} is {value!r}, must be finite and not negative")
+            if value == 0.0 and name.endswith(("integral_time", "tracking_time")):
+                raise ValueError(f"gain {name} must be positive")
 
-    def overridden(self, values: Mapping[str, Any]) -> Gains:
-        """Return a copy with the gains in ``values`` that are not negative; a negative one leaves the gain alone."""
-        own = {field.name for field in fields(self)}
-        return replace(self, **{name: value for name, value in values.items() if name in own and value >= 0.0})
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Gains:
+        """Gains of the set ``values["tuning"]``, but those of ``values`` itself that are not negative.
 
+        Raises
+        ------
+        ValueError
+            When there is no such set, or a gain is not usable.
+        """
+        sets = tunings()
+        if values["tuning"] not in sets:
+            raise ValueError(f"tuning {values['tuning']!r} is none of {', '.join(sets)}")
+        gains = asdict(sets[values["tuning"]])
+        return cls(**gains | {name: values[name] for name in gains if values.get(name, -1.0) >= 0.0})
 
-def tunings() -> dict[str, Gains]:
-    """Return the documented sets of gains by name; ``scripts/tune_decentral.py`` computes them."""
-    return dict(_tunings())
+    def loop(self, name: str) -> dict[str, float]:
+        """Gains of the loop ``depth``, ``temperature`` or ``power``, by name without that of the loop."""
+        return {key.removeprefix(f"{name}_"): value for key, value in asdict(self).items() if key.startswith(name)}
 
 
 @cache
-def _tunings() -> dict[str, Gains]:
+def tunings() -> Mapping[str, Gains]:
+    """Return the documented sets of gains by name; ``scripts/tune_decentral.py`` computes them."""
     text = resources.files("fsw_decentral").joinpath("tunings.yaml").read_text(encoding="utf-8")
     return {name: Gains(**gains) for name, gains in yaml.safe_load(text).items()}

@@ -1,15 +1,13 @@
 """The three loops: depth to force, temperature to power, power to speed.
 
 Each loop works in absolute values, so that its integrator holds the operating point. ``follow`` tells a loop what
-became of its last wish: a wish cut by limits pulls the integrator back with the tracking time (back-calculation);
+became of its last output: one cut by limits pulls the integrator back with the tracking time (back-calculation);
 a command from somewhere else sets it at once, so that the loop continues from that command without a bump.
 """
 
 from __future__ import annotations
 
-from math import exp, nan, pi
-
-from fsw_decentral.gains import Gains
+from math import exp, isnan, nan, pi
 
 #: kW per N m rpm
 KW_PER_NM_RPM = pi / 30.0e3
@@ -27,130 +25,97 @@ class FeedbackLoop:
     much noise.
     """
 
-    __slots__ = (
-        "_derivative",
-        "_filter",
-        "_first_stage",
-        "_gain",
-        "_integral",
-        "_reference_filter",
-        "_tracking",
-        "_weight",
-        "integrator",
-        "measured",
-        "output",
-        "reference",
-        "started",
-    )
-
     def __init__(self) -> None:
         self.started = False
         self.measured = self._first_stage = nan
-        self.reference = nan
-        self.integrator = 0.0
         self.output = nan
-        self._gain = self._integral = self._derivative = self._filter = 0.0
-        self._reference_filter = self._weight = self._tracking = 0.0
+        self._reference = nan
+        self._integrator = 0.0
+        self._gain = self._weight = 0.0
 
     def configure(
         self,
         gain: float,
-        integral_time_s: float,
-        derivative_time_s: float,
-        filter_s: float,
+        integral_time: float,
+        derivative_time: float,
+        filter: float,
         weight: float,
-        reference_filter_s: float,
-        tracking_time_s: float,
+        reference_filter: float,
+        tracking_time: float,
         dt_s: float,
     ) -> None:
         """Take new gains; the output does not jump, because the integrator makes up for the difference."""
         if self.started:
-            before = self._gain * (self._weight * self.reference - self.measured)
-            self.integrator += before - gain * (weight * self.reference - self.measured)
+            before = self._gain * (self._weight * self._reference - self.measured)
+            self._integrator += before - gain * (weight * self._reference - self.measured)
         self._gain, self._weight = gain, weight
-        self._integral = gain * dt_s / integral_time_s
-        self._derivative = gain * derivative_time_s / dt_s
-        self._filter = share(filter_s, dt_s)
-        self._reference_filter = share(reference_filter_s, dt_s)
-        self._tracking = min(dt_s / tracking_time_s, 1.0)
+        self._integral = gain * dt_s / integral_time
+        self._derivative = gain * derivative_time / dt_s
+        self._filter = share(filter, dt_s)
+        self._reference_filter = share(reference_filter, dt_s)
+        self._tracking = min(dt_s / tracking_time, 1.0)
 
     def start(self, measured: float, reference: float, output: float) -> None:
         """Begin such that the output is ``output`` now."""
         self.measured = self._first_stage = measured
-        if self.reference != self.reference:
-            self.reference = reference
-        self.integrator = output - self._gain * (self._weight * self.reference - measured)
+        if isnan(self._reference):
+            self._reference = reference
+        self._integrator = output - self._gain * (self._weight * self._reference - measured)
         self.output = output
         self.started = True
 
     def pause(self, output: float) -> None:
-        """Hold ``output`` while there is no measurement; the next ``step`` starts again from it."""
+        """Hold ``output`` while there is no measurement; the loop has to be started again."""
         self.started = False
         self.output = output
 
     def follow(self, excess: float, elsewhere: bool) -> None:
         """Note how far the last output was from what was applied, by limits or by a command from elsewhere."""
-        self.integrator += excess if elsewhere else self._tracking * excess
+        self._integrator += excess if elsewhere else self._tracking * excess
 
     def step(self, measured: float, reference: float) -> float:
         """Return the output for the next measurement."""
         self._first_stage += self._filter * (measured - self._first_stage)
         move = self._filter * (self._first_stage - self.measured)
         self.measured += move
-        self.reference += self._reference_filter * (reference - self.reference)
-        self.integrator += self._integral * (self.reference - self.measured)
-        self.output = (
-            self._gain * (self._weight * self.reference - self.measured) + self.integrator - self._derivative * move
-        )
+        self._reference += self._reference_filter * (reference - self._reference)
+        self._integrator += self._integral * (self._reference - self.measured)
+        proportional = self._gain * (self._weight * self._reference - self.measured)
+        self.output = proportional + self._integrator - self._derivative * move
         return self.output
 
 
 class PowerLoop:
     """Speed from a power reference: feed-forward by the measured torque, and PI on the measured power."""
 
-    __slots__ = (
-        "_feedforward",
-        "_filter",
-        "_gain",
-        "_gained",
-        "_integral",
-        "_tracking",
-        "fast_nm",
-        "integrator",
-        "output",
-        "slow_nm",
-    )
-
     def __init__(self, torque_nm: float) -> None:
+        self.started = False
         self.fast_nm = self.slow_nm = torque_nm
-        self.integrator = 0.0
         self.output = nan
-        self._gain = self._integral = self._filter = self._feedforward = 0.0
-        self._gained = self._tracking = 0.0
+        self._integrator = 0.0
+        self._gained = 0.0
 
     def configure(
         self,
         gain: float,
-        integral_time_s: float,
-        filter_s: float,
-        tracking_time_s: float,
-        feedforward_filter_s: float,
+        integral_time: float,
+        filter: float,
+        tracking_time: float,
+        feedforward_filter: float,
         dt_s: float,
     ) -> None:
         """Take new gains."""
         self._gain = gain
-        self._integral = gain * dt_s / integral_time_s
-        self._filter = share(filter_s, dt_s)
-        self._feedforward = share(feedforward_filter_s, dt_s)
-        self._tracking = min(dt_s / tracking_time_s, 1.0)
-
-    def start(self, torque_nm: float) -> None:
-        """Begin at a process torque."""
-        self.fast_nm = self.slow_nm = torque_nm
-        self.integrator = 0.0
+        self._integral = gain * dt_s / integral_time
+        self._filter = share(filter, dt_s)
+        self._feedforward = share(feedforward_filter, dt_s)
+        self._tracking = min(dt_s / tracking_time, 1.0)
 
     def measure(self, torque_nm: float) -> None:
-        """Take the next process torque."""
+        """Take the next process torque; one before the first step as it is."""
+        if not self.started:
+            self.fast_nm = self.slow_nm = torque_nm
+            return
         self.fast_nm += self._filter * (torque_nm - self.fast_nm)
         self.slow_nm += self._feedforward * (torque_nm - self.slow_nm)
 
@@ -161,48 +126,17 @@ class PowerLoop:
         that the loop makes up for the energy that was missing while the speed could not follow.
         """
         if elsewhere:
-            self.integrator = 0.0
+            self._integrator = 0.0
         elif not bounded:
-            self.integrator += self._tracking * excess_rpm
+            self._integrator += self._tracking * excess_rpm
         elif excess_rpm * self._gained < 0.0:
-            self.integrator -= self._gained
+            self._integrator -= self._gained
 
     def step(self, reference_kw: float, speed_rpm: float) -> float:
         """Return the speed for a power reference, ``speed_rpm`` being the present one."""
+        self.started = True
         error_kw = reference_kw - self.fast_nm * speed_rpm * KW_PER_NM_RPM
         self._gained = self._integral * error_kw
-        self.integrator += self._gained
-        self.output = reference_kw / (self.slow_nm * KW_PER_NM_RPM) + self._gain * error_kw + self.integrator
+        self._integrator += self._gained
+        self.output = reference_kw / (self.slow_nm * KW_PER_NM_RPM) + self._gain * error_kw + self._integrator
         return self.output
-
-
-def configure(depth: FeedbackLoop, temperature: FeedbackLoop, power: PowerLoop, gains: Gains, dt_s: float) -> None:
-    """Give the three loops their gains for steps of ``dt_s``."""
-    depth.configure(
-        gains.depth_gain,
-        gains.depth_integral_time,
-        gains.depth_derivative_time,
-        gains.depth_filter,
-        gains.depth_weight,
-        gains.depth_reference_filter,
-        gains.depth_tracking_time,
-        dt_s,
-    )
-    temperature.configure(
-        gains.temperature_gain,
-        gains.temperature_integral_time,
-        gains.temperature_derivative_time,
-        gains.temperature_filter,
-        gains.temperature_weight,
-        gains.temperature_reference_filter,
-        gains.temperature_tracking_time,
-        dt_s,
-    )
-    power.configure(
-        gains.power_gain,
-        gains.power_integral_time,
-        gains.power_filter,
-        gains.power_tracking_time,
-        gains.feedforward_filter,
-        dt_s,
-    )

@@ -146,6 +146,7 @@ def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(trackin
     loop = PowerLoop(1000.0)
     loop.configure(2.0, 0.3, 0.1, tracking_s, 0.1, 0.1)
     power_kw, speed, missing_kj = 1000.0 * 400.0 * KW_PER_NM_RPM, 400.0, 0.0
+    assert loop.step(power_kw, speed) == pytest.approx(speed)
     for _ in range(200):
         loop.measure(800.0)
         wanted = loop.step(power_kw, speed)
@@ -207,11 +208,11 @@ def test_overrides_take_the_place_of_the_tuning():
 def test_unusable_parameters_are_told_and_change_nothing():
     controller = DecentralController()
     gains = controller.gains
-    values = dict(controller._values)
-    assert controller.check(values) is None
-    assert "must be positive" in controller.check(values | {"depth_integral_time": 0.0})
-    assert "force_min" in controller.check(values | {"force_min": 99.0})
-    assert "speed_min" in controller.check(values | {"speed_min": 600.0})
+    assert controller.check({}) is None
+    assert "must be positive" in controller.check({"depth_integral_time": 0.0})
+    assert "force_min" in controller.check({"force_min": 99.0})
+    assert "speed_min" in controller.check({"speed_min": 600.0})
+    assert "none of conservative, tight" in controller.check({"tuning": "loose"})
     with pytest.raises(ValueError, match="must be positive"):
         controller.configure({"depth_integral_time": 0.0})
     assert controller.gains == gains

@@ -340,7 +340,7 @@ def _run(parsed: argparse.Namespace) -> None:
             raise CommandError(f"cannot read model {parsed.model}: not a text file in UTF-8") from None
     if parsed.json is not None:
         _save(parsed.json, "")  # better now than after the search
-    sets = tunings()
+    sets = dict(tunings())
     for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else list(BOUNDS):
         bar = ProgressBar(f"tuning {name}")
         sets[name] = tune(name, parameters, parsed.evaluations, bar)

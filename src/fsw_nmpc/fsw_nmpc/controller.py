@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
-from fsw_control.parameters import defaults, load
+from fsw_control.parameters import defaults, load, problem
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.kernel_structs import MAX_CHANGES, ProblemStruct
@@ -69,11 +69,7 @@ class NmpcController:
 
     def check(self, values: Mapping[str, Any]) -> str | None:
         """Return why these parameters cannot be used, or None."""
-        try:
-            Settings.of(self._values | dict(values))
-        except ValueError as error:
-            return str(error)
-        return None
+        return problem(Settings.of, self._values | dict(values))
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Take new parameters at runtime; the proposals do not jump.

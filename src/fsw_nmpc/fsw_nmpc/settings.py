@@ -40,9 +40,6 @@ class Settings:
             If a value is unknown or out of range, values contradict each other, or a file cannot be used.
         """
         v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
-        for name in ("force", "speed"):
-            if not v[f"{name}_min"] < v[f"{name}_max"]:
-                raise ValueError(f"{name}_min must be below {name}_max")
         try:
             model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
         except OSError as error:
@@ -56,9 +53,7 @@ class Settings:
         return cls(
             model=model,
             tuning=tuning,
-            limits=Limits(
-                v["force_min"], v["force_max"], v["speed_min"], v["speed_max"], v["force_step"], v["speed_step"]
-            ),
+            limits=Limits.of(v),
             solver=v["solver"],
             max_iterations=v["max_iterations"],
             plan_reuse=v["plan_reuse"],
