@@ -1,5 +1,7 @@
 """Check values of the paper's process, and step, equilibrium, linearisation and simulation as a user meets them."""
 
+from collections import deque
+from dataclasses import astuple
 from math import inf, nan, pi
 
 import numpy as np
@@ -7,10 +9,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_model import OperatingPointError, ProcessModel, nominal
+from fsw_model import STEP_S, OperatingPointError, ProcessModel, ProcessState, nominal
 from fsw_model.equations import COPPER, N_STATES, STATE_NAMES, TOOL
 
 MODEL = ProcessModel()
+OTHER = ProcessModel(nominal().scaled(thermal_gain_c_per_kw=1.2))
+STATES = st.tuples(
+    st.floats(-0.5, 0.5),
+    st.floats(-0.5, 0.5),
+    st.floats(-1e-4, 1e-4),
+    st.floats(-100.0, 100.0),
+    st.floats(-100.0, 100.0),
+    st.floats(500.0, 1500.0),
+)
+POWERS = st.tuples(*[st.floats(-20.0, 20.0)] * 4)
+
+
+@given(STATES, POWERS, POWERS, st.floats(20.0, 120.0), st.floats(0.0, 600.0))
+def test_step_and_outputs_are_the_casadi_functions(x, older, newer, force, speed):
+    """In numbers, also when another model has been used meanwhile."""
+    state = ProcessState(x, deque([older, newer, *MODEL.equilibrium().state.power][: MODEL.delay_steps]))
+    expected_x, expected_power, _ = MODEL.step_function(list(x), older, newer, force, speed)
+    outputs = MODEL.outputs(state, force, speed)
+    MODEL.step(state, force, speed)
+    OTHER.outputs(OTHER.equilibrium().state, 70.0, 300.0)
+    assert state.x == tuple(expected_x.nonzeros())
+    assert (state.power[0], state.power[-1]) == (newer, tuple(expected_power.nonzeros()))
+    assert astuple(outputs) == tuple(float(value) for value in MODEL.output_function(list(x), force, speed))
 
 
 def test_check_values_at_the_operating_point():
@@ -101,7 +126,7 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
     at = MODEL.linearise(start)
     push, steps, fine = np.array([0.01, 0.1]), 100, 20
     run = MODEL.simulate([start.force_kn + push[0]] * steps, [start.speed_rpm + push[1]] * steps, start)
-    h = MODEL.step_s / fine
+    h = STEP_S / fine
     chain = np.zeros((N_STATES + 2, N_STATES + 2))
     chain[:N_STATES, :N_STATES], chain[:N_STATES, N_STATES], chain[:N_STATES, N_STATES + 1] = (
         at.a,
