@@ -2,41 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fsw_plant.disturbances import DisturbanceError
-from fsw_plant.event_schema import DURATION_S, Place, PlantEvent, Range, read_disturbance, read_fault
+from fsw_plant.event_schema import DURATION_S, Place, Range, read_disturbance, read_fault
+from fsw_plant.events import EPSILON_S, DisturbanceError, PlantEvent
 
 #: Events of a scenario, those for the plant first.
 EVENT_KINDS = ("disturbance", "fault", "reference", "switch", "command")
 _READERS = {"disturbance": read_disturbance, "fault": read_fault}
-#: what a tick may be early of an event
-_EPSILON_S = 1e-9
 
 
 class PlantSchedule:
-    """The events of a scenario that concern the plant, in order of time.
+    """The events of a scenario that concern the plant.
 
     Parameters
     ----------
-    events : sequence of PlantEvent
+    events : iterable of PlantEvent
         In any order; those of one time are applied in the order given.
+
+    Attributes
+    ----------
+    events : deque of PlantEvent
+        Those to come, in order of time.
     """
 
-    def __init__(self, events: Sequence[PlantEvent] = ()) -> None:
-        self.events = tuple(sorted(events, key=lambda event: event.at_s))
-        self._next = 0
-        self.next_s = self.events[0].at_s if self.events else float("inf")
+    def __init__(self, events: Iterable[PlantEvent] = ()) -> None:
+        self.events = deque(sorted(events, key=lambda event: event.at_s))
 
     def due(self, time_s: float) -> list[PlantEvent]:
         """Take the events that a tick at ``time_s`` has reached."""
         due: list[PlantEvent] = []
-        while self.next_s <= time_s + _EPSILON_S:
-            due.append(self.events[self._next])
-            self._next += 1
-            self.next_s = self.events[self._next].at_s if self._next < len(self.events) else float("inf")
+        while self.events and self.events[0].at_s <= time_s + EPSILON_S:
+            due.append(self.events.popleft())
         return due
 
     @classmethod
@@ -49,11 +49,9 @@ class PlantSchedule:
             If an event is not understood; the message says which and what is allowed.
         """
         at = Place(where)
-        read = (
-            read_event(entry, at.inside(f"events[{i}]"))
-            for i, entry in enumerate(at.list({"events": events}, "events"))
-        )
-        return cls([event for event in read if event is not None])
+        entries = at.list({"events": events}, "events")
+        read = (read_event(entry, at.inside(f"events[{i}]")) for i, entry in enumerate(entries))
+        return cls(event for event in read if event is not None)
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:

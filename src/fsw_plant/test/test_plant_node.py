@@ -16,7 +16,7 @@ from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_plant.claim_ros import AnotherPlantError
+from fsw_plant.single_instance_ros import AnotherPlantError
 
 TICK_NS = 100_000_000
 SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
