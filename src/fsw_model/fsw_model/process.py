@@ -114,16 +114,12 @@ class _Numeric:
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
         self._buffer: Any  # has to live as long as what it evaluates
         self._buffer, self._evaluate = function.buffer()
-        begin = 0
-        for i in range(function.n_in()):
-            end = begin + function.nnz_in(i)
-            self._buffer.set_arg(i, self._given[begin:end].data)
-            begin = end
-        begin = 0
-        for i in range(function.n_out()):
-            end = begin + function.nnz_out(i)
-            self._buffer.set_res(i, self._result[begin:end].data)
-            begin = end
+        given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
+        for i, part in enumerate(np.split(self._given, given_ends[:-1])):
+            self._buffer.set_arg(i, part.data)
+        result_ends = np.cumsum([function.nnz_out(i) for i in range(function.n_out())])
+        for i, part in enumerate(np.split(self._result, result_ends[:-1])):
+            self._buffer.set_res(i, part.data)
 
     def __call__(self, *values: float) -> list[float]:
         """All results one after the other, from all arguments one after the other."""

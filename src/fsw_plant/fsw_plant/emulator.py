@@ -3,7 +3,7 @@
 Use, per tick (see also :class:`Reading`)::
 
     plant = PlantEmulator(PlantConfig.from_values({"seed": 1, "start": {"depth_mm": 2.7}}),
-                          PlantSchedule.from_events(scenario["events"]))
+                          PlantSchedule.from_yaml(scenario))
     while True:
         reading = plant.measure()           # state before this tick's command acts
         refusal = plant.apply(command)      # "" when obeyed; holds from this tick until the next one

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import yaml
@@ -34,9 +33,7 @@ class Range:
 
     def complaint(self, value: float) -> str | None:
         """Why ``value`` is not allowed, or None when it is."""
-        if not isfinite(value) or not self.low <= value <= self.high:
-            return f"{value:g} is outside {self}"
-        return None
+        return None if self.low <= value <= self.high else f"{value:g} is outside {self}"
 
 
 #: length of a scenario, and of everything in it

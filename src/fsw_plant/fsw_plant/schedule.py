@@ -40,28 +40,23 @@ class PlantSchedule:
         return due
 
     @classmethod
-    def from_events(cls, events: Any, where: str = "scenario") -> PlantSchedule:
-        """Read a scenario's list of events; those for others (reference, switch, command) are passed over.
+    def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
+        """Read YAML text: a list of events or a scenario with ``events``; those for others than the plant are ignored.
 
         Raises
         ------
         DisturbanceError
-            If an event is not understood; the message says which and what is allowed.
+            If an event is not understood; the message says where and what is allowed.
         """
         at = Place(where)
-        entries = at.list({"events": events}, "events")
+        content = at.yaml(text)
+        entries = at.list(content if isinstance(content, dict) else {"events": content}, "events")
         read = (read_event(entry, at.inside(f"events[{i}]")) for i, entry in enumerate(entries))
         return cls(event for event in read if event is not None)
 
     @classmethod
-    def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
-        """Read YAML text: a list of events or a scenario with ``events``; errors as :meth:`from_events`."""
-        content = Place(where).yaml(text)
-        return cls.from_events(content.get("events") if isinstance(content, dict) else content, where)
-
-    @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:
-        """Read YAML text (if it has a line break or brackets) or the file of that path; empty: no events."""
+        """Read YAML text (if it has a line break or brackets) or the file of that path, see :meth:`from_yaml`."""
         if not source.strip():
             return cls()
         if "\n" in source or source.lstrip()[0] in "[{":
@@ -73,16 +68,9 @@ class PlantSchedule:
 
 
 def read_event(entry: Any, at: Place, latest: Range = DURATION_S) -> PlantEvent | None:
-    """One event of a scenario; None when it is not for the plant (only its time and kind are checked then).
+    """One event of a scenario, at the upper end of ``latest`` at the latest; None when it is not for the plant.
 
-    Parameters
-    ----------
-    entry : Any
-        As read from YAML.
-    at : Place
-        Raises the errors.
-    latest : Range
-        The upper end is the latest time of an event.
+    Of an event that is not for the plant only time and kind are checked.
     """
     at_s, kind = event_head(entry, at, latest)
     return _READERS[kind](entry[kind], at.inside(kind), at_s) if kind in _READERS else None

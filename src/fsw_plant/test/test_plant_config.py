@@ -84,7 +84,7 @@ def event(**content):
 )
 def test_wrong_events(events, words):
     with pytest.raises(DisturbanceError, match=words) as caught:
-        PlantSchedule.from_events(events)
+        PlantSchedule.from_yaml(yaml.safe_dump(events))
     assert "\n" not in str(caught.value)
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import exp, isfinite, nan, pi
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -181,7 +182,7 @@ def test_events_act_at_their_tick():
         {"at_s": 0.65, "fault": {"sensor": "thermocouple", "kind": "dropout", "duration_s": 0.2}},
         {"at_s": 0.2, "reference": {"depth_mm": 2.7}},
     ]
-    plant = PlantEmulator(PlantConfig.from_values({"noise": False}), PlantSchedule.from_events(events))
+    plant = PlantEmulator(PlantConfig.from_values({"noise": False}), PlantSchedule.from_yaml(yaml.safe_dump(events)))
     readings, forces = [], []
     for _ in range(12):
         readings.append(plant.measure())
