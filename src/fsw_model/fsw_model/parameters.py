@@ -91,19 +91,14 @@ class ModelParameters:
         if self.depth_pole_slow_s <= self.depth_pole_fast_s:
             raise ParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
 
-    def with_values(self, **values: float) -> ModelParameters:
-        """A copy with some values replaced.
+    def scaled(self, **factors: float) -> ModelParameters:
+        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model.
 
         Raises
         ------
         ParameterError
             If a name is unknown or a value is not valid.
         """
-        _check_names(values, "with_values()")
-        return replace(self, **values)
-
-    def scaled(self, **factors: float) -> ModelParameters:
-        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model."""
         _check_names(factors, "scaled()")
         return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 

@@ -70,5 +70,3 @@ def test_wrong_yaml_is_one_clear_error(text, words):
 def test_unknown_names_in_code():
     with pytest.raises(ParameterError, match=r"scaled\(\): unknown model parameter depth"):
         nominal().scaled(depth=2.0)
-    with pytest.raises(ParameterError, match=r"with_values\(\)"):
-        nominal().with_values(depth=2.0)

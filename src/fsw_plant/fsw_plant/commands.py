@@ -15,8 +15,7 @@ class CommandGate:
 
     Attributes
     ----------
-    config : PlantConfig
-    sources : collection of str
+    sources : tuple of str
         Whose commands are accepted; empty: anybody's.
     refused : dict of str to int
         How many commands were refused for each of ``REASONS``.

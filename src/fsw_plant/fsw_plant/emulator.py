@@ -159,12 +159,9 @@ class PlantEmulator:
         return self.tick / 10
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
-        """What the sensors send at the present tick; asked again at the same tick, the same.
+        """What the sensors send at the present tick, the same however often this is called at one tick.
 
-        Parameters
-        ----------
-        stamp_ns : int, optional
-            Stamp of the tick; the tick's own time by default.
+        The stamp is the tick's own time unless ``stamp_ns`` is given.
         """
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
