@@ -88,12 +88,7 @@ class Linearisation:
     dead_time_s: float
 
     def frequency_response(self, omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Transfer matrix at the given frequencies, the thermal-depth loop closed.
-
-        Parameters
-        ----------
-        omega_rad_s : (n,) array
-            Frequencies; 0 is not allowed, because depth integrates.
+        """Transfer matrix at n frequencies above 0 (depth integrates), the thermal-depth loop closed.
 
         Returns
         -------
@@ -182,14 +177,9 @@ class ProcessModel:
         return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
 
     def equilibrium(self, depth_mm: float | None = None, temperature_c: float | None = None) -> Equilibrium:
-        """Inputs and state that hold a depth and a temperature for ever.
+        """Inputs and state that hold a depth and a temperature for ever, those of the operating point by default.
 
         Depth integrates, so the force is the operating force at every depth; the speed gives the needed power.
-
-        Parameters
-        ----------
-        depth_mm, temperature_c : float, optional
-            The operating point by default.
 
         Raises
         ------

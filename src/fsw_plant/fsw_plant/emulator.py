@@ -213,7 +213,6 @@ class PlantEmulator:
         Parameters
         ----------
         command : Command
-            The command.
         stamp_ns : int, optional
             Stamp of the measurement that it answers; the last one by default.
         source : str
@@ -313,12 +312,7 @@ class PlantEmulator:
     def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
         """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule go on.
 
-        Parameters
-        ----------
-        seed : int, optional
-            Of the noise; the configured one by default.
-        depth_mm, temperature_c : float, optional
-            The equilibrium; the configured one by default.
+        What is not given stays as configured.
 
         Raises
         ------

@@ -9,16 +9,9 @@ BLOCK = 1024
 
 
 class NoisySensor:
-    """One sensor's noise and resolution.
+    """One sensor's noise (standard deviation) and resolution, in its unit; 0: none.
 
     Each reading takes one random number, whatever happens to it, so the stream depends on seed and tick alone.
-
-    Parameters
-    ----------
-    seed, index : int
-        The stream.
-    noise, resolution : float
-        Standard deviation and quantisation in the sensor's unit; 0: none.
     """
 
     def __init__(self, seed: int, index: int, noise: float, resolution: float) -> None:

@@ -27,12 +27,8 @@ class AnotherPlantError(RuntimeError):
 class SingleInstanceGuard:
     """Finds out whether another plant, or a replayed bag, publishes the same topics.
 
-    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own.
-
-    Parameters
-    ----------
-    node : Node
-        The plant's node; its publisher of fsw/depth exists already, so that plants that start together see each other.
+    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own. The
+    node's publisher of fsw/depth has to exist already, so that plants that start together see each other.
     """
 
     def __init__(self, node: Node) -> None:
@@ -44,11 +40,7 @@ class SingleInstanceGuard:
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
         """Look for ``discovery_s``, and listen to what is found; returns when the domain is free.
 
-        Parameters
-        ----------
-        discovery_s : float
-        announce : callable
-            Publishes this plant's diagnostics, so that another one that starts now detects it.
+        ``announce`` publishes this plant's diagnostics, so that another one that starts now detects it.
 
         Raises
         ------
