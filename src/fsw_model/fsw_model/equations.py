@@ -166,8 +166,8 @@ def dynamics_function(p: ModelParameters) -> ca.Function:
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
     modes = ca.DM(poles) * x[:3] + ca.DM(gains) * (force - p.operating_force_kn)  # (17), (25)
     thermal = ca.DM(a) @ x[COPPER : TOOL + 1] + ca.DM(b) * arriving  # (16)
-    wanted = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
-    motor = (wanted - x[MOTOR]) / p.motor_lag_s  # (18)
+    static = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
+    motor = (static - x[MOTOR]) / p.motor_lag_s  # (18)
     names = ["x", "arriving_kw", "force_kn", "speed_rpm"]
     return ca.Function("dynamics", [x, arriving, force, speed], [ca.vertcat(modes, thermal, motor)], names, ["dx_dt"])
 

@@ -25,11 +25,11 @@ class Actuator:
         self._left = exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
         self._mean = lag_s / STEP_S * (1.0 - self._left)
 
-    def advance(self, wanted: float) -> float:
-        """Move for one tick towards ``wanted``; returns the mean position over the tick."""
-        change = wanted - self.setpoint
+    def advance(self, target: float) -> float:
+        """Move for one tick towards ``target``; returns the mean position over the tick."""
+        change = target - self.setpoint
         if -self._largest <= change <= self._largest:
-            self.setpoint = wanted
+            self.setpoint = target
         else:
             self.setpoint += self._largest if change > 0.0 else -self._largest
         behind = self.position - self.setpoint

@@ -1,4 +1,4 @@
-"""Which commands the plant obeys."""
+"""Which commands the plant accepts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class CommandGate:
     Attributes
     ----------
     sources : tuple of str
-        Whose commands are accepted; empty: anybody's.
+        Whose commands are accepted; empty: all.
     refused : dict of str to int
         How many commands were refused for each of ``REASONS``.
     last_refusal : str
@@ -33,7 +33,7 @@ class CommandGate:
         self.last_stamp_ns: int | None = None
 
     def check(self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None) -> str:
-        """Why a command is refused (one of ``REASONS``), empty if it is to be obeyed.
+        """Why a command is refused (one of ``REASONS``), empty if it is accepted.
 
         The arguments are those of ``PlantEmulator.apply``, and the stamp of the plant's last measurement, None before
         the first.

@@ -6,7 +6,7 @@ Use, per tick (see also :class:`Reading`)::
                           PlantSchedule.from_yaml(scenario))
     while True:
         reading = plant.measure()           # state before this tick's command acts
-        refusal = plant.apply(command)      # "" when obeyed; holds from this tick until the next one
+        refusal = plant.apply(command)      # "" when accepted; holds from this tick until the next one
         plant.step()                        # 0.1 s on
 
 Tick k has the time ``k * 0.1 s``. The first tick is 1, because a stamp of zero means "no time" in ROS. A scheduled
@@ -208,7 +208,7 @@ class PlantEmulator:
             active[event.target] = event
 
     def apply(self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True) -> str:
-        """Obey a command from the present tick on, or refuse it.
+        """Accept a command from the present tick on, or refuse it.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ class PlantEmulator:
         Returns
         -------
         str
-            Empty when obeyed, else why not (one of ``commands.REASONS``); ``gate`` counts and keeps the words.
+            Empty when accepted, else why not (one of ``commands.REASONS``); ``gate`` counts and keeps the words.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:

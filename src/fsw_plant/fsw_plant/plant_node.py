@@ -171,7 +171,7 @@ class PlantNode(Node):
         self._set_sources()
 
     def _set_sources(self) -> None:
-        """With a second publisher of commands about, only sources that the supervisor knows are obeyed."""
+        """With a second publisher of commands about, only sources that the supervisor announces are accepted."""
         sources = tuple(self._settings["commands.sources"])
         if not sources and len(self._command_publishers) > 1:
             sources = self._announced_sources

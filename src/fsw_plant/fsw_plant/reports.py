@@ -77,7 +77,7 @@ def commands(plant: PlantEmulator, new_refusals: int, publishers: Sequence[str])
     if new_refusals:
         level = max(level, WARN)
         texts.append(f"{new_refusals} refused; last: {gate.last_refusal}")
-    return Report("commands", level, "; ".join(texts) or "obeyed", values)
+    return Report("commands", level, "; ".join(texts) or "accepted", values)
 
 
 def sensors(plant: PlantEmulator) -> Report:

@@ -45,7 +45,7 @@ class SingleInstanceGuard:
         Raises
         ------
         AnotherPlantError
-            If another one lives.
+            If there is one.
         """
         node = self._node
         subscriptions = [
