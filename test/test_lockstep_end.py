@@ -1,10 +1,12 @@
 """How the graph ends: cleanly, whoever ends it and when."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -17,13 +19,7 @@ from fsw_experiment.scenario_file import load
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
-
-
-def wait_for(condition, what, timeout_s=30.0):
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, what
-        time.sleep(0.01)
+TIMEOUT_S = 30.0
 
 
 @pytest.mark.parametrize(
@@ -40,7 +36,8 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
         for child in launcher.children.values():
             for sign in signs:
                 child.process.send_signal(sign)
-        wait_for(lambda: not any(child.running for child in launcher.children.values()), "all processes to end")
+        for child in launcher.children.values():
+            child.process.wait(TIMEOUT_S)
         for name in NODES:
             child = launcher.children[name]
             assert child.process.returncode == 0, (name, child.text())
@@ -88,14 +85,21 @@ def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
         demo = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE)
     log = out / "reference_tracking" / "decentral" / "log" / "scenario.log"
     try:
-        wait_for(lambda: log.exists() and "progress" in log.read_text(), "the weld to begin")
+        end = time.monotonic() + TIMEOUT_S
+        while not (log.exists() and "progress" in log.read_text()):
+            assert time.monotonic() < end, "the weld has not begun"
+            with pytest.raises(subprocess.TimeoutExpired):
+                demo.wait(0.05)
         assert len(processes_with(str(out))) > 4
         demo.send_signal(sign)
-        assert demo.wait(30) == code
+        assert demo.wait(TIMEOUT_S) == code
     finally:
         demo.kill()
         demo.wait()
-    wait_for(lambda: not processes_with(str(out)), "the processes to end")
+    for pid in processes_with(str(out)):
+        with suppress(ProcessLookupError):
+            assert select.select([os.pidfd_open(pid)], [], [], TIMEOUT_S)[0], f"process {pid} has not ended"
+    assert not processes_with(str(out))
 
 
 def test_player_alone_gives_up_with_one_clear_line(tmp_path):
@@ -103,7 +107,7 @@ def test_player_alone_gives_up_with_one_clear_line(tmp_path):
         player = launcher.start(
             "player", "fsw_experiment.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
         )
-        wait_for(lambda: not player.running, "the player to give up")
+        player.process.wait(TIMEOUT_S)
         assert player.process.returncode == 1
         assert "no 1 controllers listening for 1 s" in player.text()
 
@@ -116,7 +120,7 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
         launcher.wait_for_text("supervisor", "role: active")
         player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
         launcher.wait_for_text("recorder", "subscribed to /fsw/reference")
-        wait_for(lambda: not player.running, "the player to give up")
+        player.process.wait(TIMEOUT_S)
         assert "no 1 controllers listening for 3 s" in player.text()
 
 
@@ -131,7 +135,7 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
 def test_player_with_bad_input(arguments, words, tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
         player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
-        wait_for(lambda: not player.running, "the player to end")
+        player.process.wait(TIMEOUT_S)
         assert player.process.returncode == 2
         assert words in player.text()
         assert player.text().count("\n") == 1

@@ -111,7 +111,7 @@ _TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", sma
 _POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", smallest_span=0.5)
 _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 #: as the paper draws open-loop experiments: the response above, force and speed below
-_OPEN_LOOP = (_FREE[0], _TORQUE, _FREE[1], _FORCE, _SPEED)
+_OPEN_LOOP = (_FREE[0], _TORQUE, _POWER, _FREE[1], _FORCE, _SPEED)
 _FIGURES: dict[int, tuple[str, tuple[_Panel | _ErrorPanel, ...]]] = {
     4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
     5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
@@ -174,7 +174,7 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
     Parameters
     ----------
     columns : mapping of str to FloatArray
-        ``time_s``, ``depth_mm``, ``motor_torque_nm``, ``temperature_c``, ``force_kn`` and ``speed_rpm``, each (n,).
+        ``time_s``, and by the names of a weld's signals what the panels show, each (n,).
     title : str
     path : Path
         PNG file to write.

@@ -50,6 +50,6 @@ def test_bad_input(weld, tmp_path):
 
 
 def test_open_loop(tmp_path):
-    names = ("depth_mm", "motor_torque_nm", "temperature_c", "force_kn", "speed_rpm")
+    names = ("depth_mm", "motor_torque_nm", "process_power_kw", "temperature_c", "force_kn", "speed_rpm")
     draw_open_loop({"time_s": np.arange(3.0), **{name: np.arange(3.0) for name in names}}, "title", tmp_path / "a.png")
     assert is_png(tmp_path / "a.png")

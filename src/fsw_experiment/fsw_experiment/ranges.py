@@ -3,13 +3,12 @@
 from fsw_control import weld
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
-    DISTURBANCE_SHAPES,
     DURATION_S,
     FAULT_DELAY_S,
-    FAULT_KINDS,
     FAULT_MAGNITUDE,
     Range,
 )
+from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
 
 __all__ = [
     "COMMAND_FORCE_KN",

@@ -7,7 +7,7 @@ import pytest
 
 from fsw_experiment.cli.main import main
 from fsw_experiment.cli.model import COLUMNS
-from fsw_model import ProcessModel, nominal
+from fsw_model import ProcessModel
 
 
 def run(tmp_path, events, *arguments):
@@ -63,7 +63,7 @@ def test_rows_are_those_of_the_model_with_all_digits(tmp_path):
 
 
 def test_another_model_and_a_figure(tmp_path):
-    (tmp_path / "model.yaml").write_text(nominal().scaled(thermal_gain_c_per_kw=1.2).to_yaml())
+    (tmp_path / "model.yaml").write_text("thermal_gain_c_per_kw: 21.72")
     events = "{duration_s: 5.0, events: [{at_s: 1.0, speed_rpm: 420}]}"
     assert run(tmp_path, events) == 0
     papers = (tmp_path / "out.csv").read_text()

@@ -1,8 +1,8 @@
 """Process model of friction stir welding of copper canisters, the paper's (5)-(27)."""
 
+from fsw_model.equations import STEP_S
 from fsw_model.parameters import ModelParameters, ParameterError, nominal
 from fsw_model.process import (
-    STEP_S,
     Equilibrium,
     Linearisation,
     OperatingPointError,

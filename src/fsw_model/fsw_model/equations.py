@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from fsw_model.parameters import ModelParameters
 
+#: Length of a step, paper (36).
+STEP_S = 0.1
 STATE_NAMES = ("creep_mm", "slow_mm", "fast_mm", "copper_c", "tool_c", "motor_torque_nm")
 CREEP, SLOW, FAST, COPPER, TOOL, MOTOR = range(6)
 N_STATES = len(STATE_NAMES)
@@ -111,15 +113,14 @@ def power_response(p: ModelParameters, step_s: float, begin_s: float, span_s: fl
     return response
 
 
-def thermal_step(p: ModelParameters, step_s: float, overlap_s: float, span_s: float) -> tuple[Matrix, Matrix, Matrix]:
-    """Exact step of (copper, tool) over ``span_s`` <= ``step_s``.
+def thermal_step(p: ModelParameters, overlap_s: float, span_s: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Exact step of (copper, tool) over ``span_s``, at most a step.
 
     The power that arrives meanwhile is of two steps of the past, when the dead time is no whole number of steps.
 
     Parameters
     ----------
     p : ModelParameters
-    step_s : float
     overlap_s : float
         How long power of the older of the two steps still arrives; the whole step for a dead time of whole steps.
     span_s : float
@@ -132,9 +133,9 @@ def thermal_step(p: ModelParameters, step_s: float, overlap_s: float, span_s: fl
     phi = matrix_exponential(a * span_s)
     rest_s = span_s - overlap_s
     if rest_s < 1e-9:
-        return phi, power_response(p, step_s, step_s - overlap_s, span_s), np.zeros((2, N_POWER))
-    older = matrix_exponential(a * rest_s) @ power_response(p, step_s, step_s - overlap_s, overlap_s)
-    return phi, older, power_response(p, step_s, 0.0, rest_s)
+        return phi, power_response(p, STEP_S, STEP_S - overlap_s, span_s), np.zeros((2, N_POWER))
+    older = matrix_exponential(a * rest_s) @ power_response(p, STEP_S, STEP_S - overlap_s, overlap_s)
+    return phi, older, power_response(p, STEP_S, 0.0, rest_s)
 
 
 def output_function(p: ModelParameters) -> ca.Function:
@@ -165,13 +166,13 @@ def dynamics_function(p: ModelParameters) -> ca.Function:
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])
     modes = ca.DM(poles) * x[:3] + ca.DM(gains) * (force - p.operating_force_kn)  # (17), (25)
     thermal = ca.DM(a) @ x[COPPER : TOOL + 1] + ca.DM(b) * arriving  # (16)
-    wanted = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
-    motor = (wanted - x[MOTOR]) / p.motor_lag_s  # (18)
+    static = process_torque_nm(p, force, depth) + friction_torque_nm(p, speed)
+    motor = (static - x[MOTOR]) / p.motor_lag_s  # (18)
     names = ["x", "arriving_kw", "force_kn", "speed_rpm"]
     return ca.Function("dynamics", [x, arriving, force, speed], [ca.vertcat(modes, thermal, motor)], names, ["dx_dt"])
 
 
-def step_function(p: ModelParameters, step_s: float, overlap_s: float) -> ca.Function:
+def step_function(p: ModelParameters, overlap_s: float) -> ca.Function:
     """CasADi function of one step: (x, older power (4), newer power (4), force, speed) -> (x next, power (4), depth).
 
     ``older`` and ``newer`` are the power of the two steps that arrives during this one (``thermal_step``); the power
@@ -193,13 +194,13 @@ def step_function(p: ModelParameters, step_s: float, overlap_s: float) -> ca.Fun
         decay = exp(poles[1] * span_s)
         slow_then = decay * slow + (decay - 1.0) / poles[1] * gains[1] * pushed
         creep_then = creep + gains[0] * span_s * pushed
-        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, step_s, overlap_s, span_s))
+        phi, by_older, by_newer = (ca.sparsify(ca.DM(m)) for m in thermal_step(p, overlap_s, span_s))
         thermal = phi @ ca.vertcat(copper, tool) + by_older @ older + by_newer @ newer
         depth = depth_mm(p, creep_then, slow_then, settled, thermal[1])
         return creep_then, slow_then, thermal[0], thermal[1], depth
 
-    *_, depth_middle = later(0.5 * step_s)
-    creep_end, slow_end, copper_end, tool_end, depth_end = later(step_s)
+    *_, depth_middle = later(0.5 * STEP_S)
+    creep_end, slow_end, copper_end, tool_end, depth_end = later(STEP_S)
     depth_start = depth_mm(p, creep, slow, settled, tool)
     start, middle, end = (process_torque_nm(p, force, d) for d in (depth_start, depth_middle, depth_end))
     friction = friction_torque_nm(p, speed)
@@ -207,16 +208,16 @@ def step_function(p: ModelParameters, step_s: float, overlap_s: float) -> ca.Fun
     # (18): motor torque = q0 + q1 (s/h) + q2 (s/h)^2 + rest exp(-s / lag)
     lag = p.motor_lag_s
     q2 = 2.0 * start - 4.0 * middle + 2.0 * end
-    q1 = -3.0 * start + 4.0 * middle - end - 2.0 * lag / step_s * q2
-    q0 = start + friction - lag / step_s * q1
+    q1 = -3.0 * start + 4.0 * middle - end - 2.0 * lag / STEP_S * q2
+    q0 = start + friction - lag / STEP_S * q1
     depth_symbol = ca.SX.sym("depth")
     by_depth = ca.substitute(
         ca.gradient(process_torque_nm(p, force, depth_symbol), depth_symbol), depth_symbol, depth_start
     )
     jump = by_depth * (1.0 + p.softening_per_c * tool) * (fast - settled)
     rest = motor - q0 + jump / (lag / p.depth_pole_fast_s - 1.0)
-    motor_end = q0 + q1 + q2 + rest * exp(-step_s / lag)
-    fast_end = settled + (fast - settled) * exp(poles[2] * step_s)
+    motor_end = q0 + q1 + q2 + rest * exp(-STEP_S / lag)
+    fast_end = settled + (fast - settled) * exp(poles[2] * STEP_S)
     power = power_kw(ca.vertcat(q0 - friction, q1, q2, rest), speed)
     power[0] -= p.operating_power_kw  # (24)
     return ca.Function(

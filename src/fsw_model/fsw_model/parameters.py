@@ -1,63 +1,30 @@
-"""Parameters of the process model: a validated dataclass, read from and written to YAML."""
+"""Parameters of the process model: value, origin and allowed range of each, and files of others."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from importlib import resources
-from math import inf, isfinite
+from math import inf, isfinite, nextafter
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-#: Where each value comes from: the equation of the paper, or chosen for this project.
-ORIGIN: dict[str, str] = {
-    "operating_force_kn": "paper (15)",
-    "operating_depth_mm": "paper (15)",
-    "operating_temperature_c": "paper (15)",
-    "operating_power_kw": "paper (15)",
-    "thermal_gain_c_per_kw": "paper (16)",
-    "copper_lag_s": "paper (16)",
-    "tool_lag_s": "paper (16)",
-    "dead_time_s": "paper (16)",
-    "depth_gain_mm_per_kn_s": "paper (17)",
-    "depth_zero_s": "paper (17)",
-    "depth_pole_slow_s": "paper (17)",
-    "depth_pole_fast_s": "paper (17)",
-    "motor_lag_s": "paper (18)",
-    "sticking_stress_pa": "paper (19)",
-    "sliding_friction": "paper (19)",
-    "contact_radius_m": "paper (21), (22)",
-    "contact_slope": "paper (21), (22): 20/3",
-    "geometry_offset_m3": "paper (22)",
-    "geometry_factor": "paper (22)",
-    "friction_constant_nm": "paper (8), (23)",
-    "friction_linear_nm_per_rpm": "paper (8), (23)",
-    "friction_quadratic_nm_per_rpm2": "paper (8), (23)",
-    "softening_per_c": "paper (6), (27)",
-    "spindle_inertia_kgm2": "chosen: size of the torque peak in Fig. 5",
-}
-
-_ANY_SIGN = {
-    "operating_temperature_c",
-    "geometry_offset_m3",
-    "friction_constant_nm",
-    "friction_linear_nm_per_rpm",
-    "friction_quadratic_nm_per_rpm2",
-}
-_MAY_BE_ZERO = {"softening_per_c", "sticking_stress_pa", "sliding_friction", "spindle_inertia_kgm2"}
-#: what the model's step of 0.1 s and the controllers' tables are made for
-_RANGES = {"dead_time_s": (0.1, 10.0), "depth_pole_fast_s": (1e-6, 5e-3), "motor_lag_s": (0.01, 10.0)}
+_POSITIVE, _NOT_NEGATIVE, _ANY = (nextafter(0.0, 1.0), inf), (0.0, inf), (-inf, inf)
 
 
 class ParameterError(ValueError):
-    """A parameter is unknown, missing, not a number or out of range."""
+    """A parameter is unknown, not a number or out of range."""
+
+
+def _given(value: float, origin: str, allowed: tuple[float, float] = _POSITIVE) -> Any:
+    """A parameter: its nominal value, the equation of the paper it is from (or "chosen"), and its allowed range."""
+    return field(default=value, metadata={"origin": origin, "allowed": allowed})
 
 
 @dataclass(frozen=True, slots=True)
 class ModelParameters:
-    """Coefficients of equations (15)-(27), in the units of their names.
+    """Coefficients of equations (15)-(27), in the units of their names; the nominal ones by default.
 
     Attributes
     ----------
@@ -85,77 +52,64 @@ class ModelParameters:
     Raises
     ------
     ParameterError
-        If a value is not finite, not physical, or beyond what the model's step can do.
+        If a value is not finite, not physical, or beyond what the model's step of 0.1 s can do.
     """
 
-    operating_force_kn: float
-    operating_depth_mm: float
-    operating_temperature_c: float
-    operating_power_kw: float
-    thermal_gain_c_per_kw: float
-    copper_lag_s: float
-    tool_lag_s: float
-    dead_time_s: float
-    depth_gain_mm_per_kn_s: float
-    depth_zero_s: float
-    depth_pole_slow_s: float
-    depth_pole_fast_s: float
-    motor_lag_s: float
-    sticking_stress_pa: float
-    sliding_friction: float
-    contact_radius_m: float
-    contact_slope: float
-    geometry_offset_m3: float
-    geometry_factor: float
-    friction_constant_nm: float
-    friction_linear_nm_per_rpm: float
-    friction_quadratic_nm_per_rpm2: float
-    softening_per_c: float
-    spindle_inertia_kgm2: float
+    operating_force_kn: float = _given(78.4, "paper (15)")
+    operating_depth_mm: float = _given(2.66, "paper (15)")
+    operating_temperature_c: float = _given(816.4, "paper (15)", _ANY)
+    operating_power_kw: float = _given(43.6, "paper (15)")
+    thermal_gain_c_per_kw: float = _given(18.1, "paper (16)")
+    copper_lag_s: float = _given(30.5, "paper (16)")
+    tool_lag_s: float = _given(1.2, "paper (16)")
+    dead_time_s: float = _given(2.8, "paper (16)", (0.1, 10.0))
+    depth_gain_mm_per_kn_s: float = _given(0.0016, "paper (17)")
+    depth_zero_s: float = _given(29.6, "paper (17)")
+    depth_pole_slow_s: float = _given(14.7, "paper (17)")
+    depth_pole_fast_s: float = _given(0.00095, "paper (17)", (1e-6, 5e-3))
+    motor_lag_s: float = _given(0.27, "paper (18)", (0.01, 10.0))
+    sticking_stress_pa: float = _given(152800.0, "paper (19)", _NOT_NEGATIVE)
+    sliding_friction: float = _given(0.435, "paper (19)", _NOT_NEGATIVE)
+    contact_radius_m: float = _given(0.015, "paper (21), (22)")
+    contact_slope: float = _given(20.0 / 3.0, "paper (21), (22): 20/3")
+    geometry_offset_m3: float = _given(2.3e-5, "paper (22)", _ANY)
+    geometry_factor: float = _given(2.408, "paper (22)")
+    friction_constant_nm: float = _given(243.11, "paper (8), (23)", _ANY)
+    friction_linear_nm_per_rpm: float = _given(-1.305, "paper (8), (23)", _ANY)
+    friction_quadratic_nm_per_rpm2: float = _given(0.001927, "paper (8), (23)", _ANY)
+    softening_per_c: float = _given(0.0021, "paper (6), (27)", _NOT_NEGATIVE)
+    spindle_inertia_kgm2: float = _given(2.0, "chosen: size of the torque peak in Fig. 5", _NOT_NEGATIVE)
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
+        for one in fields(self):
+            value, (low, high) = getattr(self, one.name), one.metadata["allowed"]
             if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-                raise ParameterError(f"model parameter {name!r} is {value!r}: give a finite number")
-            low, high = _RANGES.get(name, (-inf, inf))
+                raise ParameterError(f"model parameter {one.name!r} is {value!r}: give a finite number")
             if not low <= value <= high:
-                raise ParameterError(f"model parameter {name!r} is {value!r}: must be {low:g} to {high:g}")
-            if name in _ANY_SIGN or value > 0 or (value == 0 and name in _MAY_BE_ZERO):
-                continue
-            bound = ">= 0" if name in _MAY_BE_ZERO else "> 0"
-            raise ParameterError(f"model parameter {name!r} is {value!r}: must be {bound}")
+                bounds = f"{low:g} to {high:g}" if high < inf else "> 0" if low > 0.0 else ">= 0"
+                raise ParameterError(f"model parameter {one.name!r} is {value!r}: must be {bounds}")
         if self.depth_pole_slow_s <= self.depth_pole_fast_s:
             raise ParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
 
-    def with_values(self, **values: float) -> ModelParameters:
-        """A copy with some values replaced.
+    def scaled(self, **factors: float) -> ModelParameters:
+        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model.
 
         Raises
         ------
         ParameterError
             If a name is unknown or a value is not valid.
         """
-        _check_names(values, "with_values()")
-        return replace(self, **values)
-
-    def scaled(self, **factors: float) -> ModelParameters:
-        """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model."""
         _check_names(factors, "scaled()")
-        return self.with_values(**{name: getattr(self, name) * factor for name, factor in factors.items()})
-
-    def to_yaml(self) -> str:
-        """YAML text that ``from_yaml`` reads back to an equal object."""
-        return yaml.safe_dump(asdict(self), sort_keys=False)
+        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "model parameters") -> ModelParameters:
-        """Read all parameters, or some of them over the nominal ones.
+        """Read the parameters that differ from the nominal ones.
 
         Parameters
         ----------
         text : str
-            YAML mapping of parameter names to numbers; names left out keep their nominal value. ``1e5`` is a number
-            here, although YAML 1.1 takes it for text.
+            YAML mapping of parameter names to numbers. ``1e5`` is a number here, although YAML 1.1 takes it for text.
         where : str
             Name of the source, for error messages.
 
@@ -168,16 +122,14 @@ class ModelParameters:
             data = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-        if data is None:
-            data = {}
+        data = {} if data is None else data
         if not isinstance(data, dict):
             raise ParameterError(
                 f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}"
             )
         _check_names(data, where)
-        values = {name: _number(value) for name, value in data.items()}
         try:
-            return cls(**values) if set(values) == _NAMES else nominal().with_values(**values)
+            return cls(**{name: _number(value) for name, value in data.items()})
         except ParameterError as error:
             raise ParameterError(f"{where}: {error}") from None
 
@@ -187,29 +139,27 @@ class ModelParameters:
         return cls.from_yaml(Path(path).read_text(encoding="utf-8"), str(path))
 
 
-_NAMES = {field.name for field in fields(ModelParameters)}
+#: Where each value comes from: the equation of the paper, or chosen for this project.
+ORIGIN: dict[str, str] = {one.name: one.metadata["origin"] for one in fields(ModelParameters)}
 
 
 def _check_names(names: Any, where: str) -> None:
-    unknown = sorted(str(name) for name in names if name not in _NAMES)
+    unknown = sorted(str(name) for name in names if name not in ORIGIN)
     if unknown:
         raise ParameterError(
-            f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(_NAMES))}"
+            f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(ORIGIN))}"
         )
 
 
 def _number(value: Any) -> Any:
     """The number that a YAML scalar like ``1e5`` stands for; anything else as it is, to be refused by its type."""
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 @cache
 def nominal() -> ModelParameters:
-    """The nominal parameters shipped with the package (``nominal.yaml``)."""
-    text = resources.files("fsw_model").joinpath("nominal.yaml").read_text(encoding="utf-8")
-    return ModelParameters(**yaml.safe_load(text))
+    """The nominal parameters: those of the paper, and the chosen ones."""
+    return ModelParameters()

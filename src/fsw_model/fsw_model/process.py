@@ -6,17 +6,16 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import ceil, isfinite, pi
-from typing import cast
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw_model import equations
-from fsw_model.codegen import python_function
-from fsw_model.parameters import ModelParameters, ParameterError, nominal
+from fsw_model.equations import STEP_S
+from fsw_model.parameters import ModelParameters, nominal
 
-STEP_S = 0.1
 Power = tuple[float, float, float, float]
 
 
@@ -89,12 +88,7 @@ class Linearisation:
     dead_time_s: float
 
     def frequency_response(self, omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Transfer matrix at the given frequencies, the thermal-depth loop closed.
-
-        Parameters
-        ----------
-        omega_rad_s : (n,) array
-            Frequencies; 0 is not allowed, because depth integrates.
+        """Transfer matrix at n frequencies above 0 (depth integrates), the thermal-depth loop closed.
 
         Returns
         -------
@@ -108,6 +102,27 @@ class Linearisation:
         return np.asarray(self.c @ np.linalg.solve(1j * omega * np.eye(len(self.a)) - closed_a, closed_b))
 
 
+class _Numeric:
+    """A CasADi function of floats, called through its buffers, without the cost of an ordinary call."""
+
+    def __init__(self, function: ca.Function) -> None:
+        self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
+        self._buffer: Any  # has to live as long as what it evaluates
+        self._buffer, self._evaluate = function.buffer()
+        given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
+        for i, part in enumerate(np.split(self._given, given_ends[:-1])):
+            self._buffer.set_arg(i, part.data)
+        result_ends = np.cumsum([function.nnz_out(i) for i in range(function.n_out())])
+        for i, part in enumerate(np.split(self._result, result_ends[:-1])):
+            self._buffer.set_res(i, part.data)
+
+    def __call__(self, *values: float) -> list[float]:
+        """All results one after the other, from all arguments one after the other."""
+        self._given[:] = values
+        self._evaluate()
+        return self._result.tolist()
+
+
 class ProcessModel:
     """Friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
@@ -115,33 +130,22 @@ class ProcessModel:
     ----------
     parameters : ModelParameters, optional
         The paper's by default.
-    step_s : float, optional
-        Length of a step, at most the dead time.
 
     Attributes
     ----------
     delay_steps : int
         Steps that the dead time spans, the last perhaps in part.
-
-    Raises
-    ------
-    ParameterError
-        If the dead time is shorter than a step.
+    step_function, output_function : casadi.Function
+        See :mod:`fsw_model.equations`.
     """
 
-    def __init__(self, parameters: ModelParameters | None = None, step_s: float = STEP_S) -> None:
+    def __init__(self, parameters: ModelParameters | None = None) -> None:
         self.parameters = p = parameters or nominal()
-        self.step_s = step_s
-        if p.dead_time_s < step_s:
-            raise ParameterError(
-                f"model parameter 'dead_time_s' is {p.dead_time_s:g}: must be >= the step {step_s:g} s"
-            )
-        self.delay_steps = ceil(p.dead_time_s / step_s - 1e-9)
-        overlap_s = step_s - (self.delay_steps * step_s - p.dead_time_s)
-        self.step_function: ca.Function = equations.step_function(p, step_s, overlap_s)
-        self.output_function: ca.Function = equations.output_function(p)
-        self._step = python_function(self.step_function)
-        self._outputs = python_function(self.output_function)
+        self.delay_steps = ceil(p.dead_time_s / STEP_S - 1e-9)
+        self.step_function = equations.step_function(p, STEP_S - (self.delay_steps * STEP_S - p.dead_time_s))
+        self.output_function = equations.output_function(p)
+        self._step = _Numeric(self.step_function)
+        self._outputs = _Numeric(self.output_function)
 
     def step(self, state: ProcessState, force_kn: float, speed_rpm: float) -> None:
         """Advance ``state`` in place by one step with the inputs held.
@@ -156,12 +160,12 @@ class ProcessModel:
         result = self._step(*state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm)
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
             raise OperatingPointError(
-                f"process model: depth {result[10]:.3f} mm with {force_kn} kN, {speed_rpm} rpm; "
+                f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
                 "the model holds for finite inputs while the shoulder is in the copper, above 0 mm"
             )
-        state.x = result[:6]
+        state.x = tuple(result[:6])
         power.popleft()
-        power.append(cast(Power, result[6:10]))
+        power.append(cast(Power, tuple(result[6:10])))
 
     def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
         """Outputs in a state under given inputs."""
@@ -173,14 +177,9 @@ class ProcessModel:
         return deque([kept[0]] * (self.delay_steps - len(kept)) + kept)
 
     def equilibrium(self, depth_mm: float | None = None, temperature_c: float | None = None) -> Equilibrium:
-        """Inputs and state that hold a depth and a temperature for ever.
+        """Inputs and state that hold a depth and a temperature for ever, those of the operating point by default.
 
         Depth integrates, so the force is the operating force at every depth; the speed gives the needed power.
-
-        Parameters
-        ----------
-        depth_mm, temperature_c : float, optional
-            The operating point by default.
 
         Raises
         ------
@@ -191,24 +190,22 @@ class ProcessModel:
         depth = p.operating_depth_mm if depth_mm is None else depth_mm
         temperature = p.operating_temperature_c if temperature_c is None else temperature_c
         if not (depth > 0.0 and isfinite(depth)):
-            raise OperatingPointError(f"no equilibrium at depth {depth} mm: must be above 0 mm")
+            raise OperatingPointError(f"no equilibrium at depth {depth:.4g} mm: must be above 0 mm")
         rise_c = temperature - p.operating_temperature_c
         power_kw = p.operating_power_kw + rise_c / p.thermal_gain_c_per_kw
         softening = 1.0 + p.softening_per_c * rise_c
         if not (power_kw > 0.0 and softening > 0.0 and isfinite(temperature)):
             raise OperatingPointError(
-                f"no equilibrium at {temperature} degC: needs {power_kw:.1f} kW and a correction factor (27) of "
-                f"{softening:.2f}; both must be positive"
+                f"no equilibrium at {temperature:.4g} degC: needs {power_kw:.4g} kW and a correction factor (27) of "
+                f"{softening:.4g}; both must be positive"
             )
         force = p.operating_force_kn
-        creep = depth / softening - p.operating_depth_mm
-        torque = Outputs(*self._outputs(creep, 0.0, 0.0, rise_c, rise_c, 0.0, force, 0.0)).process_torque_nm
+        settled = (depth / softening - p.operating_depth_mm, 0.0, 0.0, rise_c, rise_c)
+        torque = Outputs(*self._outputs(*settled, 0.0, force, 0.0)).process_torque_nm
         speed = power_kw * 30000.0 / (pi * torque)
-        motor = torque + Outputs(*self._outputs(creep, 0.0, 0.0, rise_c, rise_c, 0.0, force, speed)).friction_torque_nm
-        state = ProcessState(
-            (creep, 0.0, 0.0, rise_c, rise_c, motor),
-            deque([(power_kw - p.operating_power_kw, 0.0, 0.0, 0.0)] * self.delay_steps),
-        )
+        friction = Outputs(*self._outputs(*settled, 0.0, force, speed)).friction_torque_nm
+        arriving: Power = (power_kw - p.operating_power_kw, 0.0, 0.0, 0.0)
+        state = ProcessState((*settled, torque + friction), deque([arriving] * self.delay_steps))
         return Equilibrium(force, speed, self.outputs(state, force, speed), state)
 
     def linearise(self, equilibrium: Equilibrium | None = None) -> Linearisation:
@@ -269,4 +266,4 @@ class ProcessModel:
         names = [field.name for field in fields(Outputs)]
         columns = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
         columns["force_kn"], columns["speed_rpm"] = np.array(force_kn, float), np.array(speed_rpm, float)
-        return {"time_s": np.arange(len(rows)) * self.step_s, **columns}
+        return {"time_s": np.arange(len(rows)) * STEP_S, **columns}

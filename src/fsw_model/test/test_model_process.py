@@ -1,5 +1,7 @@
 """Check values of the paper's process, and step, equilibrium, linearisation and simulation as a user meets them."""
 
+from collections import deque
+from dataclasses import astuple, replace
 from math import inf, nan, pi
 
 import numpy as np
@@ -7,10 +9,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_model import OperatingPointError, ProcessModel, nominal
+from fsw_model import STEP_S, OperatingPointError, ProcessModel, ProcessState, nominal
 from fsw_model.equations import COPPER, N_STATES, STATE_NAMES, TOOL
 
 MODEL = ProcessModel()
+OTHER = ProcessModel(nominal().scaled(thermal_gain_c_per_kw=1.2))
+STATES = st.tuples(
+    st.floats(-0.5, 0.5),
+    st.floats(-0.5, 0.5),
+    st.floats(-1e-4, 1e-4),
+    st.floats(-100.0, 100.0),
+    st.floats(-100.0, 100.0),
+    st.floats(500.0, 1500.0),
+)
+POWERS = st.tuples(*[st.floats(-20.0, 20.0)] * 4)
+
+
+@given(STATES, POWERS, POWERS, st.floats(20.0, 120.0), st.floats(0.0, 600.0))
+def test_step_and_outputs_are_the_casadi_functions(x, older, newer, force, speed):
+    """In numbers, also when another model has been used meanwhile."""
+    state = ProcessState(x, deque([older, newer, *MODEL.equilibrium().state.power][: MODEL.delay_steps]))
+    expected_x, expected_power, _ = MODEL.step_function(list(x), older, newer, force, speed)
+    outputs = MODEL.outputs(state, force, speed)
+    MODEL.step(state, force, speed)
+    OTHER.outputs(OTHER.equilibrium().state, 70.0, 300.0)
+    assert state.x == tuple(expected_x.nonzeros())
+    assert (state.power[0], state.power[-1]) == (newer, tuple(expected_power.nonzeros()))
+    assert astuple(outputs) == tuple(float(value) for value in MODEL.output_function(list(x), force, speed))
 
 
 def test_check_values_at_the_operating_point():
@@ -43,7 +68,7 @@ def test_slopes_and_loop_gain():
 
 def test_depth_creeps_after_a_transient():
     """+1 kN without thermal feedback: 1.6 um/s in the end, the line 0.0238 mm ahead, 14.7 s to get there."""
-    frozen = ProcessModel(nominal().with_values(softening_per_c=0.0))
+    frozen = ProcessModel(replace(nominal(), softening_per_c=0.0))
     start = frozen.equilibrium()
     run = frozen.simulate([start.force_kn + 1.0] * 3000, [start.speed_rpm] * 3000)
     rise_mm = run["depth_mm"] - 2.66
@@ -57,7 +82,7 @@ def test_depth_creeps_after_a_transient():
 @pytest.mark.parametrize("step_kn, step_rpm", [(1.0, 0.0), (0.0, 10.0)])
 @pytest.mark.parametrize("dead_time_s, first", [(2.8, 29), (2.85, 29), (0.1, 2), (3.0, 31)])
 def test_temperature_moves_after_the_dead_time(step_kn, step_rpm, dead_time_s, first):
-    model = ProcessModel(nominal().with_values(dead_time_s=dead_time_s))
+    model = ProcessModel(replace(nominal(), dead_time_s=dead_time_s))
     start = model.equilibrium()
     run = model.simulate([start.force_kn + step_kn] * 60, [start.speed_rpm + step_rpm] * 60)
     moved = np.abs(run["temperature_c"] - 816.4) > 1e-9
@@ -101,7 +126,7 @@ def test_linearisation_equals_finite_differences(depth_mm, temperature_c):
     at = MODEL.linearise(start)
     push, steps, fine = np.array([0.01, 0.1]), 100, 20
     run = MODEL.simulate([start.force_kn + push[0]] * steps, [start.speed_rpm + push[1]] * steps, start)
-    h = MODEL.step_s / fine
+    h = STEP_S / fine
     chain = np.zeros((N_STATES + 2, N_STATES + 2))
     chain[:N_STATES, :N_STATES], chain[:N_STATES, N_STATES], chain[:N_STATES, N_STATES + 1] = (
         at.a,
@@ -168,16 +193,16 @@ def test_fast_pole_is_stable_in_one_step():
 
 
 def test_history_of_another_dead_time():
-    longer = ProcessModel(nominal().with_values(dead_time_s=3.0))
+    longer = ProcessModel(replace(nominal(), dead_time_s=3.0))
     history = [(float(i), 0.0, 0.0, 0.0) for i in range(28)]
     assert list(longer.with_history(history)) == [history[0]] * 2 + history
-    assert list(ProcessModel(nominal().with_values(dead_time_s=2.65)).with_history(history)) == history[1:]
+    assert list(ProcessModel(replace(nominal(), dead_time_s=2.65)).with_history(history)) == history[1:]
 
 
 def test_simulate_input_contract():
     with pytest.raises(ValueError, match="2 forces but 1 speeds"):
         MODEL.simulate([78.4, 78.4], [400.0])
-    longer = ProcessModel(nominal().with_values(dead_time_s=3.0))
+    longer = ProcessModel(replace(nominal(), dead_time_s=3.0))
     with pytest.raises(ValueError, match="28 steps of dead time, model 30"):
         longer.simulate([78.4], [400.0], MODEL.equilibrium())
     assert all(len(column) == 0 for column in MODEL.simulate([], []).values())

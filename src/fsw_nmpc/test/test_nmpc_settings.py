@@ -1,6 +1,6 @@
 """Parameters, knobs and tuning files: complete, checked, and changed while it runs."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 
@@ -38,7 +38,7 @@ def test_paper_is_the_paper():
 def test_presets():
     assert Settings.of({}).tuning == Tuning.preset("default", nominal())
     assert Settings.of({"preset": "paper"}).tuning == PAPER
-    slower = nominal().with_values(dead_time_s=4.0)
+    slower = replace(nominal(), dead_time_s=4.0)
     assert Tuning.preset("default", slower).temperature_time_s == pytest.approx(0.3 * 4.0)
 
 

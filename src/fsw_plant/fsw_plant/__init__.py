@@ -1,9 +1,8 @@
 """Plant emulator: the weld as its controllers and operators meet it."""
 
 from fsw_plant.config import PlantConfig
-from fsw_plant.disturbances import DisturbanceError
 from fsw_plant.emulator import FIRST_TICK, TICK_NS, PlantEmulator, Reading, Truth
-from fsw_plant.event_schema import PlantEvent
+from fsw_plant.events import DisturbanceError, PlantEvent
 from fsw_plant.schedule import PlantSchedule
 
 __all__ = [

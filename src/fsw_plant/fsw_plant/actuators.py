@@ -4,45 +4,34 @@ from __future__ import annotations
 
 from math import exp
 
+from fsw_model import STEP_S
+
 
 class Actuator:
     """One drive.
 
-    The drive takes a new set-point at each tick, at most one step of its rate away from the one before, and follows
-    it with a first-order lag, which is solved exactly.
-
-    Parameters
-    ----------
-    position : float
-        Where it stands at the start.
-    rate : float
-        Largest rate, per s.
-    lag_s : float
-        Time constant; 0: it is where the set-point is.
-    step_s : float
-        Length of a tick.
+    It takes a new set-point at each tick, at most ``largest_step`` away from the one before, and follows it with a
+    first-order lag of time constant ``lag_s``, which is solved exactly; 0: it is where the set-point is.
     """
 
-    def __init__(self, position: float, rate: float, lag_s: float, step_s: float) -> None:
+    def __init__(self, position: float, largest_step: float, lag_s: float) -> None:
         self.position = position
         self.setpoint = position
-        self.configure(rate, lag_s, step_s)
+        self.configure(largest_step, lag_s)
 
-    def configure(self, rate: float, lag_s: float, step_s: float) -> None:
-        """Change rate and lag, see the class."""
-        self._largest = rate * step_s
-        self._left = exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
-        self._mean = lag_s / step_s * (1.0 - self._left)
+    def configure(self, largest_step: float, lag_s: float) -> None:
+        """Change largest step and lag, see the class."""
+        self._largest = largest_step
+        self._left = exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
+        self._mean = lag_s / STEP_S * (1.0 - self._left)
 
-    def advance(self, wanted: float) -> float:
-        """Move for one tick towards ``wanted``; returns the mean position over the tick."""
-        largest, setpoint = self._largest, self.setpoint
-        change = wanted - setpoint
-        if -largest <= change <= largest:
-            setpoint = wanted
+    def advance(self, target: float) -> float:
+        """Move for one tick towards ``target``; returns the mean position over the tick."""
+        change = target - self.setpoint
+        if -self._largest <= change <= self._largest:
+            self.setpoint = target
         else:
-            setpoint += largest if change > 0.0 else -largest
-        self.setpoint = setpoint
-        behind = self.position - setpoint
-        self.position = setpoint + behind * self._left
-        return setpoint + behind * self._mean
+            self.setpoint += self._largest if change > 0.0 else -self._largest
+        behind = self.position - self.setpoint
+        self.position = self.setpoint + behind * self._left
+        return self.setpoint + behind * self._mean

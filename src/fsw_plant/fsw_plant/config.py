@@ -1,4 +1,4 @@
-"""What a plant is made of: settings read from parameters or YAML, checked against ``plant.yaml``."""
+"""What a plant is made of: settings read from parameters, checked against ``plant.yaml``."""
 
 from __future__ import annotations
 
@@ -8,27 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from fsw_control import parameters
+from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
-from fsw_model import ModelParameters
+from fsw_model import STEP_S, ModelParameters
 from fsw_model import ParameterError as ModelParameterError
-from fsw_plant.commands import LimitsConfig
-from fsw_plant.watchdog import WatchdogConfig
-
-
-@dataclass(frozen=True, slots=True)
-class SensorsConfig:
-    """Noise and resolution of the sensors, see ``plant.yaml``."""
-
-    depth_noise_mm: float
-    torque_noise_nm: float
-    temperature_noise_c: float
-    depth_resolution_mm: float
-    torque_resolution_nm: float
-    temperature_resolution_c: float
-    torque_drop_nm_per_rpm: float
 
 
 @lru_cache(maxsize=1)
@@ -45,34 +28,24 @@ def specs() -> dict[str, ParameterSpec]:
 
 @dataclass(frozen=True, slots=True)
 class PlantConfig:
-    """Settings of a plant; names, units, ranges and meaning as in ``plant.yaml``.
+    """Settings of a plant, by the names of ``plant.yaml``: ``config["watchdog.hold_s"]``.
 
     Attributes
     ----------
-    seed : int
-    noise : bool
-    start_depth_mm, start_temperature_c : float
-    limits : LimitsConfig
-    lag_s : float
-    sensors : SensorsConfig
-    watchdog : WatchdogConfig
-    max_age_s : float
-    sources : tuple of str
+    values : mapping of str to Any
+        All of them; units, ranges and meaning are in ``plant.yaml``.
+    limits : Limits
+        Bounds and largest change per tick of the drives.
     model : ModelParameters
         Those of the emulated process, mismatch included.
     """
 
-    seed: int
-    noise: bool
-    start_depth_mm: float
-    start_temperature_c: float
-    limits: LimitsConfig
-    lag_s: float
-    sensors: SensorsConfig
-    watchdog: WatchdogConfig
-    max_age_s: float
-    sources: tuple[str, ...]
+    values: Mapping[str, Any]
+    limits: Limits
     model: ModelParameters
+
+    def __getitem__(self, name: str) -> Any:
+        return self.values[name]
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> PlantConfig:
@@ -82,7 +55,7 @@ class PlantConfig:
         ----------
         values : mapping of str to Any
             Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; what is left out
-            has its default. Parameters that only the node uses (``speed``, ...) are checked and not used.
+            has its default. Parameters that only the node uses (``speed``, ...) are checked as well.
 
         Raises
         ------
@@ -90,50 +63,21 @@ class PlantConfig:
             If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
-
-        def section(name: str) -> dict[str, Any]:
-            return {key.removeprefix(name + "."): v for key, v in checked.items() if key.startswith(name + ".")}
-
-        limits = LimitsConfig(**section("limits"))
+        limits = Limits(
+            force_min_kn=checked["limits.force_min_kn"],
+            force_max_kn=checked["limits.force_max_kn"],
+            speed_min_rpm=checked["limits.speed_min_rpm"],
+            speed_max_rpm=checked["limits.speed_max_rpm"],
+            force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
+            speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
+        )
         for what, low, high in (
             ("force", limits.force_min_kn, limits.force_max_kn),
             ("speed", limits.speed_min_rpm, limits.speed_max_rpm),
         ):
             if low >= high:
                 raise ParameterError(f"limits.{what}_min ({low:g}) must be below limits.{what}_max ({high:g})")
-        return cls(
-            seed=checked["seed"],
-            noise=checked["noise"],
-            start_depth_mm=checked["start.depth_mm"],
-            start_temperature_c=checked["start.temperature_c"],
-            limits=limits,
-            lag_s=checked["actuators.lag_s"],
-            sensors=SensorsConfig(**section("sensors")),
-            watchdog=WatchdogConfig(**section("watchdog")),
-            max_age_s=checked["commands.max_age_s"],
-            sources=tuple(checked["commands.sources"]),
-            model=_model(checked["model_file"], section("model")),
-        )
-
-    @classmethod
-    def from_yaml(cls, text: str, where: str = "plant configuration") -> PlantConfig:
-        """Read settings from YAML text, see :meth:`from_values`.
-
-        Raises
-        ------
-        fsw_control.parameters.ParameterError
-            As :meth:`from_values`, and if the text is not a YAML mapping.
-        """
-        try:
-            data = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-        if data is not None and not isinstance(data, dict):
-            raise ParameterError(f"{where}: must map parameter names to values")
-        try:
-            return cls.from_values(data or {})
-        except ParameterError as error:
-            raise ParameterError(f"{where}: {error}") from None
+        return cls(checked, limits, _model(checked))
 
 
 def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,10 +91,13 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _model(file: str, factors: Mapping[str, float]) -> ModelParameters:
+def _model(values: Mapping[str, Any]) -> ModelParameters:
+    """The parameters of the model file, each with its factor."""
+    file = values["model_file"]
+    factors = {field.name: values[f"model.{field.name}"] for field in fields(ModelParameters)}
     try:
-        nominal = ModelParameters.from_file(Path(file)) if file else ModelParameters.from_yaml("")
-        return nominal.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
+        parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
+        return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
     except OSError as error:
         raise ParameterError(f"model_file: cannot read {file}: {error.strerror}") from None
     except ModelParameterError as error:

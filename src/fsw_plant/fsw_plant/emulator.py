@@ -3,10 +3,10 @@
 Use, per tick (see also :class:`Reading`)::
 
     plant = PlantEmulator(PlantConfig.from_values({"seed": 1, "start": {"depth_mm": 2.7}}),
-                          PlantSchedule.from_events(scenario["events"]))
+                          PlantSchedule.from_yaml(scenario))
     while True:
         reading = plant.measure()           # state before this tick's command acts
-        refusal = plant.apply(command)      # "" when obeyed; holds from this tick until the next one
+        refusal = plant.apply(command)      # "" when accepted; holds from this tick until the next one
         plant.step()                        # 0.1 s on
 
 Tick k has the time ``k * 0.1 s``. The first tick is 1, because a stamp of zero means "no time" in ROS. A scheduled
@@ -20,24 +20,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import isfinite, nan
+from typing import Any
 
-from fsw_control import SENSORS, Command, Measurement, weld
+from fsw_control import SENSORS, Command, weld
+from fsw_control.command_check import refusal
 from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_model import (
-    STEP_S,
-    Equilibrium,
-    ModelParameters,
-    OperatingPointError,
-    Outputs,
-    ProcessModel,
-    ProcessState,
-)
+from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel
 from fsw_plant.actuators import Actuator
 from fsw_plant.commands import CommandGate
 from fsw_plant.config import PlantConfig
-from fsw_plant.disturbances import OUTPUT_CHANNELS, Disturbance, Disturbances
-from fsw_plant.faults import Fault, Faults, Sample
+from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.sensors import NoisySensor
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -69,32 +61,11 @@ class Reading:
     temperature_c: tuple[Sample, ...]
     drives: Command
 
-    def measurement(self) -> Measurement:
-        """This tick's samples as a measurement; what did not come or is not finite is invalid."""
-        values = []
-        for samples in (self.depth_mm, self.torque_nm, self.temperature_c):
-            values.append(next((sample.value for sample in samples if sample.stamp_ns == self.stamp_ns), nan))
-        depth, torque, temperature = values
-        depth_valid, torque_valid, temperature_valid = (isfinite(value) for value in values)
-        drives = self.drives
-        return Measurement(
-            self.stamp_ns * 1e-9,
-            depth,
-            torque,
-            temperature,
-            depth_valid,
-            torque_valid,
-            temperature_valid,
-            force_kn=drives.force_kn,
-            speed_rpm=drives.speed_rpm,
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class Truth:
     """The plant as it is, without noise and faults; for analysis only. Units in the names."""
 
-    tick: int
     stamp_ns: int
     depth_mm: float
     temperature_c: float
@@ -112,7 +83,6 @@ class Truth:
     watchdog: WatchdogState
     refused_commands: int
     active_faults: tuple[str, ...]
-    stopped: str
 
 
 class PlantEmulator:
@@ -132,11 +102,15 @@ class PlantEmulator:
     stopped : str
         Empty while the process runs. When the tool leaves the range of the model, the reason; the process then
         stands still and is measured as it stood, until :meth:`reset`.
+    applied : Command
+        The command that the drives follow (the watchdog's while it has taken over).
     gate : CommandGate
         Counts the refused commands.
     watchdog : Watchdog
-    disturbances : Disturbances
-    faults : Faults
+    disturbances : dict of str to Disturbance
+        By channel.
+    faults : dict of str to Fault
+        By sensor.
 
     Raises
     ------
@@ -148,103 +122,97 @@ class PlantEmulator:
         self.config = config or PlantConfig.from_values({})
         self.schedule = schedule or PlantSchedule()
         self.tick = FIRST_TICK
-        self.disturbances = Disturbances()
-        self.faults = Faults()
         self._model = _process_model(self.config.model)
         self._reading: Reading | None = None
-        self._start(self._equilibrium(self.config.start_depth_mm, self.config.start_temperature_c))
+        self._start(self._equilibrium(None, None))
 
-    def _equilibrium(self, depth_mm: float, temperature_c: float) -> Equilibrium:
-        limits = self.config.limits
-        start = self._model.equilibrium(depth_mm, temperature_c)
-        force_fits = limits.force_min_kn <= start.force_kn <= limits.force_max_kn
-        if not force_fits or not limits.speed_min_rpm <= start.speed_rpm <= limits.speed_max_rpm:
+    def _equilibrium(self, depth_mm: float | None, temperature_c: float | None) -> Equilibrium:
+        depth = self.config["start.depth_mm"] if depth_mm is None else depth_mm
+        temperature = self.config["start.temperature_c"] if temperature_c is None else temperature_c
+        start = self._model.equilibrium(depth, temperature)
+        if refusal(Command(start.force_kn, start.speed_rpm), self.config.limits) is not None:
             raise OperatingPointError(
-                f"start: {depth_mm:g} mm, {temperature_c:g} degC needs {start.force_kn:.2f} kN and "
+                f"start: {depth:g} mm, {temperature:g} degC needs {start.force_kn:.2f} kN and "
                 f"{start.speed_rpm:.1f} rpm, beyond the drives' limits"
             )
         return start
 
     def _start(self, start: Equilibrium) -> None:
-        config = self.config
-        self._state: ProcessState = start.state.copy()
-        self._outputs: Outputs = start.outputs
-        limits = config.limits
-        self._force = Actuator(start.force_kn, limits.force_rate_kn_per_s, config.lag_s, STEP_S)
-        self._speed = Actuator(start.speed_rpm, limits.speed_rate_rpm_per_s, config.lag_s, STEP_S)
-        self._wanted = Command(start.force_kn, start.speed_rpm)
-        self._force_kn, self._speed_rpm = start.force_kn, start.speed_rpm
-        self._force_disturbance_kn = self._speed_disturbance_rpm = 0.0
+        config, limits = self.config, self.config.limits
+        self._state, self._outputs = start.state.copy(), start.outputs
+        self._force = Actuator(start.force_kn, limits.force_step_kn, config["actuators.lag_s"])
+        self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, config["actuators.lag_s"])
+        self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
+        self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
-        self._last_sent: list[float | None] = [None] * len(SENSORS)
         self.stopped = ""
-        self.gate = CommandGate(limits, config.max_age_s, config.sources)
-        self.watchdog = Watchdog(config.watchdog)
-        self._sensors = [
-            NoisySensor(config.seed, i, noise, resolution)
-            for i, (noise, resolution) in enumerate(_sensor_settings(config))
-        ]
+        self.disturbances: dict[str, Disturbance] = {}
+        self.faults: dict[str, Fault] = {}
+        self.gate = CommandGate(config)
+        self.watchdog = Watchdog(config)
+        self._sensors = [NoisySensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
+        self._last_shown: dict[str, float] = {}
 
     @property
     def time_s(self) -> float:
         """Time of the present tick."""
         return self.tick / 10
 
-    @property
-    def applied(self) -> Command:
-        """The command that the drives follow (the watchdog's while it has taken over)."""
-        return self._wanted
-
     def measure(self, stamp_ns: int | None = None) -> Reading:
-        """What the sensors send at the present tick; asked again at the same tick, the same.
+        """What the sensors send at the present tick, the same however often this is called at one tick.
 
-        Parameters
-        ----------
-        stamp_ns : int, optional
-            Stamp of the tick; the tick's own time by default.
+        The stamp is the tick's own time unless ``stamp_ns`` is given.
         """
-        reading = self._reading
-        if reading is not None and reading.tick == self.tick:
-            return reading
-        time_s = self.tick / 10
-        if self.schedule.next_s <= time_s + 1e-9:
-            self._apply_events(time_s)
+        if self._reading is not None and self._reading.tick == self.tick:
+            return self._reading
+        for event in self.schedule.due(self.time_s):
+            self._begin(event)
         stamp = self.tick * TICK_NS if stamp_ns is None else stamp_ns
-        outputs = self._outputs
-        depth, temperature = outputs.depth_mm, outputs.temperature_c
-        if self.disturbances:
-            depth += self.disturbances.value("depth", time_s)
-            temperature += self.disturbances.value("temperature", time_s)
-        drop_nm = self.config.sensors.torque_drop_nm_per_rpm * (self._speed_rpm - weld.SPEED_RPM)
-        torque = outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm
-        a, b, c = self._sensors
-        samples = [Sample(stamp, a.read(depth)), Sample(stamp, b.read(torque)), Sample(stamp, c.read(temperature))]
-        if self.faults:
-            sent: list[tuple[Sample, ...]] = [
-                self.faults.pass_on(sensor, sample, time_s, last)
-                for sensor, sample, last in zip(SENSORS, samples, self._last_sent, strict=True)
-            ]
-        else:
-            sent = [(sample,) for sample in samples]
-        reading = Reading(self.tick, stamp, sent[0], sent[1], sent[2], Command(self._force_kn, self._speed_rpm))
-        self._last_sent = [sample.value for sample in samples]
-        self._reading = reading
-        return reading
+        outputs, above_rpm = self._outputs, self._acting.speed_rpm - weld.SPEED_RPM
+        shown = (
+            outputs.depth_mm + self._disturbance("depth"),
+            outputs.motor_torque_nm
+            + self._inertia_torque_nm
+            - self.config["sensors.torque_drop_nm_per_rpm"] * above_rpm,
+            outputs.temperature_c + self._disturbance("temperature"),
+        )
+        depth, torque, temperature = (
+            self._sent(name, Sample(stamp, sensor.read(value)))
+            for name, sensor, value in zip(SENSORS, self._sensors, shown, strict=True)
+        )
+        self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
+        return self._reading
 
-    def _apply_events(self, time_s: float) -> None:
-        for event in self.schedule.due(time_s):
-            if event.is_fault:
-                self.faults.set(event.target, event.fault())
-            else:
-                self.disturbances.set(event.target, event.disturbance())
+    def _sent(self, sensor: str, sample: Sample) -> tuple[Sample, ...]:
+        """What a sensor sends of its sample."""
+        last = self._last_shown.get(sensor)
+        self._last_shown[sensor] = sample.value
+        fault = self.faults.get(sensor)
+        if fault is None:
+            return (sample,)
+        if fault.over(self.time_s):
+            del self.faults[sensor]
+            return (sample,)
+        return fault.pass_on(sample, self.time_s, last)
+
+    def _disturbance(self, channel: str) -> float:
+        """Value of a channel's disturbance at the present tick."""
+        disturbance = self.disturbances.get(channel)
+        return 0.0 if disturbance is None else disturbance.value(self.time_s)
+
+    def _begin(self, event: PlantEvent) -> None:
+        active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
+        if event.kind == "none":
+            active.pop(event.target, None)
+        else:
+            active[event.target] = event
 
     def apply(self, command: Command, stamp_ns: int | None = None, source: str = "", healthy: bool = True) -> str:
-        """Obey a command from the present tick on, or refuse it.
+        """Accept a command from the present tick on, or refuse it.
 
         Parameters
         ----------
         command : Command
-            The command.
         stamp_ns : int, optional
             Stamp of the measurement that it answers; the last one by default.
         source : str
@@ -255,57 +223,44 @@ class PlantEmulator:
         Returns
         -------
         str
-            Empty when obeyed, else why not (one of ``commands.REASONS``); ``gate`` counts and keeps the words.
+            Empty when accepted, else why not (one of ``commands.REASONS``); ``gate`` counts and keeps the words.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:
             stamp_ns = measured_ns or 0
-        checked = self.gate.check(command, stamp_ns, source, healthy, measured_ns)
-        if isinstance(checked, str):
-            return checked
-        self._wanted = checked
-        self.watchdog.feed()
-        return ""
+        reason = self.gate.check(command, stamp_ns, source, healthy, measured_ns)
+        if not reason:
+            self.applied = self.config.limits.clip(command, None)
+            self.watchdog.feed()
+        return reason
 
     def step(self) -> None:
         """Advance to the next tick; never raises."""
-        time_s = self.tick / 10
-        force = self.watchdog.advance(self._wanted.force_kn, STEP_S)
-        if force != self._wanted.force_kn:
-            self._wanted = Command(force, self._wanted.speed_rpm)
-        mean_force = self._force.advance(force)
-        mean_speed = self._speed.advance(self._wanted.speed_rpm)
-        end_force, end_speed = self._force.position, self._speed.position
-        by_force = by_speed = 0.0
-        if self.disturbances:
-            by_force = self.disturbances.value("axial_force", time_s)
-            by_speed = self.disturbances.value("spindle_speed", time_s)
+        self.applied = Command(self.watchdog.advance(self.applied.force_kn), self.applied.speed_rpm)
+        mean = Command(self._force.advance(self.applied.force_kn), self._speed.advance(self.applied.speed_rpm))
         if not self.stopped:
-            self._advance_process(
-                mean_force + by_force, mean_speed + by_speed, end_force + by_force, end_speed + by_speed
-            )
-            self._force_disturbance_kn, self._speed_disturbance_rpm = by_force, by_speed
+            self._advance_process(mean, Command(self._disturbance("axial_force"), self._disturbance("spindle_speed")))
         self.tick += 1
 
-    def _advance_process(self, mean_force: float, mean_speed: float, end_force: float, end_speed: float) -> None:
+    def _advance_process(self, mean: Command, by: Command) -> None:
+        """Step the process with the drives' mean, disturbed; what sensors and truth show is the end of the step."""
+        self._input_disturbance = by
+        end = Command(self._force.position + by.force_kn, self._speed.position + by.speed_rpm)
         try:
-            self._model.step(self._state, mean_force, mean_speed)
-            outputs = self._model.outputs(self._state, end_force, end_speed)
+            self._model.step(self._state, mean.force_kn + by.force_kn, mean.speed_rpm + by.speed_rpm)
+            self._outputs = self._model.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
             return
-        acceleration = (end_speed - self._speed_rpm) / STEP_S
+        acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
         self._inertia_torque_nm = self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
-        self._outputs = outputs
-        self._force_kn, self._speed_rpm = end_force, end_speed
+        self._acting = end
 
     def truth(self) -> Truth:
         """The plant as it is at the present tick, in the inputs of the step that ended there."""
-        outputs, time_s, disturbances = self._outputs, self.tick / 10, self.disturbances
-        depth_disturbance = disturbances.value("depth", time_s)
-        temperature_disturbance = disturbances.value("temperature", time_s)
+        outputs, depth_disturbance = self._outputs, self._disturbance("depth")
+        temperature_disturbance = self._disturbance("temperature")
         return Truth(
-            tick=self.tick,
             stamp_ns=self.tick * TICK_NS if self._reading is None else self._reading.stamp_ns,
             depth_mm=outputs.depth_mm + depth_disturbance,
             temperature_c=outputs.temperature_c + temperature_disturbance,
@@ -314,58 +269,41 @@ class PlantEmulator:
             process_torque_nm=outputs.process_torque_nm,
             friction_torque_nm=outputs.friction_torque_nm,
             process_power_kw=outputs.power_kw,
-            force_kn=self._force_kn,
-            speed_rpm=self._speed_rpm,
+            force_kn=self._acting.force_kn,
+            speed_rpm=self._acting.speed_rpm,
             depth_disturbance_mm=depth_disturbance,
             temperature_disturbance_c=temperature_disturbance,
-            force_disturbance_kn=self._force_disturbance_kn,
-            speed_disturbance_rpm=self._speed_disturbance_rpm,
+            force_disturbance_kn=self._input_disturbance.force_kn,
+            speed_disturbance_rpm=self._input_disturbance.speed_rpm,
             watchdog=self.watchdog.state,
             refused_commands=self.gate.total(),
-            active_faults=tuple(self.faults.names()),
-            stopped=self.stopped,
+            active_faults=tuple(map(str, self.faults.values())),
         )
 
     def set_disturbance(
         self, channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
     ) -> None:
-        """Put a disturbance on a channel; ``none`` clears it.
+        """Put a disturbance (see there) on a channel; ``none`` clears it.
 
         On an output it begins with the next tick measured, on an input with the next step.
-
-        Parameters
-        ----------
-        channel, shape : str
-            One of ``disturbances.CHANNELS`` and ``disturbances.SHAPES``.
-        amplitude : float
-            In mm, degC, kN, rpm.
-        duration_s, period_s : float
-            See `Disturbance`.
 
         Raises
         ------
         DisturbanceError
             If there is no such channel or shape, or a number makes no sense.
         """
-        start_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
-        self.disturbances.set(channel, Disturbance(shape, amplitude, duration_s, period_s, start_s))
+        at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
+        self._begin(Disturbance(channel, shape, amplitude, duration_s, at_s, period_s))
 
     def set_fault(self, sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
-        """Give a sensor a fault, beginning with the next tick measured; ``none`` clears it.
-
-        Parameters
-        ----------
-        sensor, kind : str
-            One of ``fsw_control.SENSORS`` and ``faults.KINDS``.
-        magnitude, duration_s : float
-            See `Fault`.
+        """Give a sensor a fault (see there), beginning with the next tick measured; ``none`` clears it.
 
         Raises
         ------
         DisturbanceError
             If there is no such sensor or kind, or a number makes no sense.
         """
-        self.faults.set(sensor, Fault(kind, magnitude, duration_s, self._next_s()))
+        self._begin(Fault(sensor, kind, magnitude, duration_s, self._next_s()))
 
     def _next_s(self) -> float:
         measured = self._reading is not None and self._reading.tick == self.tick
@@ -374,65 +312,45 @@ class PlantEmulator:
     def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
         """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule go on.
 
-        Parameters
-        ----------
-        seed : int, optional
-            Of the noise; the configured one by default.
-        depth_mm, temperature_c : float, optional
-            The equilibrium; the configured one by default.
+        What is not given stays as configured.
 
         Raises
         ------
         fsw_model.OperatingPointError
             If there is no such equilibrium; the plant then goes on as it was.
         """
-        start = self._equilibrium(
-            self.config.start_depth_mm if depth_mm is None else depth_mm,
-            self.config.start_temperature_c if temperature_c is None else temperature_c,
-        )
+        start = self._equilibrium(depth_mm, temperature_c)
         if seed is not None:
-            self.config = replace(self.config, seed=seed)
-        self.disturbances.clear()
-        self.faults.clear()
+            self.config = replace(self.config, values={**self.config.values, "seed": seed})
         answered_ns = self.gate.last_stamp_ns
         self._start(start)
         self.gate.last_stamp_ns = answered_ns
 
     def reconfigure(self, config: PlantConfig) -> None:
-        """Change settings while running; start and seed hold from the next :meth:`reset`.
-
-        Raises
-        ------
-        fsw_model.ParameterError
-            If the model does not take its parameters; nothing is changed then.
-        """
+        """Change settings while running; start and seed hold from the next :meth:`reset`."""
         if config.model != self.config.model:
-            model = _process_model(config.model)
-            self._state.power = model.with_history(self._state.power)
-            self._model = model
-        self.config = config
-        limits = config.limits
-        self._force.configure(limits.force_rate_kn_per_s, config.lag_s, STEP_S)
-        self._speed.configure(limits.speed_rate_rpm_per_s, config.lag_s, STEP_S)
-        self.gate.configure(limits, config.max_age_s, config.sources)
-        self.watchdog.config = config.watchdog
-        for sensor, (noise, resolution) in zip(self._sensors, _sensor_settings(config), strict=True):
+            self._model = _process_model(config.model)
+            self._state.power = self._model.with_history(self._state.power)
+        self.config = self.gate.config = self.watchdog.config = config
+        self.gate.sources = tuple(config["commands.sources"])
+        self._force.configure(config.limits.force_step_kn, config["actuators.lag_s"])
+        self._speed.configure(config.limits.speed_step_rpm, config["actuators.lag_s"])
+        for sensor, (noise, resolution) in zip(self._sensors, _sensor_noise(config), strict=True):
             sensor.noise, sensor.resolution = noise, resolution
 
 
 @lru_cache(maxsize=16)
 def _process_model(parameters: ModelParameters) -> ProcessModel:
-    """The model of these parameters; it has no state, and takes a tenth of a second to make."""
+    """The model of these parameters, for all plants: it takes a tenth of a second to make."""
     return ProcessModel(parameters)
 
 
-def _sensor_settings(config: PlantConfig) -> tuple[tuple[float, float], ...]:
+def _sensor_noise(config: PlantConfig) -> tuple[tuple[float, float], ...]:
     """Noise and resolution of each sensor, in the order of ``SENSORS``."""
-    if not config.noise:
+    if not config["noise"]:
         return ((0.0, 0.0),) * len(SENSORS)
-    s = config.sensors
     return (
-        (s.depth_noise_mm, s.depth_resolution_mm),
-        (s.torque_noise_nm, s.torque_resolution_nm),
-        (s.temperature_noise_c, s.temperature_resolution_c),
+        (config["sensors.depth_noise_mm"], config["sensors.depth_resolution_mm"]),
+        (config["sensors.torque_noise_nm"], config["sensors.torque_resolution_nm"]),
+        (config["sensors.temperature_noise_c"], config["sensors.temperature_resolution_c"]),
     )

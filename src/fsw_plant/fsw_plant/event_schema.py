@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import yaml
 
 from fsw_control.weld import TICK_S
-from fsw_plant.disturbances import CHANNELS, SHAPES, Disturbance, DisturbanceError
-from fsw_plant.faults import KINDS, MAX_DELAY_S, Fault
+from fsw_plant.events import (
+    CHANNELS,
+    DISTURBANCE_SHAPES,
+    FAULT_KINDS,
+    MAX_DELAY_S,
+    Disturbance,
+    DisturbanceError,
+    Fault,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +33,7 @@ class Range:
 
     def complaint(self, value: float) -> str | None:
         """Why ``value`` is not allowed, or None when it is."""
-        if not isfinite(value) or not self.low <= value <= self.high:
-            return f"{value:g} is outside {self}"
-        return None
+        return None if self.low <= value <= self.high else f"{value:g} is outside {self}"
 
 
 #: length of a scenario, and of everything in it
@@ -42,8 +46,6 @@ _AMPLITUDES = {
 }
 #: channel: key of the amplitude, and its range
 DISTURBANCE_AMPLITUDE = {name: (f"amplitude_{unit}", _AMPLITUDES[name]) for name, unit in CHANNELS.items()}
-DISTURBANCE_SHAPES = SHAPES
-FAULT_KINDS = KINDS
 #: sensor: unit suffix of a fault's magnitude, and its range (of a drift: per second)
 FAULT_MAGNITUDE = {
     "depth": ("mm", Range(-5.0, 5.0, "mm")),
@@ -163,44 +165,8 @@ class Place:
         return str(value)
 
 
-@dataclass(frozen=True, slots=True)
-class PlantEvent:
-    """A disturbance on a channel or a fault of a sensor, from ``at_s`` on.
-
-    Attributes
-    ----------
-    at_s : float
-        It acts on the first tick whose time is not before.
-    target : str
-        Channel of a disturbance or sensor of a fault.
-    kind : str
-        Shape of a disturbance or kind of a fault.
-    amount : float
-        Amplitude or magnitude, in mm, degC, kN, rpm, N m (drift: per s; delay: s).
-    duration_s, period_s : float
-        As in `Disturbance` and `Fault`.
-    is_fault : bool
-    """
-
-    at_s: float
-    target: str
-    kind: str
-    amount: float = 0.0
-    duration_s: float = 0.0
-    period_s: float = 0.0
-    is_fault: bool = False
-
-    def disturbance(self) -> Disturbance:
-        """The disturbance that begins."""
-        return Disturbance(self.kind, self.amount, self.duration_s, self.period_s, self.at_s)
-
-    def fault(self) -> Fault:
-        """The fault that begins."""
-        return Fault(self.kind, self.amount, self.duration_s, self.at_s)
-
-
-def read_disturbance(entry: Any, at: Place, at_s: float) -> PlantEvent:
-    """The event of a ``disturbance``; raises the place's error where it is not understood."""
+def read_disturbance(entry: Any, at: Place, at_s: float) -> Disturbance:
+    """A ``disturbance`` of a scenario; raises the place's error where it is not understood."""
     at.mapping(entry)
     channel = at.choice(entry, "channel", tuple(DISTURBANCE_AMPLITUDE))
     shape = at.choice(entry, "shape", DISTURBANCE_SHAPES)
@@ -208,18 +174,14 @@ def read_disturbance(entry: Any, at: Place, at_s: float) -> PlantEvent:
     needed = _NEEDED.get(shape, ())
     optional = ("duration_s",) if shape == "sine" else ()
     at.keys(entry, ("channel", "shape", key, *needed, *optional), () if shape == "none" else (key, *needed))
-    return PlantEvent(
-        at_s,
-        channel,
-        shape,
-        at.number(entry, key, allowed, 0.0),
-        at.optional(entry, "duration_s", DURATION_S) or 0.0,
-        at.optional(entry, "period_s", DURATION_S) or 0.0,
-    )
+    amplitude = at.number(entry, key, allowed, 0.0)
+    duration_s = at.optional(entry, "duration_s", DURATION_S) or 0.0
+    period_s = at.optional(entry, "period_s", DURATION_S) or 0.0
+    return Disturbance(channel, shape, amplitude, duration_s, at_s, period_s)
 
 
-def read_fault(entry: Any, at: Place, at_s: float) -> PlantEvent:
-    """The event of a ``fault``; raises the place's error where it is not understood."""
+def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
+    """A ``fault`` of a scenario; raises the place's error where it is not understood."""
     at.mapping(entry)
     sensor = at.choice(entry, "sensor", tuple(FAULT_MAGNITUDE))
     kind = at.choice(entry, "kind", FAULT_KINDS)
@@ -228,4 +190,4 @@ def read_fault(entry: Any, at: Place, at_s: float) -> PlantEvent:
     at.keys(entry, ("sensor", "kind", "duration_s", *magnitude), magnitude)
     amount = at.number(entry, magnitude[0], allowed) if magnitude else 0.0
     duration_s = at.number(entry, "duration_s", Range(0.0, DURATION_S.high, "s"), 0.0)
-    return PlantEvent(at_s, sensor, kind, amount, duration_s, is_fault=True)
+    return Fault(sensor, kind, amount, duration_s, at_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,13 +25,14 @@ from fsw_model import OperatingPointError
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports
-from fsw_plant.claim_ros import STARTING, Claim
 from fsw_plant.config import PlantConfig, specs
-from fsw_plant.disturbances import DisturbanceError
 from fsw_plant.emulator import PlantEmulator
+from fsw_plant.events import DisturbanceError
+from fsw_plant.reports import ERROR, OK, WARN, Report
 from fsw_plant.schedule import PlantSchedule
+from fsw_plant.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_plant.tick_stamps import TickStamps
-from fsw_plant.truth_ros import FROM_WIRE, TruthMessage, reading_messages
+from fsw_plant.truth_ros import FROM_WIRE, truth_message
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: sources of commands that are no controllers
@@ -62,27 +63,26 @@ class PlantNode(Node):
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
-        self._truth = TruthMessage()
-        self._clock_message = ClockMessage()
         self._answered = True
         self._sent_s = 0.0
-        self._complaints = 0
+        self._resent = 0
         self._command_publishers: list[str] = []
         self._announced_sources: tuple[str, ...] = ()
         self._seen = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._running = False
         self._open_topics()
-        self._claim = Claim(self)
-        self._claim.make(values["discovery_s"], self._announce)
-        self._open_services()
+        self._guard = SingleInstanceGuard(self)
+        self._guard.check(values["discovery_s"], self._announce)
+        self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
+        self.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
+        self.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._configure)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._steady = steady
-        self._report_timer = self.create_timer(_REPORT_S, self._report, clock=steady)
-        self._patrol_timer = self.create_timer(_PATROL_S, self._patrol, clock=steady)
-        self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=steady)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_REPORT_S, self._report, clock=self._steady)
+        self.create_timer(_PATROL_S, self._patrol, clock=self._steady)
+        self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
         self._waiting_told_s = time.monotonic()
 
     def _open_topics(self) -> None:
@@ -95,11 +95,6 @@ class PlantNode(Node):
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
-
-    def _open_services(self) -> None:
-        self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
-        self.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
-        self.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     # ---------------------------------------------------------------- ticks
 
@@ -116,7 +111,7 @@ class PlantNode(Node):
         self._running = True
         self._publish_tick()
         if not self._lockstep:
-            self._tick_timer = self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
+            self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
 
     def _missing(self) -> list[str]:
         """What the first tick still has to wait for."""
@@ -137,34 +132,27 @@ class PlantNode(Node):
 
     def _publish_tick(self) -> None:
         plant = self._plant
-        stamp_ns = None if self._simulated else self._stamps.next(self._now_ns())
-        reading = plant.measure(stamp_ns)
+        plant.measure(None if self._simulated else self._stamps.next(self._now_ns()))
         self._sent_s = time.monotonic()
-        self._complaints = 0
+        self._resent = 0
         self._answered = False
         self._send()
-        seen = (plant.watchdog.state, plant.stopped)
-        if seen != self._seen:
-            self._tell(reading.stamp_ns)
+        if (plant.watchdog.state, plant.stopped) != self._seen:
+            self._tell()
 
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
-        plant = self._plant
-        reading = plant.measure()
-        truth = self._truth.fill(plant.truth())
+        reading, truth = self._plant.measure(), truth_message(self._plant.truth())
         if self._clocks is not None:
-            clock = self._clock_message.clock
-            clock.sec, clock.nanosec = truth.header.stamp.sec, truth.header.stamp.nanosec
-            self._clocks.publish(self._clock_message)
+            self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
-        drives, depths, torques, temperatures = reading_messages(reading)
-        self._drives.publish(drives)
-        for depth in depths:
-            self._depths.publish(depth)
-        for torque in torques:
-            self._torques.publish(torque)
-        for temperature in temperatures:
-            self._temperatures.publish(temperature)
+        self._drives.publish(convert.drives_message(reading.drives, reading.stamp_ns))
+        for stamp_ns, depth_mm in reading.depth_mm:
+            self._depths.publish(convert.depth_message(depth_mm, stamp_ns))
+        for stamp_ns, torque_nm in reading.torque_nm:
+            self._torques.publish(convert.torque_message(torque_nm, stamp_ns))
+        for stamp_ns, temperature_c in reading.temperature_c:
+            self._temperatures.publish(convert.temperature_message(temperature_c, stamp_ns))
 
     def _on_command(self, message: WeldCommand) -> None:
         if not self._running:
@@ -183,11 +171,11 @@ class PlantNode(Node):
         self._set_sources()
 
     def _set_sources(self) -> None:
-        """With a second publisher of commands about, only sources that the supervisor knows are obeyed."""
-        sources = self._plant.config.sources
+        """With a second publisher of commands about, only sources that the supervisor announces are accepted."""
+        sources = tuple(self._settings["commands.sources"])
         if not sources and len(self._command_publishers) > 1:
             sources = self._announced_sources
-        self._plant.gate.sources = frozenset(sources)
+        self._plant.gate.sources = sources
 
     # ---------------------------------------------------------------- watching
 
@@ -197,7 +185,7 @@ class PlantNode(Node):
             self._command_publishers = publishers
             self._set_sources()
             if len(publishers) > 1:
-                self.get_logger().error(f"{len(publishers)} publishers of fsw/command: {', '.join(publishers)}")
+                self.get_logger().warning(f"{len(publishers)} publishers of fsw/command: {', '.join(publishers)}")
         if self._lockstep and self._running and not self._answered:
             self._watch_answer(time.monotonic() - self._sent_s)
 
@@ -209,34 +197,34 @@ class PlantNode(Node):
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
-        if waited_s >= values["lockstep_timeout_s"] * (self._complaints + 1):
-            self._complaints += 1
+        if waited_s >= values["lockstep_timeout_s"] * (self._resent + 1):
+            self._resent += 1
             self.get_logger().error(f"{what}; tick sent again")
             self._send()
             self._report()
 
-    def _tell(self, stamp_ns: int) -> None:
+    def _tell(self) -> None:
         """Log and report what has changed of watchdog and process."""
         plant = self._plant
-        before, self._seen = self._seen, (plant.watchdog.state, plant.stopped)
-        if self._seen[0] != before[0]:
-            report = reports.watchdog(plant)
-            self._log(report.level, f"watchdog: {report.text}")
-        if plant.stopped and not before[1]:
-            self._log(reports.Level.ERROR, reports.process(plant).text)
+        (state, stopped), self._seen = self._seen, (plant.watchdog.state, plant.stopped)
+        if plant.watchdog.state != state:
+            self._log(reports.watchdog(plant))
+        if plant.stopped and not stopped:
+            self._log(reports.process(plant))
         self._report()
 
-    def _log(self, level: reports.Level, text: str) -> None:
-        logger = self.get_logger()
-        if level is reports.Level.ERROR:
+    def _log(self, report: Report) -> None:
+        logger, text = self.get_logger(), f"{report.part}: {report.text}"
+        # three calls, because rclpy refuses a line of code that changes its severity
+        if report.level == ERROR:
             logger.error(text)
-        elif level is reports.Level.WARN:
+        elif report.level == WARN:
             logger.warning(text)
         else:
             logger.info(text)
 
     def _announce(self) -> None:
-        self._publish_reports([reports.Report("clock", reports.Level.OK, STARTING, {})])
+        self._publish_reports([Report("clock", OK, STARTING, {})])
 
     def _report(self) -> None:
         plant = self._plant
@@ -244,7 +232,7 @@ class PlantNode(Node):
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
             [
-                reports.clock(self._mode(), self._running, self._stamps.jumps, self._complaints),
+                reports.clock(self._mode(), self._running, self._stamps.jumps, self._resent),
                 reports.process(plant),
                 reports.watchdog(plant),
                 reports.commands(plant, new, self._command_publishers),
@@ -257,21 +245,13 @@ class PlantNode(Node):
             return "lockstep"
         return f"simulated time at speed {self._speed:g}" if self._simulated else "real time"
 
-    def _publish_reports(self, lines: list[reports.Report]) -> None:
+    def _publish_reports(self, lines: list[Report]) -> None:
         now_ns = self._plant.measure().stamp_ns if self._simulated and self._running else self._now_ns()
-        messages = [
-            convert.diagnostics_message(
-                now_ns,
-                f"{self.get_name()}: {line.part}",
-                bytes([line.level]),
-                line.text,
-                line.values,
-                self._claim.hardware_id,
-            )
-            for line in lines
-        ]
-        whole = messages[0]
-        whole.status = [message.status[0] for message in messages]
+        whole = DiagnosticArray(header=convert.header(now_ns))
+        for part, level, text, values in lines:
+            name = f"{self.get_name()}: {part}"
+            message = convert.diagnostics_message(now_ns, name, level, text, values, self._guard.hardware_id)
+            whole.status.append(message.status[0])
         self._diagnostics.publish(whole)
 
     def _now_ns(self) -> int:
@@ -296,46 +276,47 @@ class PlantNode(Node):
         self._plant.reconfigure(PlantConfig.from_values(values))
         self._set_sources()
 
+    def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
+        """Fill in a service's response: ``act`` does it and returns what has been done, or raises why not."""
+        try:
+            response.message, response.ok = act(), True
+            self.get_logger().info(f"{what}: {response.message}")
+        except (DisturbanceError, OperatingPointError) as error:
+            response.message, response.ok = f"refused: {error}", False
+
     def _on_set_disturbance(
         self, request: SetDisturbance.Request, response: SetDisturbance.Response
     ) -> SetDisturbance.Response:
-        try:
+        def act() -> str:
             amplitude = FROM_WIRE.get(request.channel, float)(request.amplitude)
             self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
-        except DisturbanceError as error:
-            response.ok, response.message = False, f"refused: {error}"
-        else:
-            response.ok, response.message = True, f"{request.channel}: {request.shape} from the next tick on"
-            self.get_logger().info(f"disturbance {response.message}, amplitude {request.amplitude:g}")
+            return f"{request.channel}: {request.shape} from the next tick on"
+
+        self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
         return response
 
     def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
-        in_metres = request.sensor == "depth" and request.kind != "delay"
-        magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
-        try:
+        def act() -> str:
+            in_metres = request.sensor == "depth" and request.kind != "delay"
+            magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
             self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
-        except DisturbanceError as error:
-            response.ok, response.message = False, f"refused: {error}"
-        else:
-            response.ok, response.message = True, f"{request.sensor}: {request.kind} from the next tick on"
-            self.get_logger().info(f"fault {response.message}, magnitude {request.magnitude:g}")
+            return f"{request.sensor}: {request.kind} from the next tick on"
+
+        self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
         return response
 
     def _on_reset(self, request: ResetPlant.Request, response: ResetPlant.Response) -> ResetPlant.Response:
-        try:
+        def act() -> str:
             self._plant.reset(
                 seed=None if request.seed < 0 else request.seed,
                 depth_mm=units.mm_from_m(request.depth) if request.depth != 0.0 else None,
                 temperature_c=request.temperature if request.temperature != 0.0 else None,
             )
-        except OperatingPointError as error:
-            response.ok, response.message = False, f"refused: {error}"
-            return response
-        self._set_sources()
-        truth = self._plant.truth()
-        response.ok = True
-        response.message = f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
-        self.get_logger().info(f"reset: {response.message}")
+            self._set_sources()
+            truth = self._plant.truth()
+            return f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
+
+        self._answer(response, "reset", act)
         return response
 
 

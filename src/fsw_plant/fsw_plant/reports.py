@@ -1,68 +1,50 @@
-"""What the plant reports of itself, as data."""
+"""What the plant reports of itself, a line of diagnostics for each part."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import IntEnum
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.watchdog import WatchdogState
 
-
-class Level(IntEnum):
-    """Levels of ``diagnostic_msgs/DiagnosticStatus``."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
-    """One line of diagnostics."""
+class Report(NamedTuple):
+    """One line of diagnostics; ``level`` is a constant of ``DiagnosticStatus``."""
 
     part: str
-    level: Level
+    level: bytes
     text: str
     values: Mapping[str, object]
 
 
-def clock(mode: str, running: bool, jumps: int, complaints: int) -> Report:
-    """How time passes.
-
-    Parameters
-    ----------
-    mode : str
-        In words.
-    running : bool
-        Whether the first tick has come.
-    jumps : int
-        Jumps of the stamps in real time.
-    complaints : int
-        How often the present tick was sent again in lockstep.
-    """
-    values = {"mode": mode, "jumps of the stamps": jumps, "tick sent again": complaints}
+def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
+    """How time passes: jumps of the stamps in real time, and how often the present tick was sent again in lockstep."""
+    values = {"mode": mode, "jumps of the stamps": jumps, "tick sent again": resent}
     if not running:
-        return Report("clock", Level.WARN, "first tick waits for subscribers", values)
-    if complaints:
-        return Report("clock", Level.ERROR, "no command answers the last tick", values)
-    return Report("clock", Level.OK, mode, values)
+        return Report("clock", WARN, "first tick waits for subscribers", values)
+    if resent:
+        return Report("clock", ERROR, "no command answers the last tick", values)
+    return Report("clock", OK, mode, values)
 
 
 def process(plant: PlantEmulator) -> Report:
     """Whether the process runs."""
     truth = plant.truth()
     values = {
-        "tick": truth.tick,
+        "tick": plant.tick,
         "depth [mm]": f"{truth.depth_mm:.4f}",
         "temperature [degC]": f"{truth.temperature_c:.2f}",
         "axial force [kN]": f"{truth.force_kn:.3f}",
         "spindle speed [rpm]": f"{truth.speed_rpm:.2f}",
     }
     if plant.stopped:
-        return Report("process", Level.ERROR, f"{plant.stopped}; call fsw/plant/reset", values)
-    return Report("process", Level.OK, "welding", values)
+        return Report("process", ERROR, f"{plant.stopped}; call fsw/plant/reset", values)
+    return Report("process", OK, "welding", values)
 
 
 def watchdog(plant: PlantEmulator) -> Report:
@@ -70,43 +52,39 @@ def watchdog(plant: PlantEmulator) -> Report:
     dog = plant.watchdog
     values = {"state": dog.state.name, "age of the last valid command [s]": f"{dog.age_s:.1f}"}
     if dog.state is WatchdogState.OK:
-        return Report("watchdog", Level.OK, "commands come", values)
+        return Report("watchdog", OK, "commands come", values)
     away = f"no valid command for {dog.age_s:.1f} s"
     if dog.state is WatchdogState.SAFE:
-        safe = f"force goes to {dog.config.safe_force_kn:g} kN, spindle keeps turning"
-        return Report("watchdog", Level.ERROR, f"{away}: {safe}", values)
+        safe = f"force goes to {dog.config['watchdog.safe_force_kn']:g} kN, spindle keeps turning"
+        return Report("watchdog", ERROR, f"{away}: {safe}", values)
     text = f"{away}: last command held" if dog.armed else "no command yet: start held"
-    return Report("watchdog", Level.WARN, text, values)
+    return Report("watchdog", WARN, text, values)
 
 
-def commands(plant: PlantEmulator, new_refusals: int, publishers: list[str]) -> Report:
-    """What was refused.
+def commands(plant: PlantEmulator, new_refusals: int, publishers: Sequence[str]) -> Report:
+    """Commands refused (``new_refusals`` since the last report), and the nodes that publish them.
 
-    Parameters
-    ----------
-    plant : PlantEmulator
-        The plant.
-    new_refusals : int
-        Refused since the last report.
-    publishers : list of str
-        Nodes that publish commands.
+    Two publishers are normal for a moment while a standby takes over; an error only when commands are refused too.
     """
-    gate = plant.gate
+    gate, names = plant.gate, ", ".join(publishers)
     values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}
-    values.update({f"refused: {reason}": count for reason, count in gate.refused.items()})
-    values["publishers"] = ", ".join(publishers)
+    values |= {f"refused: {reason}": count for reason, count in gate.refused.items()}
+    values["publishers"] = names
+    level, texts = OK, []
     if len(publishers) > 1:
-        return Report("commands", Level.ERROR, f"{len(publishers)} publishers: {', '.join(publishers)}", values)
+        level = ERROR if new_refusals else WARN
+        texts.append(f"{len(publishers)} publishers: {names}")
     if new_refusals:
-        return Report("commands", Level.WARN, f"{new_refusals} refused; last: {gate.last_refusal}", values)
-    return Report("commands", Level.OK, "obeyed", values)
+        level = max(level, WARN)
+        texts.append(f"{new_refusals} refused; last: {gate.last_refusal}")
+    return Report("commands", level, "; ".join(texts) or "accepted", values)
 
 
 def sensors(plant: PlantEmulator) -> Report:
     """Active faults and disturbances, which were set on purpose."""
-    faults, disturbances = plant.faults.names(), plant.disturbances.names(plant.time_s)
+    faults = list(map(str, plant.faults.values()))
+    disturbances = [str(one) for one in plant.disturbances.values() if not one.over(plant.time_s)]
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
-    active = [*faults, *disturbances]
-    if active:
-        return Report("sensors", Level.WARN, f"emulated: {', '.join(active)}", values)
-    return Report("sensors", Level.OK, "no faults, no disturbances", values)
+    if faults or disturbances:
+        return Report("sensors", WARN, f"emulated: {', '.join(faults + disturbances)}", values)
+    return Report("sensors", OK, "no faults, no disturbances", values)

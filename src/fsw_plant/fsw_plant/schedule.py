@@ -2,68 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fsw_plant.disturbances import DisturbanceError
-from fsw_plant.event_schema import DURATION_S, Place, PlantEvent, Range, read_disturbance, read_fault
+from fsw_plant.event_schema import DURATION_S, Place, Range, read_disturbance, read_fault
+from fsw_plant.events import EPSILON_S, DisturbanceError, PlantEvent
 
 #: Events of a scenario, those for the plant first.
 EVENT_KINDS = ("disturbance", "fault", "reference", "switch", "command")
 _READERS = {"disturbance": read_disturbance, "fault": read_fault}
-#: what a tick may be early of an event
-_EPSILON_S = 1e-9
 
 
 class PlantSchedule:
-    """The events of a scenario that concern the plant, in order of time.
+    """The events of a scenario that concern the plant.
 
     Parameters
     ----------
-    events : sequence of PlantEvent
+    events : iterable of PlantEvent
         In any order; those of one time are applied in the order given.
+
+    Attributes
+    ----------
+    events : deque of PlantEvent
+        Those to come, in order of time.
     """
 
-    def __init__(self, events: Sequence[PlantEvent] = ()) -> None:
-        self.events = tuple(sorted(events, key=lambda event: event.at_s))
-        self._next = 0
-        self.next_s = self.events[0].at_s if self.events else float("inf")
+    def __init__(self, events: Iterable[PlantEvent] = ()) -> None:
+        self.events = deque(sorted(events, key=lambda event: event.at_s))
 
     def due(self, time_s: float) -> list[PlantEvent]:
         """Take the events that a tick at ``time_s`` has reached."""
         due: list[PlantEvent] = []
-        while self.next_s <= time_s + _EPSILON_S:
-            due.append(self.events[self._next])
-            self._next += 1
-            self.next_s = self.events[self._next].at_s if self._next < len(self.events) else float("inf")
+        while self.events and self.events[0].at_s <= time_s + EPSILON_S:
+            due.append(self.events.popleft())
         return due
 
     @classmethod
-    def from_events(cls, events: Any, where: str = "scenario") -> PlantSchedule:
-        """Read a scenario's list of events; those for others (reference, switch, command) are passed over.
+    def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
+        """Read YAML text: a list of events or a scenario with ``events``; those for others than the plant are ignored.
 
         Raises
         ------
         DisturbanceError
-            If an event is not understood; the message says which and what is allowed.
+            If an event is not understood; the message says where and what is allowed.
         """
         at = Place(where)
-        read = (
-            read_event(entry, at.inside(f"events[{i}]"))
-            for i, entry in enumerate(at.list({"events": events}, "events"))
-        )
-        return cls([event for event in read if event is not None])
-
-    @classmethod
-    def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
-        """Read YAML text: a list of events or a scenario with ``events``; errors as :meth:`from_events`."""
-        content = Place(where).yaml(text)
-        return cls.from_events(content.get("events") if isinstance(content, dict) else content, where)
+        content = at.yaml(text)
+        entries = at.list(content if isinstance(content, dict) else {"events": content}, "events")
+        read = (read_event(entry, at.inside(f"events[{i}]")) for i, entry in enumerate(entries))
+        return cls(event for event in read if event is not None)
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:
-        """Read YAML text (if it has a line break or brackets) or the file of that path; empty: no events."""
+        """Read YAML text (if it has a line break or brackets) or the file of that path, see :meth:`from_yaml`."""
         if not source.strip():
             return cls()
         if "\n" in source or source.lstrip()[0] in "[{":
@@ -75,16 +68,9 @@ class PlantSchedule:
 
 
 def read_event(entry: Any, at: Place, latest: Range = DURATION_S) -> PlantEvent | None:
-    """One event of a scenario; None when it is not for the plant (only its time and kind are checked then).
+    """One event of a scenario, at the upper end of ``latest`` at the latest; None when it is not for the plant.
 
-    Parameters
-    ----------
-    entry : Any
-        As read from YAML.
-    at : Place
-        Raises the errors.
-    latest : Range
-        The upper end is the latest time of an event.
+    Of an event that is not for the plant only time and kind are checked.
     """
     at_s, kind = event_head(entry, at, latest)
     return _READERS[kind](entry[kind], at.inside(kind), at_s) if kind in _READERS else None

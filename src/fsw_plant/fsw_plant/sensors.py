@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Random numbers drawn at once: numpy is too slow to be called for single ones.
 BLOCK = 1024
 
 
 class NoisySensor:
-    """One sensor's noise and resolution.
+    """One sensor's noise (standard deviation) and resolution, in its unit; 0: none.
 
-    Each reading draws one random number, whatever happens to it, so the stream depends on seed and tick alone.
-
-    Parameters
-    ----------
-    seed, index : int
-        The stream.
-    noise, resolution : float
-        Standard deviation and quantisation in the sensor's unit; 0: none.
+    Each reading takes one random number, whatever happens to it, so the stream depends on seed and tick alone.
     """
 
     def __init__(self, seed: int, index: int, noise: float, resolution: float) -> None:
@@ -29,7 +23,6 @@ class NoisySensor:
     def read(self, value: float) -> float:
         """What the sensor shows of ``value``."""
         if not self._block:
-            # One draw for a thousand ticks: numpy is too slow to ask for single numbers.
             self._block = self._generator.standard_normal(BLOCK)[::-1].tolist()
         value += self.noise * self._block.pop()
         if self.resolution > 0.0:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+
+from fsw_model import STEP_S
+from fsw_plant.config import PlantConfig
 
 
 class WatchdogState(IntEnum):
@@ -14,31 +16,20 @@ class WatchdogState(IntEnum):
     SAFE = 2
 
 
-@dataclass(frozen=True, slots=True)
-class WatchdogConfig:
-    """Settings, see ``plant.yaml`` for units, ranges and meaning."""
-
-    timeout_s: float
-    hold_s: float
-    safe_force_kn: float
-    safe_rate_kn_per_s: float
-    armed_at_start: bool
-
-
 class Watchdog:
     """Counts the time since the last valid command.
 
     OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after another ``hold_s`` SAFE:
     the force goes down to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a lower force stays) and the spindle keeps the
     speed it has. A valid command ends both at once. Before the first valid command it holds and does not go to
-    SAFE, unless ``armed_at_start``.
+    SAFE, unless ``armed_at_start``. The settings are those of ``plant.yaml``.
     """
 
-    def __init__(self, config: WatchdogConfig) -> None:
+    def __init__(self, config: PlantConfig) -> None:
         self.config = config
         self.state = WatchdogState.OK
         self.age_s = 0.0
-        self.armed = config.armed_at_start
+        self.armed = config["watchdog.armed_at_start"]
 
     def feed(self) -> None:
         """A valid command has come."""
@@ -46,27 +37,15 @@ class Watchdog:
         self.armed = True
         self.state = WatchdogState.OK
 
-    def advance(self, force_kn: float, step_s: float) -> float:
-        """Decide for the step that begins now, and count it.
-
-        Parameters
-        ----------
-        force_kn : float
-            Force that is wanted now.
-        step_s : float
-            Length of the step.
-
-        Returns
-        -------
-        float
-            Force to want instead.
-        """
+    def advance(self, force_kn: float) -> float:
+        """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``."""
         config = self.config
-        age = self.age_s + 1e-9
-        if age >= config.timeout_s:
-            safe = self.armed and age >= config.timeout_s + config.hold_s
+        age, timeout_s = self.age_s + 1e-9, config["watchdog.timeout_s"]
+        if age >= timeout_s:
+            safe = self.armed and age >= timeout_s + config["watchdog.hold_s"]
             self.state = WatchdogState.SAFE if safe else WatchdogState.HOLD
-            if safe and force_kn > config.safe_force_kn:
-                force_kn = max(config.safe_force_kn, force_kn - config.safe_rate_kn_per_s * step_s)
-        self.age_s += step_s
+            safe_force_kn = config["watchdog.safe_force_kn"]
+            if safe and force_kn > safe_force_kn:
+                force_kn = max(safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * STEP_S)
+        self.age_s += STEP_S
         return force_kn

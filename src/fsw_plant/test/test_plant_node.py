@@ -16,7 +16,7 @@ from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_plant.claim_ros import AnotherPlantError
+from fsw_plant.single_instance_ros import AnotherPlantError
 
 TICK_NS = 100_000_000
 SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
@@ -210,8 +210,11 @@ def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79e3, abs=1.0))
     second = peer.node.create_publisher(peer.commands.msg_type, "fsw/command", 10)
     graph.wait(lambda: (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message)
+    assert peer.report("commands").level == b"\x01"  # as while a standby takes over
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, source="intruder")
     graph.wait(lambda: peer.got["truth"][-1].refused_commands >= 1)
+    graph.wait(lambda: peer.report("commands").level == b"\x02")
+    assert "1 refused; last: source: source 'intruder'" in peer.report("commands").message
     peer.command(peer.got["depth"][-1].header.stamp, 79.5, source="decentral")
     graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79.5e3, abs=1.0))
     assert max(state.axial_force for state in peer.got["truth"]) < 79.6e3

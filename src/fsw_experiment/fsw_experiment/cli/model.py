@@ -157,7 +157,8 @@ def _run(arguments: argparse.Namespace) -> int:
         from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
         title = f"Process in open loop: {Path(arguments.events).name}"
-        files[arguments.figure] = lambda path: draw_open_loop(course, title, path)
+        columns = course | {"process_power_kw": course["power_kw"]}
+        files[arguments.figure] = lambda path: draw_open_loop(columns, title, path)
     _write_all(files)
     print(f"{last_tick + 1} rows, 0 to {last_tick / _TICKS_PER_S:g} s, written to {', '.join(map(str, files))}")
     return 0

@@ -12,6 +12,8 @@ from rclpy.node import Node
 
 from fsw_msgs.msg import ShoulderDepth
 
+#: What the diagnostics of a plant say while it looks.
+STARTING = "looking for another plant"
 #: A running plant reports once a second; a publisher that is silent for longer was left behind by a killed process.
 LIVENESS_S = 2.5
 PREFIX = "fsw_plant/"
@@ -22,15 +24,11 @@ class AnotherPlantError(RuntimeError):
     """Another plant publishes the same topics."""
 
 
-class Claim:
+class SingleInstanceGuard:
     """Finds out whether another plant, or a replayed bag, publishes the same topics.
 
-    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own.
-
-    Parameters
-    ----------
-    node : Node
-        The plant's node; its publisher of fsw/depth exists already, so that plants that start together see each other.
+    Plants know each other by the hardware id of their diagnostics, which holds the topic and a number of its own. The
+    node's publisher of fsw/depth has to exist already, so that plants that start together see each other.
     """
 
     def __init__(self, node: Node) -> None:
@@ -39,20 +37,15 @@ class Claim:
         self.hardware_id = f"{PREFIX}{uuid.uuid4().hex}@{self._topic}"
         self._heard = ""
 
-    def make(self, discovery_s: float, announce: Callable[[], None]) -> None:
-        """Look and listen; returns when the domain is free.
+    def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
+        """Look for ``discovery_s``, and listen to what is found; returns when the domain is free.
 
-        Parameters
-        ----------
-        discovery_s : float
-            How long to look for another publisher.
-        announce : callable
-            Publishes this plant's diagnostics, so that another one that starts now detects it.
+        ``announce`` publishes this plant's diagnostics, so that another one that starts now detects it.
 
         Raises
         ------
         AnotherPlantError
-            If another one lives.
+            If there is one.
         """
         node = self._node
         subscriptions = [
@@ -60,18 +53,14 @@ class Claim:
             node.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, 10),
         ]
         try:
-            begin = time.monotonic()
+            begin = announce_s = time.monotonic()
             wait_s = discovery_s
-            announce_s = begin
             while not self._heard and time.monotonic() < begin + wait_s:
                 rclpy.spin_once(node, timeout_sec=0.05)
                 if time.monotonic() >= announce_s:  # its own message ends the spin, so not at every turn
                     announce_s += _ANNOUNCE_S
                     announce()
-                if len(self.publishers()) > 1:
-                    wait_s = max(discovery_s, LIVENESS_S)
-                elif wait_s > discovery_s:
-                    wait_s = discovery_s
+                wait_s = max(discovery_s, LIVENESS_S) if self._others() else discovery_s
         finally:
             for subscription in subscriptions:
                 node.destroy_subscription(subscription)
@@ -80,12 +69,11 @@ class Claim:
                 f"{self._heard} on {self._topic} of domain {node.context.get_domain_id()}: "
                 "end it first, or set another ROS_DOMAIN_ID or namespace"
             )
-        if len(self.publishers()) > 1:
+        if self._others():
             node.get_logger().warning(f"{self._topic} has a silent publisher, left behind by a killed process: ignored")
 
-    def publishers(self) -> list[str]:
-        """Nodes that publish fsw/depth, this one included."""
-        return [info.node_name for info in self._node.get_publishers_info_by_topic(self._topic)]
+    def _others(self) -> bool:
+        return self._node.count_publishers(self._topic) > 1
 
     def _on_depth(self, message: ShoulderDepth) -> None:
         self._heard = self._heard or "depth is measured already"
@@ -98,6 +86,3 @@ class Claim:
             # Of two that start together the one with the lower number may stay.
             if status.message != STARTING or other < self.hardware_id:
                 self._heard = "a plant runs already"
-
-
-STARTING = "looking for another plant"

@@ -1,0 +1,183 @@
+"""What happens to the plant on purpose: disturbances of its channels and faults of its sensors."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from math import isfinite, nan, pi, sin
+from typing import ClassVar, NamedTuple
+
+from fsw_control import SENSORS
+
+#: Channels of disturbances and their units: the first two are added to outputs, the others to inputs.
+CHANNELS = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm"}
+OUTPUT_CHANNELS = ("depth", "temperature")
+DISTURBANCE_SHAPES = ("step", "ramp", "sine", "pulse", "none")
+FAULT_KINDS = ("freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none")
+#: Longest ``delay``, so that the samples under way stay few.
+MAX_DELAY_S = 60.0
+#: Ticks from one spike to the next.
+SPIKE_TICKS = 10
+#: What a tick may be early of an event.
+EPSILON_S = 1e-9
+
+
+class DisturbanceError(ValueError):
+    """A disturbance or fault that does not exist or makes no sense; the message says what is allowed."""
+
+
+@dataclass
+class PlantEvent:
+    """A disturbance of a channel or a fault of a sensor.
+
+    Attributes
+    ----------
+    target : str
+        The channel or the sensor, which carries one at a time.
+    kind : str
+        The shape of a disturbance or the kind of a fault; ``none`` ends the one that is there.
+    amount : float
+        Amplitude or magnitude, in the unit of the target.
+    duration_s : float
+        See the kinds.
+    at_s : float
+        It begins with the first tick whose time is not before.
+
+    Raises
+    ------
+    DisturbanceError
+        If target or kind is unknown, or a number makes no sense.
+    """
+
+    target: str
+    kind: str
+    amount: float = 0.0
+    duration_s: float = 0.0
+    at_s: float = 0.0
+
+    #: what a target, a kind and an amount are called, and the targets and kinds there are
+    WORDS: ClassVar[tuple[str, str, str]]
+    TARGETS: ClassVar[Collection[str]]
+    KINDS: ClassVar[Collection[str]]
+
+    def __post_init__(self) -> None:
+        target, kind, amount = self.WORDS
+        for word, value, known in ((target, self.target, self.TARGETS), (kind, self.kind, self.KINDS)):
+            if value not in known:
+                raise DisturbanceError(f"{word} {value!r} is none of {', '.join(known)}")
+        if not isfinite(self.amount):
+            raise DisturbanceError(f"{amount} is {self.amount!r}: give a finite number")
+        self._check_time("duration_s", self.duration_s)
+
+    def _check_time(self, name: str, value: float) -> None:
+        if not isfinite(value) or value < 0.0:
+            raise DisturbanceError(f"{name} is {value!r}: give a finite number >= 0")
+
+    def __str__(self) -> str:
+        return f"{self.target}:{self.kind}"
+
+    def over(self, time_s: float) -> bool:
+        """Whether it has ended by itself."""
+        return self.duration_s > 0.0 and time_s - self.at_s > self.duration_s - EPSILON_S
+
+
+@dataclass
+class Disturbance(PlantEvent):
+    """A shape over time, added to an output or an input.
+
+    ``step``: the amplitude; ``ramp``: rises to the amplitude over ``duration_s`` and stays; ``pulse``: the amplitude
+    for ``duration_s``; ``sine``: with ``period_s``, for ``duration_s`` or, if that is 0, until cleared.
+    """
+
+    period_s: float = 0.0
+
+    WORDS = ("disturbance channel", "disturbance shape", "disturbance amplitude")
+    TARGETS = CHANNELS
+    KINDS = DISTURBANCE_SHAPES
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_time("period_s", self.period_s)
+        if self.kind in ("ramp", "pulse") and self.duration_s == 0.0:
+            raise DisturbanceError(f"disturbance shape {self.kind} needs duration_s > 0")
+        if self.kind == "sine" and self.period_s == 0.0:
+            raise DisturbanceError("disturbance shape sine needs period_s > 0")
+
+    def value(self, time_s: float) -> float:
+        """Value at a time, in the channel's unit."""
+        since = time_s - self.at_s
+        if since < -EPSILON_S or self.kind == "none" or self.over(time_s):
+            return 0.0
+        if self.kind == "ramp":
+            return self.amount * min(since / self.duration_s, 1.0)
+        if self.kind == "sine":
+            return self.amount * sin(2.0 * pi * since / self.period_s)
+        return self.amount
+
+    def over(self, time_s: float) -> bool:
+        """Whether it has ended by itself; step and ramp stay."""
+        return self.kind in ("pulse", "sine") and super().over(time_s)
+
+
+class Sample(NamedTuple):
+    """What a sensor reports: the stamp of its tick and the value in the sensor's unit."""
+
+    stamp_ns: int
+    value: float
+
+
+@dataclass
+class Fault(PlantEvent):
+    """What happens to a sample between sensor and wire, for ``duration_s`` or, if that is 0, until cleared.
+
+    ``freeze``: the value stays, the stamp goes on; ``dropout``: nothing is sent; ``nan``: NaN is sent; ``spike``: the
+    magnitude is added to one sample, and with a duration to one sample a second; ``bias``: the magnitude is added;
+    ``drift``: magnitude per second is added; ``delay``: samples come ``magnitude`` seconds late, with the stamp they
+    were taken at (those under way when the fault ends are lost); ``duplicate``: each is sent twice.
+    """
+
+    WORDS = ("sensor", "fault kind", "fault magnitude")
+    TARGETS = SENSORS
+    KINDS = FAULT_KINDS
+
+    _held: float | None = field(default=None, repr=False)
+    _ticks: int = field(default=0, repr=False)
+    _under_way: deque[tuple[float, Sample]] = field(default_factory=deque, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kind == "delay" and not 0.0 <= self.amount <= MAX_DELAY_S:
+            raise DisturbanceError(f"delay is {self.amount!r} s: must be 0 to {MAX_DELAY_S:g} s")
+
+    def over(self, time_s: float) -> bool:
+        """Whether it has ended by itself; a spike without duration after one sample."""
+        if self.kind == "spike" and self.duration_s == 0.0:
+            return self._ticks > 0
+        return super().over(time_s)
+
+    def pass_on(self, sample: Sample, time_s: float, last: float | None) -> tuple[Sample, ...]:
+        """What is sent at a tick instead of ``sample``; ``last`` is the sensor's value at the tick before."""
+        tick, self._ticks = self._ticks, self._ticks + 1
+        stamp_ns, value = sample
+        if self.kind == "dropout":
+            return ()
+        if self.kind == "duplicate":
+            return (sample, sample)
+        if self.kind == "delay":
+            self._under_way.append((time_s + self.amount, sample))
+            arrived: list[Sample] = []
+            while self._under_way and self._under_way[0][0] <= time_s + EPSILON_S:
+                arrived.append(self._under_way.popleft()[1])
+            return tuple(arrived)
+        if self.kind == "nan":
+            value = nan
+        elif self.kind == "freeze":
+            if self._held is None:
+                self._held = value if last is None else last
+            value = self._held
+        elif self.kind == "bias" or (self.kind == "spike" and tick % SPIKE_TICKS == 0):
+            value += self.amount
+        elif self.kind == "drift":
+            value += self.amount * (time_s - self.at_s)
+        return (Sample(stamp_ns, value),)
