@@ -10,9 +10,8 @@ from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from cyclonedds.core import DDSException
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl.default_context import context_or_default
 from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec

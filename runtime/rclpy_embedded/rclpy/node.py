@@ -9,16 +9,15 @@ from typing import Any
 from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterEvent
 from rclpy import arguments
 from rclpy.clock import Clock, ROSClock
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor
-from rclpy.impl.default_context import context_or_default
 from rclpy.impl.handle import DESTROYED
+from rclpy.impl.logging_output import system
 from rclpy.impl.remapping import remap, remap_node
 from rclpy.impl.session import LocalNode
 from rclpy.logging import get_logger
-from rclpy.logging_rosout import rosout
 from rclpy.logging_service import LoggingService
 from rclpy.names import (
     expand_topic_name,
@@ -94,7 +93,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
             topic, callbacks, group = "/rosout", PublisherEventCallbacks(), self._default_callback_group
             name = self.resolve_topic_name(topic)
             self.__rosout = Publisher(local_node, Log, topic, name, qos_profile_rosout_default, callbacks, group)
-            rosout.attach(local_node.logger_name, self.__rosout.publish)
+            system.rosout.attach(local_node.logger_name, self.__rosout.publish)
         self._parameter_event_publisher: Publisher | None = self.create_publisher(
             ParameterEvent, "/parameter_events", qos_profile_parameter_events
         )
@@ -204,7 +203,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         self._parameter_event_publisher = None
         super().destroy_node()
         if self.__rosout is not None:
-            rosout.detach(handle.logger_name, self.__rosout.publish)
+            system.rosout.detach(handle.logger_name, self.__rosout.publish)
             self.__rosout.destroy()
         handle.session.remove_node(handle)
         executor = self.executor

@@ -1,5 +1,6 @@
 """The parameters of a node."""
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -16,7 +17,6 @@ from rclpy.exceptions import (
 from rclpy.names import validate_parameter_name
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING as SEPARATOR
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_ranges import PARAM_REL_TOL, range_error
 
 _WRONG_TYPE = "Wrong parameter type"
 _Callback = Callable[[list[Parameter]], Any]
@@ -33,7 +33,8 @@ class ParameterStore:
     filled in, after every change. Nothing here needs the middleware.
     """
 
-    PARAM_REL_TOL = PARAM_REL_TOL
+    #: Relative tolerance for bounds and steps of floating point ranges.
+    PARAM_REL_TOL = 1e-6
 
     def __init__(
         self,
@@ -285,7 +286,7 @@ class ParameterStore:
         elif parameter.type_.value != descriptor.type:
             expected = Parameter.Type(descriptor.type)
             return f"{_WRONG_TYPE}, expected '{expected}' got '{parameter.type_}'"
-        return range_error(parameter, descriptor)
+        return _range_error(parameter, descriptor)
 
     def describe_parameter(self, name: str) -> Any:
         """Return the descriptor of a parameter, an empty one for an undeclared one."""
@@ -334,3 +335,29 @@ class ParameterStore:
 
     def remove_post_set_parameters_callback(self, callback: _Callback) -> None:
         self._post_set_parameters_callbacks.remove(callback)
+
+
+def _range_error(parameter: Parameter, descriptor: Any) -> str | None:
+    """Return why the value is outside the descriptor's range; None if it is inside or there is no range."""
+    exact = parameter.type_ is Parameter.Type.INTEGER
+    ranges: list[Any] = descriptor.integer_range if exact else descriptor.floating_point_range
+    if not ranges or not (exact or parameter.type_ is Parameter.Type.DOUBLE):
+        return None
+    name, value, step = parameter.name, parameter.value, ranges[0].step
+    low, high = sorted((ranges[0].from_value, ranges[0].to_value))
+
+    def same(one: float, other: float) -> bool:
+        return one == other if exact else math.isclose(one, other, rel_tol=ParameterStore.PARAM_REL_TOL)
+
+    # Values on the edge are always allowed, whatever the step.
+    if same(value, low) or same(value, high):
+        return None
+    if not low < value < high:
+        return f"Parameter {name} out of range{'.' if exact else ''} Min: {low}, Max: {high}, value: {value}"
+    if not step:
+        return None
+    steps = (value - low) // step if exact else round((value - low) / step)
+    if same(value, low + steps * step):
+        return None
+    what = "a valid step" if exact else "close enough to a valid step"
+    return f"The parameter value for {name} is not {what}. Min: {low}, max: {high}, value: {value}, step: {step}"

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from dataclasses import dataclass
+from functools import partialmethod
 from types import FrameType
 from typing import Any, NamedTuple
 
@@ -100,7 +101,7 @@ class RcutilsLogger:
         self._call_sites: dict[CallerId, _CallSite] = {}
 
     def __del__(self) -> None:
-        if self._is_rosout_child and system.rosout is not None:
+        if self._is_rosout_child:
             system.rosout.remove_child(self.name)
 
     def get_child(self, name: str) -> RcutilsLogger:
@@ -108,7 +109,7 @@ class RcutilsLogger:
         if not name:
             raise ValueError("Child logger name must not be empty.")
         child = RcutilsLogger(f"{self.name}.{name}" if self.name else name)
-        if self.name and system.rosout is not None:
+        if self.name:
             child._is_rosout_child = system.rosout.add_child(self.name, child.name)
         return child
 
@@ -147,20 +148,8 @@ class RcutilsLogger:
         system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
         return True
 
-    def debug(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
-
-    def info(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.INFO, **kwargs)
-
-    def warning(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.WARN, **kwargs)
-
-    def warn(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.WARN, **kwargs)
-
-    def error(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.ERROR, **kwargs)
-
-    def fatal(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.FATAL, **kwargs)
+    debug = partialmethod(log, severity=LoggingSeverity.DEBUG)
+    info = partialmethod(log, severity=LoggingSeverity.INFO)
+    warning = warn = partialmethod(log, severity=LoggingSeverity.WARN)
+    error = partialmethod(log, severity=LoggingSeverity.ERROR)
+    fatal = partialmethod(log, severity=LoggingSeverity.FATAL)
