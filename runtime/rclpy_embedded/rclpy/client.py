@@ -80,15 +80,8 @@ class Client(ServiceEndpoint):
         if taken is None:
             return None
         number, response = taken
-
-        def complete() -> None:
-            try:
-                future = self.get_pending_request(number)
-            except KeyError:  # removed
-                return
-            future.set_result(response)
-
-        return complete
+        future = self._pending_requests.get(number)
+        return None if future is None else lambda: future.set_result(response)
 
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""

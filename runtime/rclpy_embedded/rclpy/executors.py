@@ -6,7 +6,7 @@ import inspect
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
@@ -261,14 +261,13 @@ class Executor:
         self._blocked = False
         self._timers, self._guards, self._readers, self._events = [], [], [], []
         for node in self.get_nodes():
-            kinds: tuple[tuple[list[Any], Iterable[Any]], ...] = (
-                (self._timers, node.timers),
-                (self._guards, node.guards),
+            for target, entities in (
+                (self._timers, list(node.timers)),
+                (self._guards, list(node.guards)),
                 (self._readers, [*node.subscriptions, *node.clients, *node.services]),
-                (self._events, node.waitables),
-            )
-            for target, entities in kinds:
-                for entity in list(entities):
+                (self._events, list(node.waitables)),
+            ):
+                for entity in entities:
                     if self.can_execute(entity):
                         target.append((entity, node))
                     else:
@@ -294,27 +293,20 @@ class Executor:
             with self._lock:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
-        ready = self._ready
-        for entry in self._timers:
-            if entry[0]._wait_ns() == 0:
-                ready.append(entry)
+        self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
         found = 0
         if triggered:
             for reader in self._readers:
                 if reader[0].condition.is_triggered():
-                    ready.append(reader)
+                    self._ready.append(reader)
                     found += 1
                     if found == triggered:
                         break
-        for entry in self._guards:
-            if entry[0]._triggered:
-                ready.append(entry)
+        self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
         if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
-            for event in self._events:
-                if event[0].is_ready():
-                    ready.appendleft(event)
+            self._ready.extendleft(event for event in self._events if event[0].is_ready())
 
     def __enter__(self) -> Executor:
         return self

@@ -7,7 +7,7 @@ import weakref
 from typing import Any
 
 from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterEvent
-from rclpy import arguments
+from rclpy import arguments, names
 from rclpy.clock import Clock, ROSClock
 from rclpy.context import Context, context_or_default
 from rclpy.event_handler import PublisherEventCallbacks
@@ -19,13 +19,6 @@ from rclpy.impl.remapping import remap, remap_node
 from rclpy.impl.session import LocalNode
 from rclpy.logging import get_logger
 from rclpy.logging_service import LoggingService
-from rclpy.names import (
-    expand_topic_name,
-    validate_full_topic_name,
-    validate_namespace,
-    validate_node_name,
-    validate_topic_name,
-)
 from rclpy.node_entities import NodeEntities
 from rclpy.node_graph import NodeGraph
 from rclpy.parameter import Parameter
@@ -71,9 +64,9 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         local = arguments.parse(cli_args) if cli_args else None
         global_ = self._context.arguments if use_global_arguments else None
         self.__rules = arguments.rules_for(local, global_)
-        validate_node_name(node_name)
+        names.validate_node_name(node_name)
         namespace = "/" + (namespace or "").removeprefix("/")
-        validate_namespace(namespace)
+        names.validate_namespace(namespace)
         name, namespace = remap_node(node_name, namespace, self.__rules)
         local_node = LocalNode(session, namespace, name)
         overrides = arguments.parameter_overrides(local_node.full_name, local, global_)
@@ -180,9 +173,9 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         return self._logger
 
     def __resolve(self, name: str, *, is_service: bool, only_expand: bool) -> str:
-        validate_topic_name(name, is_service=is_service)
-        full = expand_topic_name(name, self.get_name(), self.get_namespace())
-        validate_full_topic_name(full, is_service=is_service)
+        names.validate_topic_name(name, is_service=is_service)
+        full = names.expand_topic_name(name, self.get_name(), self.get_namespace())
+        names.validate_full_topic_name(full, is_service=is_service)
         if only_expand:
             return full
         return remap(full, self.get_name(), self.get_namespace(), self.__rules, is_service=is_service)

@@ -65,6 +65,7 @@ class TopicEndpoint(Endpoint):
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos_profile
+        self.callback_group = callback_group
         self._support = type_support(msg_type)
         session, dds_topic = local_node.session, "rt" + name
         create = session.writer if self._is_writer else session.reader
