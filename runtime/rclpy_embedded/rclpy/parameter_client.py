@@ -41,12 +41,10 @@ class AsyncParameterClient:
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until all six services are there (None: without a limit) and return whether they are."""
         deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
-        while not self.services_are_ready():
-            remaining = 0.05 if deadline is None else min(0.05, deadline - time.monotonic())
-            if remaining <= 0.0 or not self.node.context.ok():
-                return self.services_are_ready()
-            time.sleep(remaining)
-        return True
+        return all(
+            client.wait_for_service(None if deadline is None else max(0.0, deadline - time.monotonic()))
+            for client in self._clients.values()
+        )
 
     def _call(self, service: str, callback: Callback | None, **fields: Any) -> Future:
         future: Future = self._clients[service].call_async(service_type(service).Request(**fields))

@@ -26,21 +26,6 @@ class LogRecord(NamedTuple):
     stamp_ns: int
 
 
-def _values(record: LogRecord) -> dict[str, str]:
-    """Return the tokens of the console's layout."""
-    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
-    date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
-    return {key: str(value) for key, value in record._asdict().items()} | {
-        "severity": record.severity.name,
-        "time": f"{seconds:010d}.{nanoseconds:09d}",
-        "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
-        "time_as_nanoseconds": f"{record.stamp_ns:019d}",
-    }
-
-
-_TOKEN = re.compile(
-    "{(severity|name|message|function_name|file_name|line_number|time|date_time_with_ms|time_as_nanoseconds)}"
-)
 _ESCAPES = {r"\a": "\a", r"\b": "\b", r"\n": "\n", r"\r": "\r", r"\t": "\t", r"\x1b": "\x1b"}
 _NORMAL = "\033[0m"
 _COLORS = {"DEBUG": "\033[32m", "INFO": _NORMAL, "WARN": "\033[33m", "ERROR": "\033[31m", "FATAL": "\033[31m"}
@@ -67,8 +52,20 @@ class Console:
 
     def format(self, record: LogRecord) -> str:
         """Return the message in the layout of the console, without colour."""
-        values = _values(record)
-        return _TOKEN.sub(lambda token: values[token[1]], self._layout)
+        seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+        date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+        values = {
+            "severity": record.severity.name,
+            "name": record.name,
+            "message": record.message,
+            "function_name": record.function_name,
+            "file_name": record.file_name,
+            "line_number": str(record.line_number),
+            "time": f"{seconds:010d}.{nanoseconds:09d}",
+            "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
+            "time_as_nanoseconds": f"{record.stamp_ns:019d}",
+        }
+        return re.sub(r"{(\w+)}", lambda token: values.get(token[1], token[0]), self._layout)
 
     def __call__(self, record: LogRecord) -> None:
         """Write the message; a console that was closed is ignored."""

@@ -66,14 +66,14 @@ class _CallSite:
 
     def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
         """Raise ValueError if a later call at the place asks for something else."""
-        if severity != self.severity:
-            raise ValueError("Logger severity cannot be changed between calls.")
-        if name != self.name:
-            raise ValueError("Logger name cannot be changed between calls.")
-        if options.keys() != self.options.keys():
-            raise ValueError("Requested logging filters cannot be changed between calls.")
-        if options != self.options:
-            raise ValueError("Logging filter parameters cannot be changed between calls.")
+        for what, is_same in (
+            ("Logger severity", severity == self.severity),
+            ("Logger name", name == self.name),
+            ("Requested logging filters", options.keys() == self.options.keys()),
+            ("Logging filter parameters", options == self.options),
+        ):
+            if not is_same:
+                raise ValueError(f"{what} cannot be changed between calls.")
 
     def lets_pass(self) -> bool:
         """Return whether the filters pass this message: throttle, then skip first, then once."""
