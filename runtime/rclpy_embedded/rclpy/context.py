@@ -74,9 +74,7 @@ class Context:
 
     def get_domain_id(self) -> int:
         """Return the DDS domain."""
-        if self._session is None:
-            raise RuntimeError("Context must be initialized before it can have a domain id")
-        return self._session.domain_id
+        return self.session.domain_id
 
     def shutdown(self) -> None:
         """Shut it down; RCLError if that was done before."""

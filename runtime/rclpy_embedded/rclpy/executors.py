@@ -98,13 +98,10 @@ class Executor:
         Every task runs once between two waits, the newest first.
         """
         task = Task(callback, args, kwargs, executor=self)
-        self._add_task(task)
-        self.wake()
-        return task
-
-    def _add_task(self, task: Task) -> None:
         with self._lock:
             self._tasks.append(task)
+        self.wake()
+        return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop; return whether a callback under way ended in time."""
@@ -198,7 +195,8 @@ class Executor:
                 return
             task()
             if entity is not None and not task.done():
-                self._add_task(task)
+                with self._lock:
+                    self._tasks.append(task)
                 # The group may be closed to its other entities now: do not wait for those.
                 self._entities_changed = True
             if task.exception() is not None:
@@ -274,7 +272,7 @@ class Executor:
                         self._blocked = True
         conditions = [entity.condition for entity, _ in self._readers]
         conditions += [entity.condition for entity, _ in self._events if entity.condition is not None]
-        self._conditions.update(conditions, lambda entity: entity._ref not in entity._entities)
+        self._conditions.update(conditions)
 
     def _collect(self, timeout_ns: int) -> None:
         """Sleep until something is ready and note what."""

@@ -7,13 +7,7 @@ checked in the order of rcl and rmw, so that the same fault of several is report
 import re
 from typing import Literal
 
-from rclpy.exceptions import (
-    InvalidNamespaceException,
-    InvalidNodeNameException,
-    InvalidParameterException,
-    InvalidServiceNameException,
-    InvalidTopicNameException,
-)
+from rclpy import exceptions
 
 TOPIC_SEPARATOR_STRING = "/"
 
@@ -109,35 +103,39 @@ def _bad_character(name: str, index: int) -> NameError_:
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid name, which need not be expanded; else raise Invalid{Topic,Service}NameException."""
     if error := topic_name_error(name):
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
+            name, *error
+        )
     return True
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid fully qualified name; else raise Invalid{Topic,Service}NameException."""
     if error := full_topic_name_error(name):
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
+            name, *error
+        )
     return True
 
 
 def validate_namespace(namespace: str) -> Literal[True]:
     """Return True for a valid absolute namespace; else raise InvalidNamespaceException."""
     if error := namespace_error(namespace):
-        raise InvalidNamespaceException(namespace, *error)
+        raise exceptions.InvalidNamespaceException(namespace, *error)
     return True
 
 
 def validate_node_name(node_name: str) -> Literal[True]:
     """Return True for a valid node name; else raise InvalidNodeNameException."""
     if error := node_name_error(node_name):
-        raise InvalidNodeNameException(node_name, *error)
+        raise exceptions.InvalidNodeNameException(node_name, *error)
     return True
 
 
 def validate_parameter_name(name: str) -> Literal[True]:
     """Return True for a valid parameter name; else raise InvalidParameterException."""
     if not name:
-        raise InvalidParameterException(name)
+        raise exceptions.InvalidParameterException(name)
     return True
 
 

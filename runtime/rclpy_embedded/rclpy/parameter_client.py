@@ -6,7 +6,6 @@ from typing import Any
 
 from rcl_interfaces import msg
 from rclpy.callback_groups import CallbackGroup
-from rclpy.impl.protocols import NodeLike
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.parameter_service import SERVICES, service_type
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
@@ -22,7 +21,7 @@ class AsyncParameterClient:
 
     def __init__(
         self,
-        node: NodeLike,
+        node: Any,
         remote_node_name: str,
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,

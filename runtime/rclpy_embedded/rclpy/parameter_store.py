@@ -6,14 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces import msg
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterAlreadyDeclaredException,
-    ParameterImmutableException,
-    ParameterNotDeclaredException,
-    ParameterUninitializedException,
-)
+from rclpy import exceptions
 from rclpy.names import validate_parameter_name
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING as SEPARATOR
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -81,14 +74,14 @@ class ParameterStore:
             declared.append(Parameter(name, value=value))
         already = [parameter.name for parameter in declared if parameter.name in self._parameters]
         if already:
-            raise ParameterAlreadyDeclaredException(already)
+            raise exceptions.ParameterAlreadyDeclaredException(already)
         for parameter in declared:
             result = self._set_atomically([parameter], descriptors)
             if not result.successful:
                 if result.reason.startswith(_WRONG_TYPE):
                     expected = Parameter.Type(descriptors[parameter.name].type).name
-                    raise InvalidParameterTypeException(parameter, expected)
-                raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+                    raise exceptions.InvalidParameterTypeException(parameter, expected)
+                raise exceptions.InvalidParameterValueException(parameter.name, parameter.value, result.reason)
         return [self._parameters[parameter.name] for parameter in declared]
 
     def _declaration(self, namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
@@ -138,9 +131,9 @@ class ParameterStore:
     def undeclare_parameter(self, name: str) -> None:
         """Forget a parameter."""
         if not self.has_parameter(name):
-            raise ParameterNotDeclaredException(name)
+            raise exceptions.ParameterNotDeclaredException(name)
         if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
+            raise exceptions.ParameterImmutableException(name)
         del self._parameters[name]
         del self._descriptors[name]
 
@@ -151,7 +144,7 @@ class ParameterStore:
     def _is_declared(self, name: str) -> bool:
         """Return the same; ParameterNotDeclaredException if it is not and has to be."""
         if name not in self._parameters and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(name)
+            raise exceptions.ParameterNotDeclaredException(name)
         return name in self._parameters
 
     def get_parameter_type(self, name: str) -> Any:
@@ -168,7 +161,7 @@ class ParameterStore:
             return Parameter(name)
         parameter = self._parameters[name]
         if parameter.type_ is Parameter.Type.NOT_SET and not self._descriptors[name].dynamic_typing:
-            raise ParameterUninitializedException(name)
+            raise exceptions.ParameterUninitializedException(name)
         return parameter
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
@@ -237,7 +230,7 @@ class ParameterStore:
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._parameters]
         if undeclared and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(undeclared)
+            raise exceptions.ParameterNotDeclaredException(undeclared)
         return self._set_atomically(parameter_list)
 
     def _set_atomically(self, parameter_list: list[Parameter], declared: Mapping[str, Any] | None = None) -> Any:
@@ -301,14 +294,14 @@ class ParameterStore:
         if not self._is_declared(name):
             return Parameter(name).get_parameter_value()
         if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
+            raise exceptions.ParameterImmutableException(name)
         parameter = self.get_parameter(name)
         reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason and alternative_value is not None:
             parameter = Parameter.from_parameter_msg(msg.Parameter(name=name, value=alternative_value))
             reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason:
-            raise InvalidParameterValueException(name, parameter.value, reason)
+            raise exceptions.InvalidParameterValueException(name, parameter.value, reason)
         self._parameters[name] = parameter
         self._descriptors[name] = descriptor
         return self.get_parameter(name).get_parameter_value()

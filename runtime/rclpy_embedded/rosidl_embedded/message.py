@@ -183,9 +183,9 @@ def _class_name(type_: d.AbstractType, namespace: dict[str, Any]) -> str:
     return name
 
 
-def _construction(field: d.Field, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
+def _construction(field: d.Member, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
     """Source of the default value, and of the value to assign when one was given to the constructor."""
-    name, type_, default = field.name, field.type, field.default
+    name, type_, default = field.name, field.type, field.value
     match type_:
         case d.Array(d.BasicType(is_number=True) as element, size):
             import numpy as np
@@ -207,7 +207,7 @@ def _construction(field: d.Field, class_name: str, namespace: dict[str, Any]) ->
     return "[]" if isinstance(type_, d.AbstractSequence) else single, name
 
 
-def _assignment(field: d.Field, class_name: str) -> list[str]:
+def _assignment(field: d.Member, class_name: str) -> list[str]:
     """Source of the body of a setter."""
     name, type_ = field.name, field.type
     if isinstance(type_, d.AbstractNestedType):

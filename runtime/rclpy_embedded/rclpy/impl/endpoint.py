@@ -3,10 +3,11 @@
 import copy
 from typing import Any, ClassVar
 
+from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
 from rclpy.callback_groups import CallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.impl.dds import any_sample, delete, profile_from_dds
+from rclpy.impl.dds import delete, profile_from_dds
 from rclpy.impl.handle import Destroyable
 from rclpy.impl.session import LocalNode, Reader, Session, Writer
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy, qos_profile_best_available
@@ -34,7 +35,7 @@ class Endpoint(Destroyable):
         self._name = name
         self._entities = entities
         if isinstance(entities[0], Reader):
-            self.condition = any_sample(entities[0])
+            self.condition = ReadCondition(entities[0], SampleState.Any | ViewState.Any | InstanceState.Any)
         local_node.session.add_endpoints(local_node, *entities)
 
     def destroy(self) -> None:
