@@ -81,11 +81,7 @@ QoSSubscriptionMatchedInfo = QoSPublisherMatchedInfo = MatchedInfo
 
 
 class _EventType(IntEnum):
-    """Number in rcl, name among the callbacks, name of the DDS status, and what the callback gets.
-
-    Incompatible types have no status: as with rmw_cyclonedds_cpp, handlers for them are accepted and never called,
-    since Cyclone DDS does not raise INCONSISTENT_TOPIC.
-    """
+    """Number in rcl, name among the callbacks, name of the DDS status (incompatible types have none), type of info."""
 
     callback: str
     status: str
@@ -144,7 +140,6 @@ class EventHandler(Waitable):
         self._pending = self._read()
 
     def is_ready(self) -> bool:
-        """Return whether the event happened since the last take."""
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
     def _read(self) -> _Info | None:
@@ -157,12 +152,10 @@ class EventHandler(Waitable):
         return info if info.has_changed() else None
 
     def take_data(self) -> Any:
-        """Take the event's info; None if nothing changed."""
         pending, self._pending = self._pending, None
         return pending if pending is not None else self._read()
 
     async def execute(self, taken_data: Any) -> None:
-        """Call back."""
         if taken_data is not None:
             result = self.callback(taken_data)
             if inspect.isawaitable(result):
@@ -207,7 +200,7 @@ class _EventCallbacks:
         defaults: dict[str, Any] = {}
         if self.use_default_callbacks:
             defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
-        # A new entity has every status in its mask; one that nobody takes would end every wait at once.
+        # A new entity has every status in its mask; one that is never taken would end every wait at once.
         entity.set_status_mask(0)
         return [
             EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)

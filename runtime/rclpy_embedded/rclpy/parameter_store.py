@@ -142,7 +142,7 @@ class ParameterStore:
         return name in self._parameters
 
     def _is_declared(self, name: str) -> bool:
-        """Return the same; ParameterNotDeclaredException if it is not and has to be."""
+        """Return the same; ParameterNotDeclaredException where undeclared parameters are not allowed."""
         if name not in self._parameters and not self._allow_undeclared_parameters:
             raise exceptions.ParameterNotDeclaredException(name)
         return name in self._parameters
@@ -215,8 +215,8 @@ class ParameterStore:
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all the parameters or none.
 
-        The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks learn
-        of it. A dynamically typed parameter set to NOT_SET is undeclared.
+        The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks
+        are called at the end. A dynamically typed parameter set to NOT_SET is undeclared.
         """
         if self._pre_set_parameters_callbacks:
             callbacks = list(self._pre_set_parameters_callbacks)

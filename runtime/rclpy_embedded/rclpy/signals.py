@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: shut down all contexts and wake everyone who waits."""
+"""SIGINT and SIGTERM: shut down all contexts and end all waits."""
 
 import os
 import signal

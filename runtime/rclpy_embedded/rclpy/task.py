@@ -21,7 +21,7 @@ class Future:
         self._exception: BaseException | None = None
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future], Any]] = []
-        # Called at once and in the thread that completes the future: must only wake somebody.
+        # Called at once and in the thread that completes the future: must only wake an executor or a thread.
         self._wakers: list[Callable[[], None]] = []
         self._lock = threading.Lock()
         self._set_executor(executor)

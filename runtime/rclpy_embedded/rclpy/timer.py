@@ -168,7 +168,6 @@ class Timer(Destroyable):
         return lambda: callback(info)
 
     def destroy(self) -> None:
-        """End it; programs call ``Node.destroy_timer``."""
         super().destroy()
         if self._jumps is not None:
             self._jumps.unregister()

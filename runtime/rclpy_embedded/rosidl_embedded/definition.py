@@ -56,7 +56,7 @@ class BasicType(AbstractType):
 
     @property
     def traits(self) -> Traits:
-        """What there is to know of the type."""
+        """Code, size, class and number of the type."""
         return TRAITS[self.typename]
 
     @property

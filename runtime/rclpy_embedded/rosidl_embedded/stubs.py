@@ -98,7 +98,7 @@ def write(package: str, into: Path) -> None:
 
 
 def main() -> None:
-    """Write the stubs that the command line asks for."""
+    """Write the stubs that the command line names."""
     parser = argparse.ArgumentParser(description="Write stubs of the common interface packages and of your own.")
     parser.add_argument("folders", nargs="*", metavar="FOLDER", help="an interface package, or a folder of such")
     parser.add_argument("--into", type=Path, default=Path(sysconfig.get_path("purelib")), help="default: %(default)s")

@@ -1,4 +1,4 @@
-"""What a middleware needs to know of a message or service class: names, type hash, and the way to bytes and back."""
+"""Message and service classes for a middleware: names, type hashes, serialization."""
 
 import struct
 from collections.abc import Callable

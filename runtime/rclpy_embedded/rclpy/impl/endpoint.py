@@ -39,7 +39,6 @@ class Endpoint(Destroyable):
         local_node.session.add_endpoints(local_node, *entities)
 
     def destroy(self) -> None:
-        """Remove it from the graph; programs call the node's method for this."""
         if self._handle is not None:
             super().destroy()
             for handler in self.event_handlers:

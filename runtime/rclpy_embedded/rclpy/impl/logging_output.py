@@ -40,7 +40,7 @@ def _switch(name: str) -> bool | None:
 
 
 class Console:
-    """Writes messages to stderr, or as the RCUTILS_* variables of the environment say."""
+    """Writes messages to stderr; the RCUTILS_* variables of the environment change stream, colour and layout."""
 
     def __init__(self) -> None:
         self._use_stdout = _switch("RCUTILS_LOGGING_USE_STDOUT") is True

@@ -55,7 +55,7 @@ def _check_options(options: dict[str, Any]) -> None:
 
 @dataclass
 class _CallSite:
-    """What the first call at a place in the code asked for, and what the filters remember of the calls there."""
+    """Arguments of the first call at a place in the code, and the state of the filters there."""
 
     severity: LoggingSeverity
     name: str
@@ -65,7 +65,7 @@ class _CallSite:
     has_passed: bool = False
 
     def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
-        """Raise ValueError if a later call at the place asks for something else."""
+        """Raise ValueError if a later call at the place has other arguments."""
         for what, is_same in (
             ("Logger severity", severity == self.severity),
             ("Logger name", name == self.name),
@@ -75,7 +75,7 @@ class _CallSite:
             if not is_same:
                 raise ValueError(f"{what} cannot be changed between calls.")
 
-    def lets_pass(self) -> bool:
+    def passes(self) -> bool:
         """Return whether the filters pass this message: throttle, then skip first, then once."""
         if duration_sec := self.options.get("throttle_duration_sec"):
             clock = self.options.get("throttle_time_source_type")
@@ -143,7 +143,7 @@ class RcutilsLogger:
         caller = CallerId.current()
         site = self._call_sites.setdefault(caller, _CallSite(severity, name, options))
         site.check_unchanged(severity, name, options)
-        if not site.lets_pass():
+        if not site.passes():
             return False
         system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
         return True
