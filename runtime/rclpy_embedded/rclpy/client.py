@@ -7,7 +7,7 @@ from typing import Any
 
 from cyclonedds.core import DDSStatus, WaitSet
 from rclpy.context import Context
-from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, matched_ids
+from rclpy.impl.endpoint import RequestId, ServiceEndpoint, matched_ids
 from rclpy.task import Future
 
 # A wait for a service looks at least this often whether the context is still up.

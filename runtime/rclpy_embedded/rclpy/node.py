@@ -15,7 +15,6 @@ from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor
 from rclpy.impl.handle import DESTROYED
 from rclpy.impl.logging_output import system
-from rclpy.impl.remapping import remap, remap_node
 from rclpy.impl.session import LocalNode
 from rclpy.logging import get_logger
 from rclpy.logging_service import LoggingService
@@ -63,11 +62,11 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         session = self._context.session
         local = arguments.parse(cli_args) if cli_args else None
         global_ = self._context.arguments if use_global_arguments else None
-        self.__rules = arguments.rules_for(local, global_)
+        self.__rules = [rule for given in (local, global_) if given for rule in given.remap_rules]
         names.validate_node_name(node_name)
         namespace = "/" + (namespace or "").removeprefix("/")
         names.validate_namespace(namespace)
-        name, namespace = remap_node(node_name, namespace, self.__rules)
+        name, namespace = names.remap_node(node_name, namespace, self.__rules)
         local_node = LocalNode(session, namespace, name)
         overrides = arguments.parameter_overrides(local_node.full_name, local, global_)
         overrides.update({parameter.name: parameter for parameter in parameter_overrides or []})
@@ -178,7 +177,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         names.validate_full_topic_name(full, is_service=is_service)
         if only_expand:
             return full
-        return remap(full, self.get_name(), self.get_namespace(), self.__rules, is_service=is_service)
+        return names.remap(full, self.get_name(), self.get_namespace(), self.__rules, is_service=is_service)
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the full name of a topic, after remapping unless `only_expand`."""
