@@ -26,6 +26,9 @@ _STRICT_AND_LAX = {
     "liveliness": (LivelinessPolicy.MANUAL_BY_TOPIC, LivelinessPolicy.AUTOMATIC),
 }
 _POLICIES = (*_STRICT_AND_LAX, "deadline", "liveliness_lease_duration")
+# Goes before requests and replies: the client's id and the number of the request.
+_HEADER = struct.Struct("<Qq")
+_ENCAPSULATION_SIZE = 4
 
 
 class Endpoint(Destroyable):
@@ -107,11 +110,6 @@ def _best(name: str, of_peers: list[Any], writer: bool) -> Any:
         return strict if all(value == strict for value in of_peers) else lax
     # What a writer offers beyond need does no harm, but liveliness has to be asserted by its program.
     return strict if name != "liveliness" or strict in of_peers else lax
-
-
-# Goes before requests and replies: the client's id and the number of the request.
-_HEADER = struct.Struct("<Qq")
-_ENCAPSULATION_SIZE = 4
 
 
 @dataclass(frozen=True)
