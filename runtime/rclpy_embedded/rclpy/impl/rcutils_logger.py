@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partialmethod
 from types import FrameType
 from typing import Any, NamedTuple
 
@@ -92,6 +92,13 @@ class _CallSite:
         return True
 
 
+def _logging_at(severity: LoggingSeverity) -> Callable[..., bool]:
+    def method(self: RcutilsLogger, message: str, **kwargs: Any) -> bool:
+        return self.log(message, severity, **kwargs)
+
+    return method
+
+
 class RcutilsLogger:
     """A named logger. Loggers form a hierarchy by the dots in their names and inherit levels along it."""
 
@@ -148,8 +155,8 @@ class RcutilsLogger:
         system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
         return True
 
-    debug = partialmethod(log, severity=LoggingSeverity.DEBUG)
-    info = partialmethod(log, severity=LoggingSeverity.INFO)
-    warning = warn = partialmethod(log, severity=LoggingSeverity.WARN)
-    error = partialmethod(log, severity=LoggingSeverity.ERROR)
-    fatal = partialmethod(log, severity=LoggingSeverity.FATAL)
+    debug = _logging_at(LoggingSeverity.DEBUG)
+    info = _logging_at(LoggingSeverity.INFO)
+    warning = warn = _logging_at(LoggingSeverity.WARN)
+    error = _logging_at(LoggingSeverity.ERROR)
+    fatal = _logging_at(LoggingSeverity.FATAL)
