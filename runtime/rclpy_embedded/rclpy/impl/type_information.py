@@ -1,7 +1,7 @@
 """Keeps XTypes information off the wire: rmw sends none, so that types match by name alone.
 
-The cyclonedds package always announces the structure of its Python type, which here only carries CDR. So the size of the
-topic's information is set to zero in memory while a reader or writer is made of the topic, and back afterwards.
+The cyclonedds package always announces the structure of its Python type, which here only carries CDR. So the size of
+the topic's information is set to zero in memory while a reader or writer is made of the topic, and back afterwards.
 Everything is checked first: where the memory does not look as expected (another version), nothing is touched.
 """
 
