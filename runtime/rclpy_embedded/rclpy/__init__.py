@@ -10,37 +10,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from rclpy.context import Context
-from rclpy.impl.default_context import context_or_default, get_default_context
-from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions, install_signal_handlers, uninstall_signal_handlers
-from rclpy.task import Future
-from rclpy.utilities import get_rmw_implementation_identifier, ok, try_shutdown
+from rclpy.context import Context as Context
+from rclpy.context import context_or_default
+from rclpy.context import get_default_context as get_default_context
+from rclpy.parameter import Parameter as Parameter
+from rclpy.signals import SignalHandlerOptions as SignalHandlerOptions
+from rclpy.signals import install_signal_handlers, uninstall_signal_handlers
+from rclpy.task import Future as Future
+from rclpy.utilities import get_rmw_implementation_identifier as get_rmw_implementation_identifier
+from rclpy.utilities import ok as ok
 from rclpy.utilities import shutdown as _shutdown
+from rclpy.utilities import try_shutdown as try_shutdown
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
 __version__ = "0.2.0"
-
-__all__ = [
-    "Context",
-    "Future",
-    "Parameter",
-    "SignalHandlerOptions",
-    "create_node",
-    "get_default_context",
-    "get_global_executor",
-    "get_rmw_implementation_identifier",
-    "init",
-    "ok",
-    "shutdown",
-    "spin",
-    "spin_once",
-    "spin_until_future_complete",
-    "try_shutdown",
-]
 
 _executor: Executor | None = None
 

@@ -12,7 +12,7 @@ from rclpy import parameter_yaml
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.impl.rcutils_logger import RcutilsLogger
-from rclpy.impl.remapping import TOKEN, RemapRule
+from rclpy.names import TOKEN, RemapRule
 from rclpy.parameter import Parameter
 
 _PARAMETER_TOKEN = r"(?:[A-Za-z_/][A-Za-z0-9_]*)+"
@@ -124,11 +124,6 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
     if unknown:
         raise UnknownROSArgsError(repr(unknown))
     return arguments
-
-
-def rules_for(*arguments: Arguments | None) -> list[RemapRule]:
-    """Return the remap rules of a node: those of its own arguments, given first, before those of the process."""
-    return [rule for given in arguments if given for rule in given.remap_rules]
 
 
 def _matches(pattern: str, full_name: str) -> bool:

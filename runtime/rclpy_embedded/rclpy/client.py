@@ -5,13 +5,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cyclonedds.core import DDSStatus, WaitSet
 from rclpy.context import Context
-from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, matched_ids
+from rclpy.impl.endpoint import RequestId, ServiceEndpoint, matched_ids
 from rclpy.task import Future
 
-# A wait for a service looks at least this often whether the context is still up.
-_LONGEST_WAIT_S = 0.25
+_POLL_S = 0.01
 
 
 class Client(ServiceEndpoint):
@@ -80,15 +78,8 @@ class Client(ServiceEndpoint):
         if taken is None:
             return None
         number, response = taken
-
-        def complete() -> None:
-            try:
-                future = self.get_pending_request(number)
-            except KeyError:  # removed
-                return
-            future.set_result(response)
-
-        return complete
+        future = self._pending_requests.get(number)
+        return None if future is None else lambda: future.set_result(response)
 
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
@@ -100,18 +91,9 @@ class Client(ServiceEndpoint):
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""
-        self._writer.set_status_mask(DDSStatus.PublicationMatched)
-        self._reader.set_status_mask(DDSStatus.SubscriptionMatched)
-        waitset = WaitSet(self._local_node.session.participant)
-        waitset.attach(self._writer)
-        waitset.attach(self._reader)
         deadline = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        while True:
-            self._writer.get_publication_matched_status()
-            self._reader.get_subscription_matched_status()
-            if self.service_is_ready():
-                return True
-            remaining = _LONGEST_WAIT_S if deadline is None else min(_LONGEST_WAIT_S, deadline - time.monotonic())
-            if remaining <= 0:
+        while not self.service_is_ready():
+            if deadline is not None and time.monotonic() >= deadline:
                 return False
-            waitset.wait(int(remaining * 1e9))
+            time.sleep(_POLL_S)
+        return True

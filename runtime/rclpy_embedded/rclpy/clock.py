@@ -11,10 +11,9 @@ from typing import Any, cast
 
 from rclpy.clock_type import ClockType as ClockType
 from rclpy.constants import S_TO_NS
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.duration import Duration
 from rclpy.exceptions import NotInitializedException
-from rclpy.impl.default_context import context_or_default
 from rclpy.time import Time
 
 #: Seconds of one wait: a sleep of centuries must not overflow the system's timeout.

@@ -17,6 +17,8 @@ from rclpy.impl.logging_output import system
 from rclpy.impl.session import Session
 
 _initialized: WeakSet[Context] = WeakSet()
+_default: Context | None = None
+default_lock = threading.RLock()
 
 
 class Context:
@@ -72,9 +74,7 @@ class Context:
 
     def get_domain_id(self) -> int:
         """Return the DDS domain."""
-        if self._session is None:
-            raise RuntimeError("Context must be initialized before it can have a domain id")
-        return self._session.domain_id
+        return self.session.domain_id
 
     def shutdown(self) -> None:
         """Shut it down; RCLError if that was done before."""
@@ -136,6 +136,20 @@ class Context:
 
     def __exit__(self, *_: Any) -> None:
         self.try_shutdown()
+
+
+def get_default_context(*, shutting_down: bool = False) -> Context:
+    """Return the global default context; with `shutting_down` the next call makes a new one."""
+    global _default
+    with default_lock:
+        context = _default or Context()
+        _default = None if shutting_down else context
+        return context
+
+
+def context_or_default(context: Context | None) -> Context:
+    """Return the context, or the global one instead of None."""
+    return get_default_context() if context is None else context
 
 
 def interrupt_all() -> None:

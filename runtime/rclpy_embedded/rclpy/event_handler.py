@@ -81,40 +81,42 @@ QoSSubscriptionMatchedInfo = QoSPublisherMatchedInfo = MatchedInfo
 
 
 class _EventType(IntEnum):
-    """Number in rcl, name of the DDS status, and what the callback gets.
+    """Number in rcl, name among the callbacks, name of the DDS status (incompatible types have none), type of info."""
 
-    Incompatible types have no status: as with rmw_cyclonedds_cpp, handlers for them are accepted and never called,
-    since Cyclone DDS does not raise INCONSISTENT_TOPIC.
-    """
-
+    callback: str
     status: str
     info: type[_Info]
 
-    def __new__(cls, value: int, status: str, info: type[_Info]) -> Self:
+    def __new__(cls, value: int, callback: str, status: str, info: type[_Info]) -> Self:
         member = int.__new__(cls, value)
-        member._value_, member.status, member.info = value, status, info
+        member._value_, member.callback, member.status, member.info = value, callback, status, info
         return member
 
 
 class QoSPublisherEventType(_EventType):
     """Events of a publisher."""
 
-    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0, "offered_deadline_missed", CountInfo
-    RCL_PUBLISHER_LIVELINESS_LOST = 1, "liveliness_lost", CountInfo
-    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2, "offered_incompatible_qos", IncompatibleQoSInfo
-    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3, "", CountInfo
-    RCL_PUBLISHER_MATCHED = 4, "publication_matched", MatchedInfo
+    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0, "deadline", "offered_deadline_missed", CountInfo
+    RCL_PUBLISHER_LIVELINESS_LOST = 1, "liveliness", "liveliness_lost", CountInfo
+    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2, "incompatible_qos", "offered_incompatible_qos", IncompatibleQoSInfo
+    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3, "incompatible_type", "", CountInfo
+    RCL_PUBLISHER_MATCHED = 4, "matched", "publication_matched", MatchedInfo
 
 
 class QoSSubscriptionEventType(_EventType):
     """Events of a subscription."""
 
-    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0, "requested_deadline_missed", CountInfo
-    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1, "liveliness_changed", LivelinessChangedInfo
-    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2, "requested_incompatible_qos", IncompatibleQoSInfo
-    RCL_SUBSCRIPTION_MESSAGE_LOST = 3, "sample_lost", CountInfo
-    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4, "", CountInfo
-    RCL_SUBSCRIPTION_MATCHED = 5, "subscription_matched", MatchedInfo
+    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0, "deadline", "requested_deadline_missed", CountInfo
+    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1, "liveliness", "liveliness_changed", LivelinessChangedInfo
+    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = (
+        2,
+        "incompatible_qos",
+        "requested_incompatible_qos",
+        IncompatibleQoSInfo,
+    )
+    RCL_SUBSCRIPTION_MESSAGE_LOST = 3, "message_lost", "sample_lost", CountInfo
+    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4, "incompatible_type", "", CountInfo
+    RCL_SUBSCRIPTION_MATCHED = 5, "matched", "subscription_matched", MatchedInfo
 
 
 class EventHandler(Waitable):
@@ -138,7 +140,6 @@ class EventHandler(Waitable):
         self._pending = self._read()
 
     def is_ready(self) -> bool:
-        """Return whether the event happened since the last take."""
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
     def _read(self) -> _Info | None:
@@ -151,12 +152,10 @@ class EventHandler(Waitable):
         return info if info.has_changed() else None
 
     def take_data(self) -> Any:
-        """Take the event's info; None if nothing changed."""
         pending, self._pending = self._pending, None
         return pending if pending is not None else self._read()
 
     async def execute(self, taken_data: Any) -> None:
-        """Call back."""
         if taken_data is not None:
             result = self.callback(taken_data)
             if inspect.isawaitable(result):
@@ -186,7 +185,7 @@ class _EventCallbacks:
     matched: Callable[[MatchedInfo], Any] | None = None
     use_default_callbacks: bool = True
 
-    _EVENTS: ClassVar[dict[str, _EventType]]
+    _EVENTS: ClassVar[type[_EventType]]
     _WARNING: ClassVar[str]
 
     def create_event_handlers(
@@ -201,12 +200,12 @@ class _EventCallbacks:
         defaults: dict[str, Any] = {}
         if self.use_default_callbacks:
             defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
-        # A new entity has every status in its mask; one that nobody takes would end every wait at once.
+        # A new entity has every status in its mask; one that is never taken would end every wait at once.
         entity.set_status_mask(0)
         return [
             EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
-            for name, event_type in self._EVENTS.items()
-            if (callback := getattr(self, name) or defaults.get(name)) is not None
+            for event_type in self._EVENTS
+            if (callback := getattr(self, event_type.callback) or defaults.get(event_type.callback)) is not None
         ]
 
 
@@ -216,14 +215,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
 
     message_lost: Callable[[CountInfo], Any] | None = None
 
-    _EVENTS = {
-        "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
-        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
-        "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
-        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
-        "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
-        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
-    }
+    _EVENTS = QoSSubscriptionEventType
     _WARNING = (
         "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
     )
@@ -233,11 +225,5 @@ class SubscriptionEventCallbacks(_EventCallbacks):
 class PublisherEventCallbacks(_EventCallbacks):
     __doc__ = _EventCallbacks.__doc__
 
-    _EVENTS = {
-        "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
-        "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
-        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
-        "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
-        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
-    }
+    _EVENTS = QoSPublisherEventType
     _WARNING = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."

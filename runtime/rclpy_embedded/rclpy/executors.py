@@ -6,13 +6,12 @@ import inspect
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl.default_context import context_or_default
 from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
@@ -99,13 +98,10 @@ class Executor:
         Every task runs once between two waits, the newest first.
         """
         task = Task(callback, args, kwargs, executor=self)
-        self._add_task(task)
-        self.wake()
-        return task
-
-    def _add_task(self, task: Task) -> None:
         with self._lock:
             self._tasks.append(task)
+        self.wake()
+        return task
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop; return whether a callback under way ended in time."""
@@ -199,7 +195,8 @@ class Executor:
                 return
             task()
             if entity is not None and not task.done():
-                self._add_task(task)
+                with self._lock:
+                    self._tasks.append(task)
                 # The group may be closed to its other entities now: do not wait for those.
                 self._entities_changed = True
             if task.exception() is not None:
@@ -262,21 +259,20 @@ class Executor:
         self._blocked = False
         self._timers, self._guards, self._readers, self._events = [], [], [], []
         for node in self.get_nodes():
-            kinds: tuple[tuple[list[Any], Iterable[Any]], ...] = (
-                (self._timers, node.timers),
-                (self._guards, node.guards),
+            for target, entities in (
+                (self._timers, list(node.timers)),
+                (self._guards, list(node.guards)),
                 (self._readers, [*node.subscriptions, *node.clients, *node.services]),
-                (self._events, node.waitables),
-            )
-            for target, entities in kinds:
-                for entity in list(entities):
+                (self._events, list(node.waitables)),
+            ):
+                for entity in entities:
                     if self.can_execute(entity):
                         target.append((entity, node))
                     else:
                         self._blocked = True
         conditions = [entity.condition for entity, _ in self._readers]
         conditions += [entity.condition for entity, _ in self._events if entity.condition is not None]
-        self._conditions.update(conditions, lambda entity: entity._ref not in entity._entities)
+        self._conditions.update(conditions)
 
     def _collect(self, timeout_ns: int) -> None:
         """Sleep until something is ready and note what."""
@@ -295,27 +291,20 @@ class Executor:
             with self._lock:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
-        ready = self._ready
-        for entry in self._timers:
-            if entry[0]._wait_ns() == 0:
-                ready.append(entry)
+        self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
         found = 0
         if triggered:
             for reader in self._readers:
                 if reader[0].condition.is_triggered():
-                    ready.append(reader)
+                    self._ready.append(reader)
                     found += 1
                     if found == triggered:
                         break
-        for entry in self._guards:
-            if entry[0]._triggered:
-                ready.append(entry)
+        self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
         if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
-            for event in self._events:
-                if event[0].is_ready():
-                    ready.appendleft(event)
+            self._ready.extendleft(event for event in self._events if event[0].is_ready())
 
     def __enter__(self) -> Executor:
         return self

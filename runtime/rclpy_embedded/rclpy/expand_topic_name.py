@@ -1,3 +1,1 @@
-"""Expansion of topic names."""
-
 from rclpy.names import expand_topic_name as expand_topic_name

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
-from rclpy.context import Context
-from rclpy.impl.default_context import context_or_default
+from rclpy.context import Context, context_or_default
 from rclpy.impl.handle import Destroyable
 
 

@@ -3,12 +3,10 @@
 import os
 from pathlib import Path
 
-from rclpy.impl import rcutils_logger
 from rclpy.impl.logging_output import system
 from rclpy.impl.logging_severity import LoggingSeverity as LoggingSeverity
 from rclpy.impl.rcutils_logger import RcutilsLogger as RcutilsLogger
 
-rcutils_logger._internal_callers.append(__file__)
 _root_logger = RcutilsLogger()
 
 
@@ -23,12 +21,8 @@ def initialize() -> None:
     """Set the logging system up; importing this module does so."""
 
 
-def shutdown() -> None:
-    """Forget all levels, and read the environment again."""
-    system.initialize()
-
-
-clear_config = shutdown
+#: Forget all levels, and read the environment again.
+shutdown = clear_config = system.initialize
 
 
 def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
@@ -36,14 +30,8 @@ def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bo
     system.set_level(name, LoggingSeverity(level))
 
 
-def get_logger_effective_level(name: str) -> LoggingSeverity:
-    """Return the level of a logger, or of its nearest ancestor that has one."""
-    return system.effective_level(name)
-
-
-def get_logger_level(name: str) -> LoggingSeverity:
-    """Return the level of exactly this logger; UNSET if it has none."""
-    return system.level(name)
+get_logger_effective_level = system.effective_level
+get_logger_level = system.level
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:

@@ -4,14 +4,13 @@ from typing import Any
 
 from rcl_interfaces.msg import LoggerLevel, SetLoggerLevelsResult
 from rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
-from rclpy.impl.protocols import NodeLike
 from rclpy.logging import get_logger_level, set_logger_level
 
 
 class LoggingService:
     """The services ``get_logger_levels`` and ``set_logger_levels`` of a node."""
 
-    def __init__(self, node: NodeLike) -> None:
+    def __init__(self, node: Any) -> None:
         node.create_service(GetLoggerLevels, f"{node.get_name()}/get_logger_levels", self._get_logger_levels)
         node.create_service(SetLoggerLevels, f"{node.get_name()}/set_logger_levels", self._set_logger_levels)
 

@@ -1,19 +1,17 @@
-"""Names in the graph: their rules and their expansion to full names.
+"""Names in the graph: their rules, their expansion to full names, and remapping.
 
 Each ``*_error`` function returns None for a valid name, else ``(message, index of the first bad character)``,
 checked in the order of rcl and rmw, so that the same fault of several is reported.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Literal
 
-from rclpy.exceptions import (
-    InvalidNamespaceException,
-    InvalidNodeNameException,
-    InvalidParameterException,
-    InvalidServiceNameException,
-    InvalidTopicNameException,
-)
+from rclpy import exceptions
 
 TOPIC_SEPARATOR_STRING = "/"
 
@@ -21,6 +19,16 @@ TOPIC_SEPARATOR_STRING = "/"
 MAX_TOPIC_LENGTH = 255 - 8
 MAX_NAMESPACE_LENGTH = MAX_TOPIC_LENGTH - 2
 MAX_NODE_NAME_LENGTH = 255
+
+TOKEN = r"(?:[A-Za-z]|_(?!_))(?:[A-Za-z0-9]|_(?!_))*"
+_NAME = rf"(?:~/|/)?{TOKEN}(?:/{TOKEN})*"
+_RULE = re.compile(
+    rf"(?:(?P<node>{TOKEN}):(?!=))?"
+    rf"(?:(?:__node|__name):=(?P<node_name>{TOKEN})"
+    rf"|__ns:=(?P<namespace>/(?:{TOKEN}(?:/{TOKEN})*)?)"
+    rf"|(?P<scheme>rostopic://|rosservice://)?(?P<match>{_NAME}):=(?P<replacement>{_NAME}))"
+)
+_KINDS = {None: "topic_or_service", "rostopic://": "topic", "rosservice://": "service"}
 
 NameError_ = tuple[str, int] | None
 
@@ -109,35 +117,39 @@ def _bad_character(name: str, index: int) -> NameError_:
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid name, which need not be expanded; else raise Invalid{Topic,Service}NameException."""
     if error := topic_name_error(name):
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
+            name, *error
+        )
     return True
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid fully qualified name; else raise Invalid{Topic,Service}NameException."""
     if error := full_topic_name_error(name):
-        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *error)
+        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
+            name, *error
+        )
     return True
 
 
 def validate_namespace(namespace: str) -> Literal[True]:
     """Return True for a valid absolute namespace; else raise InvalidNamespaceException."""
     if error := namespace_error(namespace):
-        raise InvalidNamespaceException(namespace, *error)
+        raise exceptions.InvalidNamespaceException(namespace, *error)
     return True
 
 
 def validate_node_name(node_name: str) -> Literal[True]:
     """Return True for a valid node name; else raise InvalidNodeNameException."""
     if error := node_name_error(node_name):
-        raise InvalidNodeNameException(node_name, *error)
+        raise exceptions.InvalidNodeNameException(node_name, *error)
     return True
 
 
 def validate_parameter_name(name: str) -> Literal[True]:
     """Return True for a valid parameter name; else raise InvalidParameterException."""
     if not name:
-        raise InvalidParameterException(name)
+        raise exceptions.InvalidParameterException(name)
     return True
 
 
@@ -164,3 +176,58 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
 
     name = re.sub(r"\{(\w*)\}", replacement, name)
     return name if name[0] == "/" else root + name
+
+
+@dataclass(frozen=True)
+class RemapRule:
+    """One remap rule.
+
+    `kind` is 'node', 'namespace', 'topic', 'service' or 'topic_or_service'; `node_name` limits the rule to nodes of
+    that name; `match` is None for nodes and namespaces.
+    """
+
+    kind: str
+    node_name: str | None
+    match: str | None
+    replacement: str
+
+    @classmethod
+    def parse(cls, text: str) -> RemapRule:
+        """Read ``from:=to`` and the like; ValueError if it is no rule."""
+        match = _RULE.fullmatch(text)
+        if match is None:
+            raise ValueError("expected [node:]from:=to, [node:]__node:=name or [node:]__ns:=/namespace")
+        if match["node_name"]:
+            return cls("node", match["node"], None, match["node_name"])
+        if match["namespace"]:
+            return cls("namespace", match["node"], None, match["namespace"])
+        return cls(_KINDS[match["scheme"]], match["node"], match["match"], match["replacement"])
+
+
+def remap_node(name: str, namespace: str, rules: Iterable[RemapRule]) -> tuple[str, str]:
+    """Return a node's name and namespace after remapping; rules for the namespace look at the new name."""
+    rules = list(rules)
+
+    def first(kind: str, node_name: str, otherwise: str) -> str:
+        found = (rule.replacement for rule in rules if rule.kind == kind and rule.node_name in (None, node_name))
+        return next(found, otherwise)
+
+    name = first("node", name, name)
+    return name, first("namespace", name, namespace)
+
+
+def remap(
+    name: str, node_name: str, node_namespace: str, rules: Iterable[RemapRule], *, is_service: bool = False
+) -> str:
+    """Apply the first remap rule that matches a full topic or service name; without one, return the name itself."""
+    kinds = ("topic_or_service", "service" if is_service else "topic")
+    for rule in rules:
+        if rule.match is None or rule.kind not in kinds or rule.node_name not in (None, node_name):
+            continue
+        try:
+            match = expand_topic_name(rule.match, node_name, node_namespace)
+        except ValueError:
+            continue
+        if match == name:
+            return expand_topic_name(rule.replacement, node_name, node_namespace)
+    return name

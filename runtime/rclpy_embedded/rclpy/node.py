@@ -7,26 +7,17 @@ import weakref
 from typing import Any
 
 from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterEvent
-from rclpy import arguments
+from rclpy import arguments, names
 from rclpy.clock import Clock, ROSClock
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidHandle, NotInitializedException
 from rclpy.executors import Executor
-from rclpy.impl.default_context import context_or_default
 from rclpy.impl.handle import DESTROYED
-from rclpy.impl.remapping import remap, remap_node
+from rclpy.impl.logging_output import system
 from rclpy.impl.session import LocalNode
 from rclpy.logging import get_logger
-from rclpy.logging_rosout import rosout
 from rclpy.logging_service import LoggingService
-from rclpy.names import (
-    expand_topic_name,
-    validate_full_topic_name,
-    validate_namespace,
-    validate_node_name,
-    validate_topic_name,
-)
 from rclpy.node_entities import NodeEntities
 from rclpy.node_graph import NodeGraph
 from rclpy.parameter import Parameter
@@ -71,11 +62,11 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         session = self._context.session
         local = arguments.parse(cli_args) if cli_args else None
         global_ = self._context.arguments if use_global_arguments else None
-        self.__rules = arguments.rules_for(local, global_)
-        validate_node_name(node_name)
+        self.__rules = [rule for given in (local, global_) if given for rule in given.remap_rules]
+        names.validate_node_name(node_name)
         namespace = "/" + (namespace or "").removeprefix("/")
-        validate_namespace(namespace)
-        name, namespace = remap_node(node_name, namespace, self.__rules)
+        names.validate_namespace(namespace)
+        name, namespace = names.remap_node(node_name, namespace, self.__rules)
         local_node = LocalNode(session, namespace, name)
         overrides = arguments.parameter_overrides(local_node.full_name, local, global_)
         overrides.update({parameter.name: parameter for parameter in parameter_overrides or []})
@@ -94,7 +85,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
             topic, callbacks, group = "/rosout", PublisherEventCallbacks(), self._default_callback_group
             name = self.resolve_topic_name(topic)
             self.__rosout = Publisher(local_node, Log, topic, name, qos_profile_rosout_default, callbacks, group)
-            rosout.attach(local_node.logger_name, self.__rosout.publish)
+            system.rosout.attach(local_node.logger_name, self.__rosout.publish)
         self._parameter_event_publisher: Publisher | None = self.create_publisher(
             ParameterEvent, "/parameter_events", qos_profile_parameter_events
         )
@@ -181,12 +172,12 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         return self._logger
 
     def __resolve(self, name: str, *, is_service: bool, only_expand: bool) -> str:
-        validate_topic_name(name, is_service=is_service)
-        full = expand_topic_name(name, self.get_name(), self.get_namespace())
-        validate_full_topic_name(full, is_service=is_service)
+        names.validate_topic_name(name, is_service=is_service)
+        full = names.expand_topic_name(name, self.get_name(), self.get_namespace())
+        names.validate_full_topic_name(full, is_service=is_service)
         if only_expand:
             return full
-        return remap(full, self.get_name(), self.get_namespace(), self.__rules, is_service=is_service)
+        return names.remap(full, self.get_name(), self.get_namespace(), self.__rules, is_service=is_service)
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the full name of a topic, after remapping unless `only_expand`."""
@@ -204,7 +195,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         self._parameter_event_publisher = None
         super().destroy_node()
         if self.__rosout is not None:
-            rosout.detach(handle.logger_name, self.__rosout.publish)
+            system.rosout.detach(handle.logger_name, self.__rosout.publish)
             self.__rosout.destroy()
         handle.session.remove_node(handle)
         executor = self.executor

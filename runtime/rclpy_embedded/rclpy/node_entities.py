@@ -1,7 +1,7 @@
 """What a node creates and destroys: publishers, subscriptions, clients, services, timers, guard conditions."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
@@ -19,6 +19,8 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Rate, Timer
 from rclpy.type_support import check_is_valid_msg_type, check_is_valid_srv_type
 from rclpy.waitable import Waitable
+
+Entity = TypeVar("Entity", Publisher, Subscription, Client, Service, Timer, GuardCondition)
 
 
 def _profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
@@ -62,8 +64,8 @@ class NodeEntities:
         """The group of everything that is created without one."""
         return self._default_callback_group
 
-    def __add(self, entity: Any, entities: list[Any]) -> Any:
-        if not isinstance(entity, Publisher):
+    def __add(self, entity: Entity, entities: list[Entity]) -> Entity:
+        if entity.callback_group is not None:
             entity.callback_group.add_entity(entity)
         entities.append(entity)
         self.__waitables.extend(getattr(entity, "event_handlers", ()))
@@ -95,8 +97,7 @@ class NodeEntities:
         """Create a publisher; an int as QoS is the depth of the default profile."""
         group, callbacks = callback_group or self._default_callback_group, event_callbacks or PublisherEventCallbacks()
         arguments = self.__topic("publisher", msg_type, topic, qos_profile, qos_overriding_options)
-        publisher: Publisher = self.__add(publisher_class(*arguments, callbacks, group), self.publishers)
-        return publisher
+        return self.__add(publisher_class(*arguments, callbacks, group), self.publishers)
 
     def create_subscription(
         self,
@@ -117,9 +118,7 @@ class NodeEntities:
         group = callback_group or self._default_callback_group
         callbacks = event_callbacks or SubscriptionEventCallbacks()
         arguments = self.__topic("subscription", msg_type, topic, qos_profile, qos_overriding_options)
-        made = Subscription(*arguments, callbacks, group, callback=callback, raw=raw)
-        subscription: Subscription = self.__add(made, self.subscriptions)
-        return subscription
+        return self.__add(Subscription(*arguments, callbacks, group, callback=callback, raw=raw), self.subscriptions)
 
     def create_client(
         self,
@@ -134,8 +133,7 @@ class NodeEntities:
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
         made = Client(self.handle, srv_type, srv_name, name, qos_profile, group, context=self._context)
-        client: Client = self.__add(made, self.clients)
-        return client
+        return self.__add(made, self.clients)
 
     def create_service(
         self,
@@ -151,8 +149,7 @@ class NodeEntities:
         check_is_valid_srv_type(srv_type)
         name = self.resolve_service_name(srv_name)
         made = Service(self.handle, srv_type, srv_name, name, qos_profile, group, callback=callback)
-        service: Service = self.__add(made, self.services)
-        return service
+        return self.__add(made, self.services)
 
     def create_timer(
         self,
@@ -165,16 +162,14 @@ class NodeEntities:
         """Create a timer that counts in the node's clock (or another one)."""
         group, period_ns = callback_group or self._default_callback_group, int(float(timer_period_sec) * S_TO_NS)
         made = Timer(callback, group, period_ns, clock or self._clock, context=self._context, autostart=autostart)
-        timer: Timer = self.__add(made, self.timers)
-        return timer
+        return self.__add(made, self.timers)
 
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
         """Create a guard condition, whose callback is called after its ``trigger``."""
         group = callback_group or self._default_callback_group
-        guard: GuardCondition = self.__add(GuardCondition(callback, group, context=self._context), self.guards)
-        return guard
+        return self.__add(GuardCondition(callback, group, context=self._context), self.guards)
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
         """Create a rate of `frequency` Hz."""

@@ -20,19 +20,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
 from rclpy.type_hash import TypeHash
 
 
-def _info(graph: Graph, endpoint: Endpoint, is_writer: bool, no_mangle: bool) -> TopicEndpointInfo:
-    node = graph.node_of(endpoint)
-    return TopicEndpointInfo(
-        node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
-        node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-        topic_type=endpoint.dds_type if no_mangle else ros_type(endpoint.dds_type),
-        topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
-        endpoint_type=TopicEndpointTypeEnum.PUBLISHER if is_writer else TopicEndpointTypeEnum.SUBSCRIPTION,
-        endpoint_gid=list(endpoint.guid),
-        qos_profile=profile_from_dds(endpoint.qos),
-    )
-
-
 class NodeGraph:
     """The graph queries of a Node. Names may be relative or private; they are not remapped."""
 
@@ -133,8 +120,20 @@ class NodeGraph:
 
     def __infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
         dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
-        endpoints = self.__graph.endpoints_of(dds_topic, writers=writers)
-        return [_info(self.__graph, endpoint, writers, no_mangle) for endpoint in endpoints]
+        graph = self.__graph
+        return [
+            TopicEndpointInfo(
+                node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
+                node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
+                topic_type=endpoint.dds_type if no_mangle else ros_type(endpoint.dds_type),
+                topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
+                endpoint_type=TopicEndpointTypeEnum.PUBLISHER if writers else TopicEndpointTypeEnum.SUBSCRIPTION,
+                endpoint_gid=list(endpoint.guid),
+                qos_profile=profile_from_dds(endpoint.qos),
+            )
+            for endpoint in graph.endpoints_of(dds_topic, writers=writers)
+            for node in [graph.node_of(endpoint)]
+        ]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
         """Wait up to `timeout` seconds until a node is there; return whether it is."""

@@ -6,7 +6,6 @@ from typing import Any
 
 from rcl_interfaces import msg
 from rclpy.callback_groups import CallbackGroup
-from rclpy.impl.protocols import NodeLike
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from rclpy.parameter_service import SERVICES, service_type
 from rclpy.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
@@ -22,7 +21,7 @@ class AsyncParameterClient:
 
     def __init__(
         self,
-        node: NodeLike,
+        node: Any,
         remote_node_name: str,
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
@@ -41,12 +40,10 @@ class AsyncParameterClient:
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until all six services are there (None: without a limit) and return whether they are."""
         deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
-        while not self.services_are_ready():
-            remaining = 0.05 if deadline is None else min(0.05, deadline - time.monotonic())
-            if remaining <= 0.0 or not self.node.context.ok():
-                return self.services_are_ready()
-            time.sleep(remaining)
-        return True
+        return all(
+            client.wait_for_service(None if deadline is None else max(0.0, deadline - time.monotonic()))
+            for client in self._clients.values()
+        )
 
     def _call(self, service: str, callback: Callback | None, **fields: Any) -> Future:
         future: Future = self._clients[service].call_async(service_type(service).Request(**fields))

@@ -6,7 +6,6 @@ from itertools import chain
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterEvent
-from rclpy.impl.protocols import NodeLike
 from rclpy.qos import QoSProfile, qos_profile_parameter_events
 
 
@@ -56,7 +55,7 @@ class ParameterEventHandler:
     The node has to be spun; the options are those of the subscription.
     """
 
-    def __init__(self, node: NodeLike, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
+    def __init__(self, node: Any, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
         self.node = node
         self.qos_profile = qos_profile
         self._callbacks = Callbacks()
@@ -107,6 +106,5 @@ class ParameterEventHandler:
         _remove(self._callbacks.event_callbacks, handle)
 
     def _resolve_path(self, node_path: str | None = None) -> str:
-        if not node_path:
-            return self.node.get_fully_qualified_name()
-        return node_path if node_path.startswith("/") else f"{self.node.get_namespace().rstrip('/')}/{node_path}"
+        path: str = node_path or self.node.get_fully_qualified_name()
+        return path if path.startswith("/") else f"{self.node.get_namespace().rstrip('/')}/{path}"

@@ -6,7 +6,6 @@ from typing import Any
 
 from rcl_interfaces import msg, srv
 from rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
-from rclpy.impl.protocols import NodeLike
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
 
@@ -29,7 +28,7 @@ def service_type(name: str) -> Any:
 class ParameterService:
     """The six parameter services of a node."""
 
-    def __init__(self, node: NodeLike) -> None:
+    def __init__(self, node: Any) -> None:
         self._node_weak_ref = weakref.ref(node)
         for name in SERVICES:
             callback, full_name = getattr(self, f"_{name}_callback"), f"{node.get_name()}/{name}"

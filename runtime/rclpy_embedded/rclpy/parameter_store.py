@@ -1,22 +1,15 @@
 """The parameters of a node."""
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces import msg
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterAlreadyDeclaredException,
-    ParameterImmutableException,
-    ParameterNotDeclaredException,
-    ParameterUninitializedException,
-)
+from rclpy import exceptions
 from rclpy.names import validate_parameter_name
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING as SEPARATOR
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_ranges import PARAM_REL_TOL, range_error
 
 _WRONG_TYPE = "Wrong parameter type"
 _Callback = Callable[[list[Parameter]], Any]
@@ -33,7 +26,8 @@ class ParameterStore:
     filled in, after every change. Nothing here needs the middleware.
     """
 
-    PARAM_REL_TOL = PARAM_REL_TOL
+    #: Relative tolerance for bounds and steps of floating point ranges.
+    PARAM_REL_TOL = 1e-6
 
     def __init__(
         self,
@@ -80,14 +74,14 @@ class ParameterStore:
             declared.append(Parameter(name, value=value))
         already = [parameter.name for parameter in declared if parameter.name in self._parameters]
         if already:
-            raise ParameterAlreadyDeclaredException(already)
+            raise exceptions.ParameterAlreadyDeclaredException(already)
         for parameter in declared:
             result = self._set_atomically([parameter], descriptors)
             if not result.successful:
                 if result.reason.startswith(_WRONG_TYPE):
                     expected = Parameter.Type(descriptors[parameter.name].type).name
-                    raise InvalidParameterTypeException(parameter, expected)
-                raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+                    raise exceptions.InvalidParameterTypeException(parameter, expected)
+                raise exceptions.InvalidParameterValueException(parameter.name, parameter.value, result.reason)
         return [self._parameters[parameter.name] for parameter in declared]
 
     def _declaration(self, namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
@@ -137,9 +131,9 @@ class ParameterStore:
     def undeclare_parameter(self, name: str) -> None:
         """Forget a parameter."""
         if not self.has_parameter(name):
-            raise ParameterNotDeclaredException(name)
+            raise exceptions.ParameterNotDeclaredException(name)
         if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
+            raise exceptions.ParameterImmutableException(name)
         del self._parameters[name]
         del self._descriptors[name]
 
@@ -148,9 +142,9 @@ class ParameterStore:
         return name in self._parameters
 
     def _is_declared(self, name: str) -> bool:
-        """Return the same; ParameterNotDeclaredException if it is not and has to be."""
+        """Return the same; ParameterNotDeclaredException where undeclared parameters are not allowed."""
         if name not in self._parameters and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(name)
+            raise exceptions.ParameterNotDeclaredException(name)
         return name in self._parameters
 
     def get_parameter_type(self, name: str) -> Any:
@@ -167,7 +161,7 @@ class ParameterStore:
             return Parameter(name)
         parameter = self._parameters[name]
         if parameter.type_ is Parameter.Type.NOT_SET and not self._descriptors[name].dynamic_typing:
-            raise ParameterUninitializedException(name)
+            raise exceptions.ParameterUninitializedException(name)
         return parameter
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
@@ -221,8 +215,8 @@ class ParameterStore:
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         """Set all the parameters or none.
 
-        The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks learn
-        of it. A dynamically typed parameter set to NOT_SET is undeclared.
+        The pre-set callbacks may change the list, the on-set callbacks may refuse it, the post-set callbacks
+        are called at the end. A dynamically typed parameter set to NOT_SET is undeclared.
         """
         if self._pre_set_parameters_callbacks:
             callbacks = list(self._pre_set_parameters_callbacks)
@@ -236,7 +230,7 @@ class ParameterStore:
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._parameters]
         if undeclared and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(undeclared)
+            raise exceptions.ParameterNotDeclaredException(undeclared)
         return self._set_atomically(parameter_list)
 
     def _set_atomically(self, parameter_list: list[Parameter], declared: Mapping[str, Any] | None = None) -> Any:
@@ -285,7 +279,7 @@ class ParameterStore:
         elif parameter.type_.value != descriptor.type:
             expected = Parameter.Type(descriptor.type)
             return f"{_WRONG_TYPE}, expected '{expected}' got '{parameter.type_}'"
-        return range_error(parameter, descriptor)
+        return _range_error(parameter, descriptor)
 
     def describe_parameter(self, name: str) -> Any:
         """Return the descriptor of a parameter, an empty one for an undeclared one."""
@@ -300,14 +294,14 @@ class ParameterStore:
         if not self._is_declared(name):
             return Parameter(name).get_parameter_value()
         if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
+            raise exceptions.ParameterImmutableException(name)
         parameter = self.get_parameter(name)
         reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason and alternative_value is not None:
             parameter = Parameter.from_parameter_msg(msg.Parameter(name=name, value=alternative_value))
             reason = self._apply_descriptor(parameter, descriptor, check_read_only=False)
         if reason:
-            raise InvalidParameterValueException(name, parameter.value, reason)
+            raise exceptions.InvalidParameterValueException(name, parameter.value, reason)
         self._parameters[name] = parameter
         self._descriptors[name] = descriptor
         return self.get_parameter(name).get_parameter_value()
@@ -334,3 +328,29 @@ class ParameterStore:
 
     def remove_post_set_parameters_callback(self, callback: _Callback) -> None:
         self._post_set_parameters_callbacks.remove(callback)
+
+
+def _range_error(parameter: Parameter, descriptor: Any) -> str | None:
+    """Return why the value is outside the descriptor's range; None if it is inside or there is no range."""
+    exact = parameter.type_ is Parameter.Type.INTEGER
+    ranges: list[Any] = descriptor.integer_range if exact else descriptor.floating_point_range
+    if not ranges or not (exact or parameter.type_ is Parameter.Type.DOUBLE):
+        return None
+    name, value, step = parameter.name, parameter.value, ranges[0].step
+    low, high = sorted((ranges[0].from_value, ranges[0].to_value))
+
+    def same(one: float, other: float) -> bool:
+        return one == other if exact else math.isclose(one, other, rel_tol=ParameterStore.PARAM_REL_TOL)
+
+    # Values on the edge are always allowed, whatever the step.
+    if same(value, low) or same(value, high):
+        return None
+    if not low < value < high:
+        return f"Parameter {name} out of range{'.' if exact else ''} Min: {low}, Max: {high}, value: {value}"
+    if not step:
+        return None
+    steps = (value - low) // step if exact else round((value - low) / step)
+    if same(value, low + steps * step):
+        return None
+    what = "a valid step" if exact else "close enough to a valid step"
+    return f"The parameter value for {name} is not {what}. Min: {low}, max: {high}, value: {value}, step: {step}"

@@ -109,76 +109,66 @@ DeadlineBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 
 
-#: Type and default of each policy, in the order of ``str``.
-_POLICIES: dict[str, tuple[type[Any], Any]] = {
-    "history": (HistoryPolicy, HistoryPolicy.KEEP_LAST),
-    "depth": (int, 10),
-    "reliability": (ReliabilityPolicy, ReliabilityPolicy.RELIABLE),
-    "durability": (DurabilityPolicy, DurabilityPolicy.VOLATILE),
-    "lifespan": (Duration, Duration()),
-    "deadline": (Duration, Duration()),
-    "liveliness": (LivelinessPolicy, LivelinessPolicy.SYSTEM_DEFAULT),
-    "liveliness_lease_duration": (Duration, Duration()),
-    "avoid_ros_namespace_conventions": (bool, False),
+#: The policies and their defaults, in the order of ``str``.
+_DEFAULTS: dict[str, Any] = {
+    "history": HistoryPolicy.KEEP_LAST,
+    "depth": 10,
+    "reliability": ReliabilityPolicy.RELIABLE,
+    "durability": DurabilityPolicy.VOLATILE,
+    "lifespan": Duration(),
+    "deadline": Duration(),
+    "liveliness": LivelinessPolicy.SYSTEM_DEFAULT,
+    "liveliness_lease_duration": Duration(),
+    "avoid_ros_namespace_conventions": False,
 }
-
-
-class _Policy:
-    """A checked attribute; the policies of an enum can be given as numbers."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-        self._kind = _POLICIES[name][0]
-
-    def __get__(self, profile: QoSProfile, owner: type) -> Any:
-        return getattr(profile, "_" + self._name)
-
-    def __set__(self, profile: QoSProfile, value: Any) -> None:
-        is_enum = issubclass(self._kind, QoSPolicyEnum)
-        if not isinstance(value, (self._kind, int) if is_enum else self._kind):
-            raise AssertionError(f"QoS policy '{self._name}' must be of type {self._kind.__name__}, got {value!r}")
-        if self._name == "depth" and value == 0 and profile.history == HistoryPolicy.KEEP_LAST:
-            warnings.warn(
-                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
-                "This will be interpreted as SYSTEM_DEFAULT",
-                stacklevel=2,
-            )
-        setattr(profile, "_" + self._name, self._kind(value) if is_enum else value)
 
 
 class QoSProfile:
     """Quality of service of a publisher, subscription, client or service.
 
     History or depth is required, and KEEP_LAST needs a depth. The other policies are as in the default profile if they
-    are not given. A zero duration means unspecified.
+    are not given; those of an enum can be given as numbers. A zero duration means unspecified.
     """
 
-    __slots__ = [f"_{name}" for name in _POLICIES]
+    __slots__ = tuple(_DEFAULTS)
 
-    history = _Policy()
-    depth = _Policy()
-    reliability = _Policy()
-    durability = _Policy()
-    lifespan = _Policy()
-    deadline = _Policy()
-    liveliness = _Policy()
-    liveliness_lease_duration = _Policy()
-    avoid_ros_namespace_conventions = _Policy()
+    history: HistoryPolicy
+    depth: int
+    reliability: ReliabilityPolicy
+    durability: DurabilityPolicy
+    lifespan: Duration
+    deadline: Duration
+    liveliness: LivelinessPolicy
+    liveliness_lease_duration: Duration
+    avoid_ros_namespace_conventions: bool
 
     def __init__(self, **kwargs: Any) -> None:
-        if not kwargs.keys() <= _POLICIES.keys():
+        if not kwargs.keys() <= _DEFAULTS.keys():
             raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
         if not kwargs.keys() & {"history", "depth"}:
             raise InvalidQoSProfileException("History and/or depth settings are required.")
         if kwargs.get("history") == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
             raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
         # History first: the check of the depth looks at it.
-        for name, (_, default) in _POLICIES.items():
+        for name, default in _DEFAULTS.items():
             setattr(self, name, kwargs.get(name, default))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        kind = type(_DEFAULTS.get(name, value))
+        is_enum = issubclass(kind, QoSPolicyEnum)
+        if not isinstance(value, (kind, int) if is_enum else kind):
+            raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
+        if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
+            warnings.warn(
+                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                "This will be interpreted as SYSTEM_DEFAULT",
+                stacklevel=2,
+            )
+        super().__setattr__(name, kind(value) if is_enum else value)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the policies by name."""
-        return {name: getattr(self, name) for name in _POLICIES}
+        return {name: getattr(self, name) for name in _DEFAULTS}
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -189,12 +179,21 @@ class QoSProfile:
         return f"{type(self).__name__}({', '.join(f'{key}={value}' for key, value in self.to_dict().items())})"
 
 
-_MIDDLEWARE = ("history", "reliability", "durability")
-_UNKNOWN_POLICIES = {name: _POLICIES[name][0].UNKNOWN for name in (*_MIDDLEWARE, "liveliness")}
-qos_profile_unknown = QoSProfile(depth=0, **_UNKNOWN_POLICIES)
+qos_profile_unknown = QoSProfile(
+    depth=0,
+    history=HistoryPolicy.UNKNOWN,
+    reliability=ReliabilityPolicy.UNKNOWN,
+    durability=DurabilityPolicy.UNKNOWN,
+    liveliness=LivelinessPolicy.UNKNOWN,
+)
 qos_profile_default = QoSProfile(depth=10)
 #: The middleware's own defaults.
-qos_profile_system_default = QoSProfile(depth=0, **{name: _POLICIES[name][0].SYSTEM_DEFAULT for name in _MIDDLEWARE})
+qos_profile_system_default = QoSProfile(
+    depth=0,
+    history=HistoryPolicy.SYSTEM_DEFAULT,
+    reliability=ReliabilityPolicy.SYSTEM_DEFAULT,
+    durability=DurabilityPolicy.SYSTEM_DEFAULT,
+)
 qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 qos_profile_services_default = QoSProfile(depth=10)
 qos_profile_parameters = QoSProfile(depth=1000)

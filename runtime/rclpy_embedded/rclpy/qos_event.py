@@ -1,3 +1,1 @@
-"""Former name of `rclpy.event_handler`."""
-
 from rclpy.event_handler import *  # noqa: F403

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.impl.service_endpoint import RequestId, ServiceEndpoint, peer_id
+from rclpy.impl.endpoint import RequestId, ServiceEndpoint, peer_id
 
 # How long a reply waits for the client's reply reader to be discovered; as rmw_cyclonedds.
 _CLIENT_DISCOVERY_S = 0.1

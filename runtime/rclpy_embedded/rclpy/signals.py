@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: shut down all contexts and wake everyone who waits."""
+"""SIGINT and SIGTERM: shut down all contexts and end all waits."""
 
 import os
 import signal
@@ -24,10 +24,6 @@ _wakeup: tuple[int, int] | None = None
 _previous_wakeup_fd = -1
 
 
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
-
-
 def _on_signal(number: int, frame: Any) -> None:
     # The shutdown itself is left to the thread below: here, the locks it takes may be held already.
     interrupt_all()
@@ -47,7 +43,7 @@ def _watch(fd: int) -> None:
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
     """Install handlers, which call the former ones too. Only the main thread can do this."""
     global _wakeup, _previous_wakeup_fd
-    if not _in_main_thread():
+    if threading.current_thread() is not threading.main_thread():
         return
     for number, option in _SIGNALS.items():
         if options in (option, SignalHandlerOptions.ALL) and number not in _previous:
@@ -67,7 +63,7 @@ def get_current_signal_handlers_options() -> SignalHandlerOptions:
 def uninstall_signal_handlers() -> None:
     """Put the former handlers back."""
     global _wakeup
-    if not _in_main_thread():
+    if threading.current_thread() is not threading.main_thread():
         return
     for number, previous in list(_previous.items()):
         if signal.getsignal(number) is _on_signal:

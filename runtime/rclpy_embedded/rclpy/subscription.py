@@ -6,14 +6,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, TypedDict
 
-from rclpy.callback_groups import CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.impl import faults
 from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
-from rclpy.impl.session import LocalNode
-from rclpy.qos import QoSProfile
 
 
 class MessageInfo(TypedDict):
@@ -36,23 +32,10 @@ class Subscription(TopicEndpoint):
 
     _is_writer = False
 
-    def __init__(
-        self,
-        local_node: LocalNode,
-        msg_type: Any,
-        topic: str,
-        name: str,
-        qos_profile: QoSProfile,
-        event_callbacks: SubscriptionEventCallbacks,
-        callback_group: CallbackGroup,
-        *,
-        callback: Callable[..., Any],
-        raw: bool,
-    ) -> None:
+    def __init__(self, *args: Any, callback: Callable[..., Any], raw: bool) -> None:
         self.callback = callback
-        self.callback_group = callback_group
         self.raw = raw
-        super().__init__(local_node, msg_type, topic, name, qos_profile, event_callbacks, callback_group)
+        super().__init__(*args)
 
     @property
     def callback(self) -> Callable[..., Any]:

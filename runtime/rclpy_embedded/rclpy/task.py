@@ -10,20 +10,18 @@ import weakref
 from collections.abc import Callable, Coroutine, Generator
 from typing import Any
 
-from rclpy.impl.protocols import ExecutorLike
-
 
 class Future:
     """The outcome of something that is not done yet. Awaitable inside callbacks and tasks."""
 
-    def __init__(self, *, executor: ExecutorLike | None = None) -> None:
+    def __init__(self, *, executor: Any = None) -> None:
         self._done = False
         self._cancelled = False
         self._result: Any = None
         self._exception: BaseException | None = None
         self._exception_fetched = False
         self._callbacks: list[Callable[[Future], Any]] = []
-        # Called at once and in the thread that completes the future: must only wake somebody.
+        # Called at once and in the thread that completes the future: must only wake an executor or a thread.
         self._wakers: list[Callable[[], None]] = []
         self._lock = threading.Lock()
         self._set_executor(executor)
@@ -97,11 +95,9 @@ class Future:
             except Exception as error:  # the other callbacks still have to run
                 warnings.warn(f"Unhandled exception in done callback: {error}", stacklevel=2)
 
-    def _set_executor(self, executor: ExecutorLike | None) -> None:
+    def _set_executor(self, executor: Any) -> None:
         """Let `executor` run the done callbacks."""
-        self._executor: Callable[[], ExecutorLike | None] = (
-            (lambda: None) if executor is None else weakref.ref(executor)
-        )
+        self._executor: Callable[[], Any] = (lambda: None) if executor is None else weakref.ref(executor)
 
     def _add_waker(self, waker: Callable[[], None]) -> None:
         with self._lock:
@@ -132,7 +128,7 @@ class Task(Future):
         handler: Callable[..., Any] | Coroutine[Any, Any, Any],
         args: Any = None,
         kwargs: Any = None,
-        executor: ExecutorLike | None = None,
+        executor: Any = None,
     ) -> None:
         super().__init__(executor=executor)
         self._handler: Any = handler

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import weakref
+from collections.abc import Callable
+from typing import Any
 
 from rcl_interfaces import msg as rcl_msg
 from rclpy.clock import ROSClock
 from rclpy.clock_type import ClockType
-from rclpy.impl.protocols import NodeLike
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -21,9 +22,9 @@ USE_SIM_TIME_NAME = "use_sim_time"
 class TimeSource:
     """Drives ROS clocks: from /clock while the node's parameter ``use_sim_time`` is true, else from the system."""
 
-    def __init__(self, *, node: NodeLike | None = None) -> None:
+    def __init__(self, *, node: Any = None) -> None:
         self._clock_sub: Subscription | None = None
-        self._node_weak_ref: weakref.ReferenceType[NodeLike] | None = None
+        self._get_node: Callable[[], Any] = lambda: None
         self._associated_clocks: set[ROSClock] = set()
         # Zero: no time has come yet.
         self._last_time_set = Time(clock_type=ClockType.ROS_TIME)
@@ -56,13 +57,13 @@ class TimeSource:
             node.destroy_subscription(self._clock_sub)
             self._clock_sub = None
 
-    def attach_node(self, node: NodeLike) -> None:
+    def attach_node(self, node: Any) -> None:
         """Follow a node's ``use_sim_time``, declaring it if need be; a node attached before is detached."""
-        if not isinstance(node, NodeLike):
+        # Not by its class, which imports this module.
+        if not hasattr(node, "add_on_set_parameters_callback"):
             raise TypeError("Node must be of type rclpy.node.Node")
-        if self._node_weak_ref is not None:
-            self.detach_node()
-        self._node_weak_ref = weakref.ref(node)
+        self.detach_node()
+        self._get_node = weakref.ref(node)
         if not node.has_parameter(USE_SIM_TIME_NAME):
             node.declare_parameter(USE_SIM_TIME_NAME, False)
         parameter = node.get_parameter(USE_SIM_TIME_NAME)
@@ -77,7 +78,7 @@ class TimeSource:
         if self._clock_sub is not None and self._get_node() is None:
             raise RuntimeError("Unable to destroy previously created clock subscription")
         self._unsubscribe()
-        self._node_weak_ref = None
+        self._get_node = lambda: None
 
     def attach_clock(self, clock: ROSClock) -> None:
         """Drive a clock; ValueError if it is no ROSClock."""
@@ -108,6 +109,3 @@ class TimeSource:
             return rcl_msg.SetParametersResult(successful=False, reason=reason)
         self.ros_time_is_active = value
         return rcl_msg.SetParametersResult(successful=True)
-
-    def _get_node(self) -> NodeLike | None:
-        return self._node_weak_ref() if self._node_weak_ref is not None else None

@@ -9,10 +9,9 @@ from typing import Any
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockChange, JumpThreshold, ROSClock, TimeJump
-from rclpy.context import Context
+from rclpy.context import Context, context_or_default
 from rclpy.duration import Duration
 from rclpy.exceptions import ROSInterruptException
-from rclpy.impl.default_context import context_or_default
 from rclpy.impl.handle import Destroyable
 from rclpy.time import Time
 
@@ -169,7 +168,6 @@ class Timer(Destroyable):
         return lambda: callback(info)
 
     def destroy(self) -> None:
-        """End it; programs call ``Node.destroy_timer``."""
         super().destroy()
         if self._jumps is not None:
             self._jumps.unregister()

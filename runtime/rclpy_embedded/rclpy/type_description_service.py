@@ -3,7 +3,6 @@
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.impl.protocols import NodeLike
 from rclpy.parameter import Parameter
 from rclpy.type_hash import TypeHash
 from type_description_interfaces import msg, srv
@@ -21,7 +20,7 @@ def _individual(described: dict[str, Any]) -> msg.IndividualTypeDescription:
 class TypeDescriptionService:
     """``~/get_type_description``, unless the parameter ``start_type_description_service`` is false."""
 
-    def __init__(self, node: NodeLike) -> None:
+    def __init__(self, node: Any) -> None:
         if not node.has_parameter(START_TYPE_DESCRIPTION_SERVICE_PARAM):
             descriptor = ParameterDescriptor(
                 name=START_TYPE_DESCRIPTION_SERVICE_PARAM,

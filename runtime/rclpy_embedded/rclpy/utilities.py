@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
-from rclpy.context import Context
-from rclpy.impl.default_context import context_or_default, lock
-from rclpy.impl.default_context import get_default_context as get_default_context
+from rclpy.context import Context, context_or_default, default_lock
+from rclpy.context import get_default_context as get_default_context
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
@@ -29,7 +28,7 @@ def try_shutdown(*, context: Context | None = None) -> None:
     if context is not None:
         context.try_shutdown()
         return
-    with lock:
+    with default_lock:
         get_default_context().try_shutdown()
         get_default_context(shutting_down=True)
 

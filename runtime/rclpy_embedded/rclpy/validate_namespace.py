@@ -1,3 +1,1 @@
-"""Check of namespaces."""
-
 from rclpy.names import validate_namespace as validate_namespace

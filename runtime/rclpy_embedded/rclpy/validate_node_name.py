@@ -1,3 +1,1 @@
-"""Check of node names."""
-
 from rclpy.names import validate_node_name as validate_node_name

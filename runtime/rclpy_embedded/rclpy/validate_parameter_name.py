@@ -1,3 +1,1 @@
-"""Check of parameter names."""
-
 from rclpy.names import validate_parameter_name as validate_parameter_name

@@ -3,14 +3,13 @@
 import time
 from typing import Any
 
-from rclpy.impl.protocols import NodeLike
 from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
 from rclpy.qos import QoSProfile
 from rclpy.utilities import timeout_sec_to_nsec
 
 
 def wait_for_message(
-    msg_type: Any, node: NodeLike, topic: str, *, qos_profile: QoSProfile | int = 1, time_to_wait: float = -1
+    msg_type: Any, node: Any, topic: str, *, qos_profile: QoSProfile | int = 1, time_to_wait: float = -1
 ) -> tuple[bool, Any]:
     """Wait for the next message on a topic; the node need not spin.
 
@@ -23,7 +22,7 @@ def wait_for_message(
     conditions = ConditionSet(node.context.session)
     node.context._wakers.add(conditions)
     try:
-        conditions.update([subscription.condition], lambda _: False)
+        conditions.update([subscription.condition])
         while node.context.ok():
             if (taken := subscription.take()) is not None:
                 return True, taken[0]

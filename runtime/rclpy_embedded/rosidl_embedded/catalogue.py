@@ -31,13 +31,13 @@ def _service(type_name: str) -> dict[str, d.Structure]:
     event = d.Structure(
         f"{type_name}_Event",
         (
-            d.Field("info", d.namespaced("service_msgs/msg/ServiceEventInfo")),
-            d.Field("request", d.BoundedSequence(d.namespaced(request.type_name), 1)),
-            d.Field("response", d.BoundedSequence(d.namespaced(response.type_name), 1)),
+            d.Member("info", d.namespaced("service_msgs/msg/ServiceEventInfo")),
+            d.Member("request", d.BoundedSequence(d.namespaced(request.type_name), 1)),
+            d.Member("response", d.BoundedSequence(d.namespaced(response.type_name), 1)),
         ),
     )
     parts = {"request_message": request, "response_message": response, "event_message": event}
-    whole = d.Structure(type_name, tuple(d.Field(name, d.namespaced(part.type_name)) for name, part in parts.items()))
+    whole = d.Structure(type_name, tuple(d.Member(name, d.namespaced(part.type_name)) for name, part in parts.items()))
     return {found.type_name: found for found in (whole, *parts.values())}
 
 

@@ -40,13 +40,17 @@ def minimum_size(type_: d.AbstractType) -> int:
 class _Generator:
     """What encoder and decoder have in common: lines, names, the run of fixed-size fields, and the alignment."""
 
+    #: What stands for the only byte of an empty structure, and for the position.
     filler: str
-    close: Callable[[], None]
+    position: str
     flush: Callable[[], None]
-    align: Callable[[int], None]
+    skip: Callable[[str], str]
     nested: Callable[[d.NamespacedType, str], None]
     string: Callable[[d.AbstractGenericString, str], None]
-    several: Callable[[d.AbstractNestedType, str], None]
+    #: Makes a variable of several values ready: what they and their number are called.
+    open: Callable[[d.AbstractNestedType, str], tuple[str, str]]
+    block: Callable[[d.BasicType, str, str, bool], None]
+    each: Callable[[d.AbstractType, str, str], None]
 
     def __init__(self, order: str) -> None:
         self.order = order
@@ -83,10 +87,22 @@ class _Generator:
     def advance(self, size: int) -> None:
         self.offset = (self.offset + size) % self.modulus
 
+    def align(self, size: int) -> None:
+        """Bring the position to a multiple of `size`, where need be by what is known when the code runs."""
+        self.flush()
+        if self.modulus < size:
+            self.line(self.skip(self.padding(size)))
+            self.known(size)
+        elif padding := -self.offset % size:
+            self.line(self.skip(str(padding)))
+            self.advance(padding)
+
+    def padding(self, size: int) -> str:
+        return f"{HEADER_SIZE} - {self.position} & {size - 1}"
+
     def scalar(self, code: str, size: int, text: str) -> None:
         """Add one fixed-size value to the run."""
         if size > self.modulus:
-            self.flush()
             self.align(size)
         padding = -self.offset % size
         self.format += "x" * padding + code
@@ -109,7 +125,7 @@ class _Generator:
             del self.lines[start:]
             self.known(modulus, offset)
             body()
-            self.close()
+            self.flush()
             if self.modulus % modulus == 0 and self.offset % modulus == offset:
                 break
         self.depth -= 1
@@ -133,50 +149,53 @@ class _Generator:
             case d.AbstractNestedType():
                 self.several(type_, target)
 
+    def several(self, type_: d.AbstractNestedType, target: str) -> None:
+        element, is_array = type_.value_type, isinstance(type_, d.Array)
+        values, count = self.open(type_, target)
+        if not is_array:
+            self.scalar("I", 4, count)
+        self.flush()
+        if isinstance(type_, d.BoundedSequence):
+            self.refuse(f"{count} > {type_.maximum_size}", f"{_field(target)} is longer than its bound")
+        if not isinstance(element, d.BasicType):
+            self.each(element, values, count)
+            return
+        size = element.traits.size
+        if is_array:
+            self.align(size)
+        elif size > 4 and (self.modulus < size or self.offset % size):
+            self.line(f"if {count}: {self.skip(self.padding(size))}")
+        self.block(element, values, count, is_array)
+        if isinstance(type_, d.Array):
+            self.advance(size * type_.size)
+        else:
+            self.known(min(size, 4))
+
     def compile(self, head: str, label: str) -> Any:
         exec(compile("\n".join((head, *self.lines)), f"<{label}>", "exec"), self.names)
         return self.names["run"]
+
+
+def _field(target: str) -> str:
+    return target.rpartition("._")[2]
 
 
 class _Encoder(_Generator):
     """Source of ``run(m, w, t)``, which writes message `m` to a stream with `w`; `t` tells the position."""
 
     filler = "0"
-    # A string's terminating zero is written together with the padding that follows it.
-    terminate = False
+    position = "t()"
 
     def write(self, text: str) -> None:
         self.line(f"w({text})")
 
     def flush(self) -> None:
         if self.run:
-            self.end_string()
             packer, values = self.take_run()
             self.write(f"{self.constant('pack', packer.pack)}({values})")
 
-    def close(self) -> None:
-        self.flush()
-        self.end_string()
-
-    def end_string(self) -> None:
-        if self.terminate:
-            self.write("Z[1]")
-            self.terminate = False
-
-    def align(self, size: int) -> None:
-        """Bring the position to a multiple of `size` by what is known when the code runs."""
-        self.flush()
-        if self.terminate:
-            self.write(f"Z[({HEADER_SIZE - 1} - t() & {size - 1}) + 1]")
-            self.terminate = False
-        elif self.modulus < size:
-            self.write(f"Z[{HEADER_SIZE} - t() & {size - 1}]")
-        elif self.offset % size:
-            self.write(f"Z[{-self.offset % size}]")
-        if self.modulus < size:
-            self.known(size)
-        else:
-            self.advance(-self.offset % size)
+    def skip(self, size: str) -> str:
+        return f"w(Z[{size}])"
 
     def nested(self, type_: d.NamespacedType, target: str) -> None:
         local = self.name("m")
@@ -185,47 +204,35 @@ class _Encoder(_Generator):
 
     def string(self, type_: d.AbstractGenericString, target: str) -> None:
         local, is_wide = self.name("s"), isinstance(type_, d.AbstractWString)
-        self.line(f"{local} = encode_wide({target}, {self.order!r})" if is_wide else f"{local} = {target}.encode()")
-        self.scalar("I", 4, f"len({local}) // 4" if is_wide else f"len({local}) + 1")
+        # A narrow string is counted and written with its terminating zero.
+        encoded = f"encode_wide({target}, {self.order!r})" if is_wide else f"({target} + '\\0').encode()"
+        self.line(f"{local} = {encoded}")
+        self.scalar("I", 4, f"len({local}) // 4" if is_wide else f"len({local})")
         self.flush()
         self.write(local)
-        self.terminate = not is_wide
         self.known(4 if is_wide else 1)
 
-    def several(self, type_: d.AbstractNestedType, target: str) -> None:
-        element, local, name = type_.value_type, self.name("a"), target.rpartition("._")[2]
+    def open(self, type_: d.AbstractNestedType, target: str) -> tuple[str, str]:
+        local = self.name("a")
         self.line(f"{local} = {target}")
         if isinstance(type_, d.Array):
-            self.refuse(f"len({local}) != {type_.size}", f"{name} must have {type_.size} values")
-        else:
-            self.scalar("I", 4, f"len({local})")
-            self.flush()
-        if isinstance(type_, d.BoundedSequence):
-            bound = type_.maximum_size
-            self.refuse(f"len({local}) > {bound}", f"{name} must have at most {bound} values")
-        if not isinstance(element, d.BasicType):
-            self.close()
-            item = self.name("i")
-            self.loop(f"for {item} in {local}:", lambda: self.value(element, item))
-            return
-        kinds = {"octet": f"b''.join({local})", "boolean": f"bytes(map(bool, {local}))"}
-        contents, size = kinds.get(element.typename, f"{local}.tobytes()"), element.traits.size
-        if isinstance(type_, d.Array):
-            self.align(size)
-            self.end_string()
-            self.write(contents)
-            self.advance(size * type_.size)
-            return
-        if size > 4 and (self.modulus < size or self.offset % size):
-            self.line(f"if {local}: w(Z[{HEADER_SIZE} - t() & {size - 1}])")
-        self.write(local if element.is_number else contents)
-        self.known(min(size, 4))
+            self.refuse(f"len({local}) != {type_.size}", f"{_field(target)} must have {type_.size} values")
+        return local, f"len({local})"
+
+    def each(self, element: d.AbstractType, values: str, count: str) -> None:
+        item = self.name("i")
+        self.loop(f"for {item} in {values}:", lambda: self.value(element, item))
+
+    def block(self, element: d.BasicType, values: str, count: str, is_array: bool) -> None:
+        kinds = {"octet": f"b''.join({values})", "boolean": f"bytes(map(bool, {values}))"}
+        self.write(kinds.get(element.typename, f"{values}.tobytes()" if is_array else values))
 
 
 class _Decoder(_Generator):
     """Source of ``run(d, p)``, which reads a message from bytes `d` at position `p`: (message, position after it)."""
 
     filler = "_"
+    position = "p"
 
     def flush(self) -> None:
         if self.run:
@@ -233,18 +240,8 @@ class _Decoder(_Generator):
             self.line(f"{targets}, = {self.constant('unpack', packer.unpack_from)}(d, p)")
             self.line(f"p += {packer.size}")
 
-    close = flush
-
-    def align(self, size: int) -> None:
-        self.flush()
-        if self.modulus >= size:
-            if self.offset % size:
-                self.line(f"p += {-self.offset % size}")
-            self.advance(-self.offset % size)
-        else:
-            # The 4 byte header shifts 8-aligned values by 4.
-            self.line("p = (p + 3 & -8) + 4" if size == 8 else f"p = p + {size - 1} & -{size}")
-            self.known(size)
+    def skip(self, size: str) -> str:
+        return f"p += {size}"
 
     def nested(self, type_: d.NamespacedType, target: str) -> None:
         local = self.name("m") if "." in target else target
@@ -274,61 +271,41 @@ class _Decoder(_Generator):
         if type_.maximum_size is not None:
             self.refuse(f"len({target}) > {type_.maximum_size}", "string is longer than its bound")
 
-    def several(self, type_: d.AbstractNestedType, target: str) -> None:
-        element, is_array = type_.value_type, isinstance(type_, d.Array)
-        if isinstance(type_, d.Array):
-            count, what = str(type_.size), "array"
-        else:
-            count, what = self.name("n"), "sequence"
-            self.scalar("I", 4, count)
-        self.flush()
-        if isinstance(type_, d.BoundedSequence):
-            self.refuse(f"{count} > {type_.maximum_size}", "sequence is longer than its bound")
-        if not isinstance(element, d.BasicType):
-            self.refuse(f"{count} * {minimum_size(element)} > len(d) - p", f"{what} goes beyond the end")
-            self.loop_over(element, count, target)
-            return
-        code, size = element.traits[:2]
-        if is_array:
-            self.align(size)
-        elif size > 4 and (self.modulus < size or self.offset % size):
-            self.line(f"if {count}: p = (p + 3 & -8) + 4")
-        self.line(f"e = p + {count} * {size}" if size > 1 else f"e = p + {count}")
-        if is_array and element.is_number:
-            dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
-            self.line(f"{target} = frombuffer(d, {dtype}, {count}, p).astype({native})")
-        else:
-            self.refuse("e > len(d)", f"{what} goes beyond the end")
-            self.elements(element, target)
-        self.line("p = e")
-        if isinstance(type_, d.Array):
-            self.advance(size * type_.size)
-        else:
-            self.known(min(size, 4))
+    def open(self, type_: d.AbstractNestedType, target: str) -> tuple[str, str]:
+        return target, str(type_.size) if isinstance(type_, d.Array) else self.name("n")
 
-    def elements(self, element: d.BasicType, target: str) -> None:
-        """Read all from `p` to `e`."""
-        if element.typename == "boolean":
-            self.line(f"{target} = [b != 0 for b in d[p:e]]")
-        elif element.typename == "octet":
-            self.line(f"{target} = [d[i:i + 1] for i in range(p, e)]")
-        else:
-            values = self.name("a")
-            self.line(f"{target} = {values} = array({element.traits.code!r})")
-            self.line(f"{values}.frombytes(memoryview(d)[p:e])")
-            if element.traits.size > 1 and self.order != NATIVE:
-                self.line(f"{values}.byteswap()")
-
-    def loop_over(self, element: d.AbstractType, count: str, target: str) -> None:
-        values, item = self.name("a"), self.name("i")
-        self.line(f"{target} = {values} = []")
+    def each(self, element: d.AbstractType, values: str, count: str) -> None:
+        self.refuse(f"{count} * {minimum_size(element)} > len(d) - p", f"{_field(values)} goes beyond the end")
+        local, item = self.name("a"), self.name("i")
+        self.line(f"{values} = {local} = []")
 
         def read() -> None:
             self.value(element, item)
-            self.close()
-            self.line(f"{values}.append({item})")
+            self.flush()
+            self.line(f"{local}.append({item})")
 
         self.loop(f"for _ in range({count}):", read)
+
+    def block(self, element: d.BasicType, values: str, count: str, is_array: bool) -> None:
+        code, size = element.traits[:2]
+        self.line(f"e = p + {count} * {size}")
+        if is_array and element.is_number:
+            dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
+            self.line(f"{values} = frombuffer(d, {dtype}, {count}, p).astype({native})")
+            self.line("p = e")
+            return
+        self.refuse("e > len(d)", f"{_field(values)} goes beyond the end")
+        if element.typename == "boolean":
+            self.line(f"{values} = [b != 0 for b in d[p:e]]")
+        elif element.typename == "octet":
+            self.line(f"{values} = [d[i:i + 1] for i in range(p, e)]")
+        else:
+            local = self.name("a")
+            self.line(f"{values} = {local} = array({code!r})")
+            self.line(f"{local}.frombytes(memoryview(d)[p:e])")
+            if size > 1 and self.order != NATIVE:
+                self.line(f"{local}.byteswap()")
+        self.line("p = e")
 
 
 def make_encoder(type_name: str) -> Callable[[Any, Callable[[Any], int], Callable[[], int]], None]:
@@ -338,7 +315,7 @@ def make_encoder(type_name: str) -> Callable[[Any, Callable[[Any], int], Callabl
     """
     generator = _Encoder(NATIVE)
     generator.fields(d.namespaced(type_name), "m")
-    generator.close()
+    generator.flush()
     run: Callable[..., None] = generator.compile("def run(m, w, t):", f"encode {type_name}")
     return run
 
@@ -351,7 +328,7 @@ def make_decoder(type_name: str, order: str) -> Callable[[bytes, int], tuple[Any
     """
     generator = _Decoder(order)
     generator.nested(d.namespaced(type_name), "m")
-    generator.close()
+    generator.flush()
     generator.line("return m, p")
     decoder: Callable[[bytes, int], tuple[Any, int]] = generator.compile("def run(d, p):", f"decode {type_name}")
     return decoder

@@ -15,8 +15,6 @@ CHECK_FIELDS: bool = __debug__ and os.environ.get("ROS_PYTHON_CHECK_FIELDS", "")
 
 # rosidl's limits; the one of float is a little below the largest float32.
 _LIMITS = {"float": 3.402823466e38, "double": 1.7976931348623157e308}
-# What generated setters refer to by name.
-NAMESPACE = {"Sequence": Sequence, "Set": Set, "UserList": UserList, "isinf": math.isinf}
 
 
 def python_type(type_: d.AbstractType) -> str:
@@ -27,15 +25,12 @@ def python_type(type_: d.AbstractType) -> str:
 
 
 def check_source(name: str, type_: d.AbstractType, class_name: str) -> list[tuple[str, str]]:
-    """Conditions on ``value`` as Python source, each with the text of the error if it is false.
+    """Conditions on a single ``value`` as Python source, each with the text of the error if it is false.
 
-    The source calls the class of single values `class_name`. Several numbers are for `packed_array` and
-    `packed_sequence` instead.
+    The source calls the class of the value `class_name`.
     """
     label = f"The '{name}' field must be"
     match type_:
-        case d.AbstractNestedType():
-            return [_check_several(name, type_, class_name)]
         case d.NamespacedType():
             return [(f"isinstance(value, {class_name})", f"{label} a sub message of type '{type_.name}'")]
         case d.AbstractGenericString(maximum_size=int(bound)):
@@ -48,40 +43,55 @@ def check_source(name: str, type_: d.AbstractType, class_name: str) -> list[tupl
     match type_:
         case d.BasicType("float"):
             limit = _LIMITS["float"]
-            checks.append((f"not abs(value) > {limit} or isinf(value)", f"{label} a float in [{-limit}, {limit}]"))
+            checks.append((f"not abs(value) > {limit} or ISINF(value)", f"{label} a float in [{-limit}, {limit}]"))
         case d.BasicType(typename) if typename in d.INTEGER_RANGES:
             low, high = d.INTEGER_RANGES[typename]
-            kind = "an integer" if low else "an unsigned integer"
-            checks.append((f"{low} <= value <= {high}", f"{label} {kind} in [{low}, {high}]"))
+            checks.append((f"{low} <= value <= {high}", f"{label} an {_integer_range(typename)}"))
     return checks
 
 
-def _check_several(name: str, type_: d.AbstractNestedType, class_name: str) -> tuple[str, str]:
-    """Condition on an array or sequence and the text of the error, which for numbers names their range too."""
-    element, python = type_.value_type, python_type(type_.value_type)
-    conditions = ["isinstance(value, (Sequence, Set, UserList)) and not isinstance(value, str)"]
+def _integer_range(typename: str) -> str:
+    low, high = d.INTEGER_RANGES[typename]
+    return f"{'integer' if low else 'unsigned integer'} in [{low}, {high}]"
+
+
+def _refuse(name: str, type_: d.AbstractNestedType) -> NoReturn:
+    """Raise the error about an array or sequence."""
     text = f"The '{name}' field must be a set or sequence"
     match type_:
         case d.Array(size=size):
-            conditions.append(f"len(value) == {size}")
             text += f" with length {size}"
         case d.BoundedSequence(maximum_size=bound):
-            conditions.append(f"len(value) <= {bound}")
             text += f" with length <= {bound}"
-    conditions.append(f"all([isinstance(v, {class_name}) for v in value])")
-    each = f" and each value of type '{python}'"
-    match element:
+    each = f" and each value of type '{python_type(type_.value_type)}'"
+    match type_.value_type:
         case d.AbstractGenericString(maximum_size=int(bound)):
-            conditions.append(f"all([len(v) <= {bound} for v in value])")
             each = f" and each string value not longer than {bound}" + each
-        case d.BasicType("octet"):
-            conditions.append("all([len(v) == 1 for v in value])")
         case d.BasicType("float" | "double" as typename):
             each += f" and each {typename} in [{-_LIMITS[typename]:f}, {_LIMITS[typename]:f}]"
         case d.BasicType(typename) if typename in d.INTEGER_RANGES:
-            low, high = d.INTEGER_RANGES[typename]
-            each += f" and each {'integer' if low else 'unsigned integer'} in [{low}, {high}]"
-    return " and ".join(conditions), text + each
+            each += f" and each {_integer_range(typename)}"
+    raise AssertionError(text + each)
+
+
+def _has_length(value: Any, type_: d.AbstractNestedType) -> bool:
+    if isinstance(type_, d.Array):
+        return len(value) == type_.size
+    return not isinstance(type_, d.BoundedSequence) or len(value) <= type_.maximum_size
+
+
+def checked_list(value: Any, name: str, type_: d.AbstractNestedType, item_class: type, check: bool) -> Any:
+    """Return what was assigned to several values other than numbers; raises like `packed_sequence`."""
+    if check:
+        fits = isinstance(value, Sequence | Set | UserList) and not isinstance(value, str) and _has_length(value, type_)
+        if not fits or not all([isinstance(item, item_class) for item in value]):
+            _refuse(name, type_)
+        match type_.value_type:
+            case d.AbstractGenericString(maximum_size=int(bound)) if any([len(item) > bound for item in value]):
+                _refuse(name, type_)
+            case d.BasicType("octet") if any([len(item) != 1 for item in value]):
+                _refuse(name, type_)
+    return value
 
 
 def packed_sequence(value: Any, name: str, type_: d.AbstractNestedType, code: str, check: bool) -> array[Any]:
@@ -135,18 +145,12 @@ def packed_array(value: Any, name: str, type_: d.Array, code: str, check: bool) 
 
 
 def _fits(value: Any, type_: d.AbstractNestedType, code: str) -> bool:
-    """Tell whether length and type of the elements are right; ranges of integers show in the conversion."""
+    """Tell whether length and type of numbers are right; ranges of integers show in the conversion."""
     if hasattr(value, "dtype"):
         fits = getattr(value, "ndim", 0) == 1 and value.dtype.kind in ("iufb" if code in "fd" else "iub")
     else:
         fits = isinstance(value, Sequence | Set | UserList | memoryview | array) and not isinstance(value, str)
         fits = fits and (code not in "fd" or all([isinstance(item, float) for item in value]))
-    if not fits or (isinstance(type_, d.Array) and len(value) != type_.size):
-        return False
-    if isinstance(type_, d.BoundedSequence) and len(value) > type_.maximum_size:
+    if not fits or not _has_length(value, type_):
         return False
     return code != "f" or all(not abs(item) > _LIMITS["float"] or math.isinf(item) for item in value)
-
-
-def _refuse(name: str, type_: d.AbstractNestedType) -> NoReturn:
-    raise AssertionError(_check_several(name, type_, "")[1])

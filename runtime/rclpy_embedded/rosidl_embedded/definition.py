@@ -56,7 +56,7 @@ class BasicType(AbstractType):
 
     @property
     def traits(self) -> Traits:
-        """What there is to know of the type."""
+        """Code, size, class and number of the type."""
         return TRAITS[self.typename]
 
     @property
@@ -135,21 +135,12 @@ class UnboundedSequence(AbstractSequence):
 
 
 @dataclass(frozen=True)
-class Constant:
-    """A named value of a structure; octets are ``bytes`` of length one."""
+class Member:
+    """A field of a structure with its default (None without one), or a constant; octets are ``bytes`` of length one."""
 
     name: str
     type: AbstractType
-    value: Any
-
-
-@dataclass(frozen=True)
-class Field:
-    """A member of a structure; `default` is None where the definition gives none."""
-
-    name: str
-    type: AbstractType
-    default: Any = None
+    value: Any = None
 
 
 @dataclass(frozen=True)
@@ -157,12 +148,12 @@ class Structure:
     """A message, or the request, response or event of a service."""
 
     type_name: str
-    fields: tuple[Field, ...] = ()
-    constants: tuple[Constant, ...] = ()
+    fields: tuple[Member, ...] = ()
+    constants: tuple[Member, ...] = ()
 
     def values(self) -> dict[str, Any]:
         """Constants and default values by the names that they have in a message class."""
-        defaults = {f"{field.name.upper()}__DEFAULT": field.default for field in self.fields}
+        defaults = {f"{field.name.upper()}__DEFAULT": field.value for field in self.fields}
         constants = {constant.name: constant.value for constant in self.constants}
         return constants | {name: value for name, value in defaults.items() if value is not None}
 

@@ -20,7 +20,7 @@ _TYPE_IDS: dict[type, int] = {
 }
 _NESTED_IDS: dict[type, int] = {d.Array: 48, d.BoundedSequence: 96, d.UnboundedSequence: 144}
 # What stands for the fields of an empty structure.
-_EMPTY = (d.Field("structure_needs_at_least_one_member", d.BasicType("uint8")),)
+_EMPTY = (d.Member("structure_needs_at_least_one_member", d.BasicType("uint8")),)
 
 
 @cache
@@ -80,7 +80,7 @@ def _describe(type_name: str) -> dict[str, Any]:
     return {"type_name": type_name, "fields": [_describe_field(field) for field in fields]}
 
 
-def _describe_field(field: d.Field) -> dict[str, Any]:
+def _describe_field(field: d.Member) -> dict[str, Any]:
     type_, element = field.type, d.element_type(field.type)
     type_id = element.traits.type_id if isinstance(element, d.BasicType) else _TYPE_IDS[type(element)]
     capacity = type_.size if isinstance(type_, d.Array) else 0

@@ -9,6 +9,7 @@ or ``check_fields=False`` at construction turn this off.
 from __future__ import annotations
 
 import copy
+import math
 from array import array
 from collections.abc import Callable
 from operator import attrgetter
@@ -17,7 +18,7 @@ from typing import Any, NoReturn, cast
 
 from . import catalogue
 from . import definition as d
-from .checks import CHECK_FIELDS, NAMESPACE, check_source, packed_array, packed_sequence, python_type
+from .checks import CHECK_FIELDS, check_source, checked_list, packed_array, packed_sequence, python_type
 
 _lock = RLock()
 _classes: dict[str, type] = {}
@@ -82,6 +83,31 @@ def _make_service(definition: d.Structure) -> type:
     return cast(type, metaclass(name, (), {"__init__": refuse, **members, **module}))
 
 
+class _Message:
+    """What all message classes have."""
+
+    __slots__ = ()
+    _fields_and_field_types: dict[str, str]
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        return dict(cls._fields_and_field_types)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, type(self)):
+            return False
+        same = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
+        # Arrays of numpy are compared element by element.
+        return all(one if isinstance(one, bool) else one.all() for one in same)
+
+    def __repr__(self) -> str:
+        texts = []
+        for name in self._fields_and_field_types:
+            value = getattr(self, name)
+            texts.append(f"{name}={value.tolist() if isinstance(value, array) else value!r}")
+        return f"{type(self).__module__}.{type(self).__name__}({', '.join(texts)})"
+
+
 def _make_message(definition: d.Structure) -> type:
     package, kind, name = definition.type_name.split("/")
     module = {"__module__": f"{package}.{kind}"}
@@ -94,9 +120,6 @@ def _make_message(definition: d.Structure) -> type:
         "_fields_and_field_types": {field.name: field_type_text(field.type) for field in fields},
         "SLOT_TYPES": tuple(field.type for field in fields),
         "__init__": functions["__init__"],
-        "__eq__": _equal,
-        "__repr__": _repr,
-        "get_fields_and_field_types": classmethod(_get_fields_and_field_types),
     }
     for field in fields:
         setter, text = functions[f"set_{field.name}"], f"Message field '{field.name}'."
@@ -104,7 +127,7 @@ def _make_message(definition: d.Structure) -> type:
     # Read-only on the class by a property of its metaclass; a plain attribute for its instances.
     properties = {key: _read_only(value) for key, value in values.items()}
     metaclass = type(f"Metaclass_{name}", (type,), {**properties, "_TYPE_NAME": definition.type_name, **module})
-    return cast(type, metaclass(name, (), {**values, **members, **module}))
+    return cast(type, metaclass(name, (_Message,), {**values, **members, **module}))
 
 
 def _read_only(value: Any) -> property:
@@ -115,37 +138,17 @@ def _reject(unknown: dict[str, Any]) -> NoReturn:
     raise AssertionError(f"Invalid arguments passed to constructor: {', '.join(sorted(unknown))}")
 
 
-def _get_fields_and_field_types(cls: Any) -> dict[str, str]:
-    return dict(cls._fields_and_field_types)
-
-
-def _equal(self: Any, other: object) -> bool:
-    if not isinstance(other, type(self)):
-        return False
-    same = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
-    # Arrays of numpy are compared element by element.
-    return all(one if isinstance(one, bool) else one.all() for one in same)
-
-
-def _repr(self: Any) -> str:
-    cls = type(self)
-    texts = []
-    for name in cls._fields_and_field_types:
-        value = getattr(self, name)
-        texts.append(f"{name}={value.tolist() if isinstance(value, array) else value!r}")
-    return f"{cls.__module__}.{cls.__name__}({', '.join(texts)})"
-
-
 def _functions(definition: d.Structure) -> dict[str, Any]:
     """Compile the constructor ``__init__`` and a function ``set_<name>`` for every field."""
     # In capitals, because arguments of the constructor have the names of fields.
     namespace: dict[str, Any] = {
-        **NAMESPACE,
         "UNSET": object(),
         "CHECK": CHECK_FIELDS,
         "HASATTR": hasattr,
+        "ISINF": math.isinf,
         "RANGE": range,
         "ARRAY": array,
+        "CHECKED_LIST": checked_list,
         "PACKED_SEQUENCE": packed_sequence,
         "PACKED_ARRAY": packed_array,
         "REJECT": _reject,
@@ -180,9 +183,9 @@ def _class_name(type_: d.AbstractType, namespace: dict[str, Any]) -> str:
     return name
 
 
-def _construction(field: d.Field, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
+def _construction(field: d.Member, class_name: str, namespace: dict[str, Any]) -> tuple[str, str]:
     """Source of the default value, and of the value to assign when one was given to the constructor."""
-    name, type_, default = field.name, field.type, field.default
+    name, type_, default = field.name, field.type, field.value
     match type_:
         case d.Array(d.BasicType(is_number=True) as element, size):
             import numpy as np
@@ -204,14 +207,15 @@ def _construction(field: d.Field, class_name: str, namespace: dict[str, Any]) ->
     return "[]" if isinstance(type_, d.AbstractSequence) else single, name
 
 
-def _assignment(field: d.Field, class_name: str) -> list[str]:
+def _assignment(field: d.Member, class_name: str) -> list[str]:
     """Source of the body of a setter."""
     name, type_ = field.name, field.type
-    element = d.element_type(type_)
-    if isinstance(type_, d.AbstractNestedType) and isinstance(element, d.BasicType) and element.is_number:
-        pack = "PACKED_ARRAY" if isinstance(type_, d.Array) else "PACKED_SEQUENCE"
-        arguments = f"value, '{name}', TYPES['{name}'], '{element.traits.code}', self._check_fields"
-        return [f"    self._{name} = {pack}({arguments})"]
+    if isinstance(type_, d.AbstractNestedType):
+        element, convert, kind = type_.value_type, "CHECKED_LIST", class_name
+        if isinstance(element, d.BasicType) and element.is_number:
+            convert = "PACKED_ARRAY" if isinstance(type_, d.Array) else "PACKED_SEQUENCE"
+            kind = repr(element.traits.code)
+        return [f"    self._{name} = {convert}(value, '{name}', TYPES['{name}'], {kind}, self._check_fields)"]
     lines = ["    if self._check_fields:"]
     for condition, text in check_source(name, type_, class_name):
         lines.append(f"        assert {condition}, {text!r}")

@@ -115,28 +115,26 @@ def _string(text: str) -> str:
 def parse_structure(text: str, type_name: str, origin: str) -> d.Structure:
     """Read one structure: the whole of a ``.msg`` file or one part of a ``.srv`` file."""
     package = type_name.split("/")[0]
-    fields: list[d.Field] = []
-    constants: list[d.Constant] = []
+    fields: list[d.Member] = []
+    constants: list[d.Member] = []
     names: set[str] = set()
     for number, line in enumerate(text.splitlines(), start=1):
         line = line.partition("#")[0].strip()
         if not line:
             continue
         try:
-            member = _member(line, package)
+            member, is_constant = _member(line, package)
         except ValueError as error:
             raise d.InvalidInterfaceError(f"{origin}, line {number}: {error}") from None
         if member.name in names:
             raise d.InvalidInterfaceError(f"{origin}, line {number}: {member.name!r} is defined twice")
         names.add(member.name)
-        if isinstance(member, d.Constant):
-            constants.append(member)
-        else:
-            fields.append(member)
+        (constants if is_constant else fields).append(member)
     return d.Structure(type_name, tuple(fields), tuple(constants))
 
 
-def _member(line: str, package: str) -> d.Field | d.Constant:
+def _member(line: str, package: str) -> tuple[d.Member, bool]:
+    """Read a field or a constant; the latter with True."""
     type_text, _, rest = line.replace("\t", " ").partition(" ")
     type_ = parse_type(type_text, package)
     name, separator, value = rest.partition("=")
@@ -146,11 +144,11 @@ def _member(line: str, package: str) -> d.Field | d.Constant:
             raise ValueError(f"{name!r} is not a constant's name (upper case letters, digits, single underscores)")
         if not isinstance(type_, d.BasicType | d.AbstractGenericString):
             raise ValueError(f"constant {name!r} must be a number, a boolean or a string")
-        return d.Constant(name, type_, parse_value(value, type_))
+        return d.Member(name, type_, parse_value(value, type_)), True
     name, _, default = rest.strip().partition(" ")
     if not _FIELD_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ValueError(f"{name!r} is not a field's name (lower case letters, digits, single underscores; no keyword)")
-    return d.Field(name, type_, parse_value(default, type_) if default.strip() else None)
+    return d.Member(name, type_, parse_value(default, type_) if default.strip() else None), False
 
 
 def parse_service(text: str, type_name: str, origin: str) -> tuple[d.Structure, d.Structure]:

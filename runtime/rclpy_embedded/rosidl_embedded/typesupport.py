@@ -1,10 +1,10 @@
-"""What a middleware needs to know of a message or service class: names, type hash, and the way to bytes and back."""
+"""Message and service classes for a middleware: names, type hashes, serialization."""
 
 import struct
 from collections.abc import Callable
 from functools import cache, cached_property
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
 from .description import interface_definition as interface_definition
@@ -26,25 +26,20 @@ class DeserializationError(ValueError):
     """Received bytes are not the encoding of the message type."""
 
 
-class _Typed:
-    def __init__(self, cls: Any) -> None:
-        self.cls = cls
-        self.type_name: str = cls._TYPE_NAME
-
-    @cached_property
-    def type_hash(self) -> str:
-        """RIHS01 hash of the type's description."""
-        return type_hash(self.type_name)
-
-
-class TypeSupport(_Typed):
+class TypeSupport:
     """Type support of one message class, of which `dds_name` is ``std_msgs::msg::dds_::String_``."""
 
     def __init__(self, cls: Any) -> None:
-        super().__init__(cls)
+        self.cls = cls
+        self.type_name: str = cls._TYPE_NAME
         package, kind, name = self.type_name.split("/")
         self.dds_name = f"{package}::{kind}::dds_::{name}_"
         self._decoders: dict[bytes, Callable[[bytes, int], tuple[Any, int]]] = {}
+
+    @property
+    def type_hash(self) -> str:
+        """RIHS01 hash of the type's description."""
+        return type_hash(self.type_name)
 
     @cached_property
     def _encode(self) -> Callable[..., None]:
@@ -101,29 +96,25 @@ class TypeSupport(_Typed):
         return decoder
 
 
-class ServiceTypeSupport(_Typed):
-    """Type support of a service class, with that of request and response."""
+class ServiceTypeSupport(NamedTuple):
+    """A service class, with the type support of request and response."""
 
-    def __init__(self, cls: Any) -> None:
-        super().__init__(cls)
-        self.request = type_support(cls.Request)
-        self.response = type_support(cls.Response)
+    cls: Any
+    request: TypeSupport
+    response: TypeSupport
 
 
 @cache
 def type_support(cls: Any) -> TypeSupport:
     """Type support of a message class; TypeError if `cls` is none of this package."""
-    _require(cls, "message", "__slots__")
+    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, "__slots__")):
+        raise TypeError(f"{cls!r} is not a message class, such as the ones that 'pkg.msg' modules hold")
     return TypeSupport(cls)
 
 
 @cache
 def service_type_support(cls: Any) -> ServiceTypeSupport:
     """Type support of a service class; TypeError if `cls` is none of this package."""
-    _require(cls, "service", "Request")
-    return ServiceTypeSupport(cls)
-
-
-def _require(cls: Any, what: str, attribute: str) -> None:
-    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, attribute)):
-        raise TypeError(f"{cls!r} is not a {what} class, such as the ones that 'pkg.{what[:3]}' modules hold")
+    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, "Request")):
+        raise TypeError(f"{cls!r} is not a service class, such as the ones that 'pkg.srv' modules hold")
+    return ServiceTypeSupport(cls, type_support(cls.Request), type_support(cls.Response))

@@ -21,8 +21,11 @@ if "ROS_DISTRO" in os.environ:
     sys.path[:] = [path for path in sys.path if Path(path).resolve() != _SOURCE]
 
 import rclpy  # noqa: E402
+from rclpy.clock import ROSClock  # noqa: E402
+from rclpy.clock_type import ClockType  # noqa: E402
 from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.time import Time  # noqa: E402
 
 _GENUINE = _SOURCE not in Path(rclpy.__file__).resolve().parents and "ROS_DISTRO" in os.environ
 # Every test has another domain: participants that were killed linger in theirs until their lease ends.
@@ -78,6 +81,18 @@ def node(context: Context) -> Iterator[Any]:
     node = rclpy.create_node("test_node", context=context)
     yield node
     node.destroy_node()
+
+
+@pytest.fixture
+def manual_clock() -> tuple[ROSClock, Callable[[float], None]]:
+    """A ROS clock that shows simulated time, and the function that sets it, in milliseconds."""
+    clock = ROSClock()
+    clock._set_ros_time_is_active(True)
+
+    def set_ms(milliseconds: float) -> None:
+        clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
+
+    return clock, set_ms
 
 
 class Spinner:

@@ -9,28 +9,12 @@ from typing import Any
 
 import pytest
 import rclpy
-from rclpy.clock import ROSClock
-from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.impl.dds import matched
 from rclpy.task import Future
-from rclpy.time import Time
 from rclpy.timer import TimerInfo
 from rclpy.waitable import Waitable
 from std_msgs.msg import String
-
-
-class ManualClock(ROSClock):
-    """Simulated time under the control of a test."""
-
-    def __new__(cls) -> Any:
-        clock = ROSClock()
-        clock._set_ros_time_is_active(True)
-        return clock
-
-
-def _set(clock: Any, milliseconds: float) -> None:
-    clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
 
 
 def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -> None:
@@ -69,10 +53,10 @@ def test_timer_info(node: Any, spinner: Any) -> None:
     assert infos[0].actual_call_time >= infos[0].expected_call_time
 
 
-def test_missed_calls_are_not_made_up_for(node: Any) -> None:
-    clock = ManualClock()
+def test_missed_calls_are_not_made_up_for(node: Any, manual_clock: Any) -> None:
+    clock, set_ms = manual_clock
     timer = node.create_timer(0.1, lambda: None, clock=clock)
-    _set(clock, 1050)
+    set_ms(1050)
     info = timer.call()
     assert info.expected_call_time.nanoseconds == 100_000_000
     assert info.actual_call_time.nanoseconds == 1_050_000_000
@@ -93,25 +77,25 @@ def test_waiting_task_does_not_burn_cpu(spinner: Any) -> None:
     assert time.process_time() - start < 0.05
 
 
-def test_no_drift_over_1000_ticks(node: Any) -> None:
-    clock = ManualClock()
+def test_no_drift_over_1000_ticks(node: Any, manual_clock: Any) -> None:
+    clock, set_ms = manual_clock
     timer = node.create_timer(0.1, lambda: None, clock=clock)
     for tick in range(1, 1001):
         # Each call comes 30 ms late; the next one is due on the grid all the same.
-        _set(clock, tick * 100 + 30)
+        set_ms(tick * 100 + 30)
         assert timer.is_ready()
         timer.call()
         assert timer.time_until_next_call() == 70_000_000
         assert timer.time_since_last_call() == 0
 
 
-def test_simulated_time_that_jumps_back(node: Any) -> None:
-    clock = ManualClock()
-    _set(clock, 10_000)
+def test_simulated_time_that_jumps_back(node: Any, manual_clock: Any) -> None:
+    clock, set_ms = manual_clock
+    set_ms(10_000)
     timer = node.create_timer(0.1, lambda: None, clock=clock)
-    _set(clock, 10_100)
+    set_ms(10_100)
     timer.call()
-    _set(clock, 500)
+    set_ms(500)
     assert timer.time_until_next_call() == 100_000_000
     assert timer.time_since_last_call() == 0
 

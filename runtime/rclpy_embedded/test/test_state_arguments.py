@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.arguments import Arguments, parameter_overrides, parse
 from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.impl.remapping import RemapRule
+from rclpy.names import RemapRule
 from rclpy.parameter import Parameter
 from rclpy.parameter_yaml import parse_value
 from rclpy.utilities import remove_ros_args

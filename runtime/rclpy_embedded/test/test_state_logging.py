@@ -22,7 +22,6 @@ from rclpy.logging import (
     get_logging_severity_from_string,
     set_logger_level,
 )
-from rclpy.logging_rosout import rosout
 from rclpy.time import Time
 
 LEVELS = st.sampled_from(list(LoggingSeverity))
@@ -184,7 +183,7 @@ def test_command_line() -> None:
 def test_rosout_gets_the_node_and_its_children() -> None:
     system.configure(parse([]))
     messages = []
-    rosout.attach("node", messages.append)
+    system.rosout.attach("node", messages.append)
     logger = get_logger("node")
     line = inspect.currentframe().f_lineno + 1
     logger.info("one")
@@ -206,7 +205,7 @@ def test_rosout_gets_the_node_and_its_children() -> None:
     del child
     get_logger("node.child").info("of nobody")
     grandchild.info("four")
-    rosout.detach("node", messages.append)
+    system.rosout.detach("node", messages.append)
     logger.info("five")
     assert [message.msg for message in messages[3:]] == ["four"]
 
@@ -219,28 +218,28 @@ def test_rosout_can_be_switched_off_and_does_not_recurse() -> None:
         logger.info("while publishing")
         raise RuntimeError("destroyed meanwhile")
 
-    rosout.attach("loop", publish)
+    system.rosout.attach("loop", publish)
     try:
         system.configure(parse(["--ros-args", "--disable-rosout-logs"]))
         logger.info("not published")
         system.configure(parse([]))
         logger.info("published")
     finally:
-        rosout.detach("loop", publish)
+        system.rosout.detach("loop", publish)
     assert [message.msg for message in messages] == ["published"]
 
 
 def test_two_nodes_of_one_name_share_a_publisher(capfd: pytest.CaptureFixture[str]) -> None:
     system.configure(parse([]))
     one, two = [], []
-    rosout.attach("twin", one.append)
-    rosout.attach("twin", two.append)
+    system.rosout.attach("twin", one.append)
+    system.rosout.attach("twin", two.append)
     assert "Publisher already registered for node name: 'twin'" in capfd.readouterr().err
     logger = get_logger("twin")
     logger.info("a")
-    rosout.detach("twin", one.append)
+    system.rosout.detach("twin", one.append)
     logger.info("b")
-    rosout.detach("twin", two.append)
+    system.rosout.detach("twin", two.append)
     assert ([message.msg for message in one], [message.msg for message in two]) == (["a"], ["b"])
 
 

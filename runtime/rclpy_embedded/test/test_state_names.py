@@ -5,7 +5,7 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.arguments import parse, rules_for
+from rclpy.arguments import parse
 from rclpy.exceptions import (
     InvalidNamespaceException,
     InvalidNodeNameException,
@@ -15,8 +15,15 @@ from rclpy.exceptions import (
     NameValidationException,
 )
 from rclpy.expand_topic_name import expand_topic_name
-from rclpy.impl.remapping import RemapRule, remap, remap_node
-from rclpy.names import full_topic_name_error, namespace_error, node_name_error, topic_name_error
+from rclpy.names import (
+    RemapRule,
+    full_topic_name_error,
+    namespace_error,
+    node_name_error,
+    remap,
+    remap_node,
+    topic_name_error,
+)
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_namespace import validate_namespace
 from rclpy.validate_node_name import validate_node_name
@@ -149,11 +156,8 @@ def test_expanding_what_is_valid_gives_an_absolute_name(topic: str, node: str, n
     assert expand_topic_name(expanded, node, f"/{namespace}") == expanded
 
 
-def _rules(*rules: str, local: tuple[str, ...] = ()) -> list[RemapRule]:
-    def arguments(texts: tuple[str, ...]) -> list[str]:
-        return ["--ros-args", *(word for text in texts for word in ("-r", text))]
-
-    return rules_for(parse(arguments(local)), parse(arguments(rules)))
+def _rules(*rules: str) -> list[RemapRule]:
+    return parse(["--ros-args", *(word for text in rules for word in ("-r", text))]).remap_rules
 
 
 def test_remapping_topics_and_services() -> None:
@@ -165,9 +169,8 @@ def test_remapping_topics_and_services() -> None:
     assert remap("/s", "node", "/", rules, is_service=True) == "/t"
 
 
-def test_the_first_matching_rule_counts_and_the_nodes_own_come_first() -> None:
+def test_the_first_matching_rule_counts() -> None:
     assert remap("/a", "n", "/", _rules("a:=b", "a:=c")) == "/b"
-    assert remap("/a", "n", "/", _rules("a:=b", local=("a:=d",))) == "/d"
     assert remap("/a", "n", "/", _rules("m:a:=b", "a:=c")) == "/c"
     assert remap("/b", "n", "/", _rules("a:=b", "b:=a")) == "/a"
 

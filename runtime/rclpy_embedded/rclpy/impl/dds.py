@@ -6,10 +6,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from cyclonedds.core import Entity, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState
+from cyclonedds.core import Entity, Policy, Qos
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import uint8
-from cyclonedds.sub import DataReader
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
@@ -41,11 +40,6 @@ def raw_type(dds_name: str) -> Any:
     # types for the same and match them within a process.
     member = dds_name.replace("::", "__")
     return make_idl_struct("RawType", dds_name, {member: uint8}, dataclassify=False, bases=(RawSample,))
-
-
-def any_sample(reader: DataReader[Any]) -> ReadCondition:
-    """Return a condition that triggers while the reader holds any sample."""
-    return ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
 
 
 def matched(handles: Callable[[], list[int]]) -> list[int]:

@@ -15,28 +15,17 @@ _ANNOUNCEMENT_INTERVAL = "2s"
 
 
 def loopback_only() -> bool:
-    """Return whether the loopback interface is the only one that is up (containers, sandboxes, no cable)."""
-    interfaces = Path("/sys/class/net")
-    if not interfaces.is_dir():
-        return False
-    for interface in interfaces.iterdir():
-        try:
-            flags = int((interface / "flags").read_text(), 16)
-        except (OSError, ValueError):
-            continue
-        # Up and multicast-capable is what Cyclone DDS needs for its own choice.
-        if interface.name != "lo" and flags & 0x1 and flags & 0x1000 and _has_address(interface.name):
-            return False
-    return True
-
-
-def _has_address(interface: str) -> bool:
-    """Return whether an interface has an IPv4 route, which means an address (Linux)."""
+    """Return whether nothing but the loopback interface has an IPv4 route (containers, sandboxes, no cable; Linux)."""
     try:
-        lines = Path("/proc/net/route").read_text().splitlines()[1:]
-    except OSError:
-        return True
-    return any(line.split("\t", 1)[0] == interface for line in lines)
+        routes = Path("/proc/net/route").read_text().splitlines()[1:]
+        for name in {route.split("\t", 1)[0] for route in routes} - {"lo"}:
+            flags = int(Path("/sys/class/net", name, "flags").read_text(), 16)
+            # Up and multicast-capable is what Cyclone DDS needs for its own choice.
+            if flags & 0x1 and flags & 0x1000:
+                return False
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def discovery_range(environ: Mapping[str, str] = os.environ) -> str:

@@ -1,16 +1,34 @@
 """What publishers, subscriptions, clients and services share."""
 
+import copy
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.impl.best_available import resolve
-from rclpy.impl.dds import any_sample, delete
+from rclpy.impl import faults
+from rclpy.impl.dds import delete, matched, profile_from_dds
+from rclpy.impl.graph import user_data_field
 from rclpy.impl.handle import Destroyable
-from rclpy.impl.session import LocalNode, Reader, Writer
-from rclpy.qos import QoSProfile
+from rclpy.impl.session import LocalNode, Reader, Session, Writer
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy, qos_profile_best_available
 
-from rosidl_embedded.typesupport import type_support
+from rosidl_embedded.typesupport import service_type_support, type_support
+
+_STRICT_AND_LAX = {
+    "reliability": (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
+    "durability": (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE),
+    "liveliness": (LivelinessPolicy.MANUAL_BY_TOPIC, LivelinessPolicy.AUTOMATIC),
+}
+_POLICIES = (*_STRICT_AND_LAX, "deadline", "liveliness_lease_duration")
+# Goes before requests and replies: the client's id and the number of the request.
+_HEADER = struct.Struct("<Qq")
+_ENCAPSULATION_SIZE = 4
 
 
 class Endpoint(Destroyable):
@@ -26,11 +44,10 @@ class Endpoint(Destroyable):
         self._name = name
         self._entities = entities
         if isinstance(entities[0], Reader):
-            self.condition = any_sample(entities[0])
+            self.condition = ReadCondition(entities[0], SampleState.Any | ViewState.Any | InstanceState.Any)
         local_node.session.add_endpoints(local_node, *entities)
 
     def destroy(self) -> None:
-        """Remove it from the graph; programs call the node's method for this."""
         if self._handle is not None:
             super().destroy()
             for handler in self.event_handlers:
@@ -57,10 +74,11 @@ class TopicEndpoint(Endpoint):
         self.msg_type = msg_type
         self.topic = topic
         self.qos_profile = qos_profile
+        self.callback_group = callback_group
         self._support = type_support(msg_type)
         session, dds_topic = local_node.session, "rt" + name
         create = session.writer if self._is_writer else session.reader
-        entity = create(dds_topic, self._support, resolve(qos_profile, session, dds_topic, writer=self._is_writer))
+        entity = create(dds_topic, self._support, _resolve(qos_profile, session, dds_topic, writer=self._is_writer))
         super().__init__(local_node, name, entity)
         logger_name = local_node.logger_name
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, entity, topic, logger_name)
@@ -70,3 +88,102 @@ class TopicEndpoint(Endpoint):
         """Full name of the topic."""
         self._check()
         return self._name
+
+
+def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: bool) -> QoSProfile:
+    """Choose the BEST_AVAILABLE policies: the strictest that match what is in the graph now."""
+    wanted = [name for name in _POLICIES if getattr(profile, name) == getattr(qos_profile_best_available, name)]
+    if not wanted:
+        return profile
+    peers = [profile_from_dds(endpoint.qos) for endpoint in session.graph.endpoints_of(dds_topic, writers=not writer)]
+    chosen = copy.copy(profile)
+    for name in wanted:
+        setattr(chosen, name, _best(name, [getattr(peer, name) for peer in peers], writer))
+    return chosen
+
+
+def _best(name: str, of_peers: list[Any], writer: bool) -> Any:
+    if name not in _STRICT_AND_LAX:
+        return (min if writer else max)(of_peers, key=lambda duration: duration.nanoseconds, default=Duration())
+    strict, lax = _STRICT_AND_LAX[name]
+    if not writer:  # may ask only for what every writer offers
+        return strict if all(value == strict for value in of_peers) else lax
+    # What a writer offers beyond need does no harm, but liveliness has to be asserted by its program.
+    return strict if name != "liveliness" or strict in of_peers else lax
+
+
+@dataclass(frozen=True)
+class RequestId:
+    """Which request of which client."""
+
+    writer_guid: int
+    sequence_number: int
+
+
+def peer_id(data: Any, role: str) -> str | None:
+    """Return the id that a matched peer has as "client" or "service": '' if it has none, None if the peer is gone."""
+    return None if data is None else user_data_field(data.qos, f"{role}id") or ""
+
+
+def matched_ids(handles: Callable[[], list[int]], data_of: Callable[[int], Any], role: str) -> set[str]:
+    """Return the ids of all matched peers."""
+    ids = {peer_id(data_of(handle), role) for handle in matched(handles)}
+    return {found for found in ids if found is not None}
+
+
+class ServiceEndpoint(Endpoint):
+    """One end of a service: sends requests and receives responses, or the other way round.
+
+    The service has the name `srv_name` (as it was given) and the full `name`.
+    """
+
+    _is_server: ClassVar[bool]
+
+    def __init__(
+        self,
+        local_node: LocalNode,
+        srv_type: Any,
+        srv_name: str,
+        name: str,
+        qos_profile: QoSProfile,
+        callback_group: CallbackGroup,
+    ) -> None:
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos_profile
+        self.callback_group = callback_group
+        support, session = service_type_support(srv_type), local_node.session
+        requests, responses = (f"rq{name}Request", support.request), (f"rr{name}Reply", support.response)
+        received, sent = (requests, responses) if self._is_server else (responses, requests)
+        self._received, self._sent = received[1], sent[1]
+        prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
+        self._writer: Any = session.writer(*sent, qos_profile, prefix)
+        self._reader: Any = session.reader(*received, qos_profile, prefix)
+        super().__init__(local_node, name, self._reader, self._writer)
+
+    @property
+    def service_name(self) -> str:
+        """Full name of the service."""
+        self._check()
+        return self._name
+
+    def _reader_ids(self, role: str) -> set[str]:
+        return matched_ids(self._writer.get_matched_subscriptions, self._writer.get_matched_subscription_data, role)
+
+    def _send(self, request_id: RequestId, message: Any) -> None:
+        prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
+        try:
+            self._writer.write(self._writer.data_type(self._sent.serialize_with_prefix(prefix, message)))
+        except DDSException as error:
+            raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
+
+    def _receive(self, writer_guid: bytes = b"") -> tuple[RequestId, Any, Any] | None:
+        """Take the next message, its id and its SampleInfo; with `writer_guid`, only what belongs to this client."""
+        for sample in self.handle.take(1):
+            if sample.sample_info.valid_data and sample.data.startswith(writer_guid, _ENCAPSULATION_SIZE):
+                try:
+                    header, message = self._received.deserialize_with_prefix(sample.data, _HEADER.size)
+                    return RequestId(*_HEADER.unpack(header)), message, sample.sample_info
+                except (ValueError, struct.error) as error:
+                    faults.count(self._name, f"malformed {self._received.cls.__name__} on '{self._name}': {error}")
+        return None

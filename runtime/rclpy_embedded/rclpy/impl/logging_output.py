@@ -3,9 +3,12 @@
 import os
 import re
 import sys
+import threading
 import time
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+from rcl_interfaces import msg
 from rclpy.impl.logging_severity import LoggingSeverity
 
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
@@ -23,21 +26,6 @@ class LogRecord(NamedTuple):
     stamp_ns: int
 
 
-def _values(record: LogRecord) -> dict[str, str]:
-    """Return the tokens of the console's layout."""
-    seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
-    date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
-    return {key: str(value) for key, value in record._asdict().items()} | {
-        "severity": record.severity.name,
-        "time": f"{seconds:010d}.{nanoseconds:09d}",
-        "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
-        "time_as_nanoseconds": f"{record.stamp_ns:019d}",
-    }
-
-
-_TOKEN = re.compile(
-    "{(severity|name|message|function_name|file_name|line_number|time|date_time_with_ms|time_as_nanoseconds)}"
-)
 _ESCAPES = {r"\a": "\a", r"\b": "\b", r"\n": "\n", r"\r": "\r", r"\t": "\t", r"\x1b": "\x1b"}
 _NORMAL = "\033[0m"
 _COLORS = {"DEBUG": "\033[32m", "INFO": _NORMAL, "WARN": "\033[33m", "ERROR": "\033[31m", "FATAL": "\033[31m"}
@@ -52,7 +40,7 @@ def _switch(name: str) -> bool | None:
 
 
 class Console:
-    """Writes messages to stderr, or as the RCUTILS_* variables of the environment say."""
+    """Writes messages to stderr; the RCUTILS_* variables of the environment change stream, colour and layout."""
 
     def __init__(self) -> None:
         self._use_stdout = _switch("RCUTILS_LOGGING_USE_STDOUT") is True
@@ -64,8 +52,20 @@ class Console:
 
     def format(self, record: LogRecord) -> str:
         """Return the message in the layout of the console, without colour."""
-        values = _values(record)
-        return _TOKEN.sub(lambda token: values[token[1]], self._layout)
+        seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+        date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+        values = {
+            "severity": record.severity.name,
+            "name": record.name,
+            "message": record.message,
+            "function_name": record.function_name,
+            "file_name": record.file_name,
+            "line_number": str(record.line_number),
+            "time": f"{seconds:010d}.{nanoseconds:09d}",
+            "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
+            "time_as_nanoseconds": f"{record.stamp_ns:019d}",
+        }
+        return re.sub(r"{(\w+)}", lambda token: values.get(token[1], token[0]), self._layout)
 
     def __call__(self, record: LogRecord) -> None:
         """Write the message; a console that was closed is ignored."""
@@ -83,19 +83,87 @@ class Console:
             return
 
 
-class Sink(Protocol):
-    """Publishes messages on /rosout for the loggers of nodes and for their children."""
+class Rosout:
+    """Publishes the messages of the loggers of nodes and of their children."""
 
-    def publish(self, record: LogRecord) -> None: ...
-    def add_child(self, logger_name: str, child_name: str) -> bool: ...
-    def remove_child(self, child_name: str) -> None: ...
+    def __init__(self) -> None:
+        self._publishers: dict[str, list[Callable[[Any], None]]] = {}
+        # Name of a child -> name of the logger that publishes for it, number of logger objects.
+        self._children: dict[str, tuple[str, int]] = {}
+        self._lock = threading.RLock()
+        self._state = threading.local()
+
+    def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        """Publish the messages of a node's logger and of its children through `publish`."""
+        with self._lock:
+            publishers = self._publishers.setdefault(logger_name, [])
+            publishers.append(publish)
+        if len(publishers) > 1:
+            text = (
+                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
+                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
+                "publisher."
+            )
+            place = "attach", __file__, 0
+            system.log(LogRecord(LoggingSeverity.WARN, "rcl.logging_rosout", text, *place, time.time_ns()))
+
+    def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        """Undo `attach`."""
+        with self._lock:
+            publishers = self._publishers.get(logger_name, [])
+            if publish in publishers:
+                publishers.remove(publish)
+            if not publishers:
+                self._publishers.pop(logger_name, None)
+
+    def add_child(self, logger_name: str, child_name: str) -> bool:
+        """Let a child publish through its parent's publisher; False if the parent publishes nothing."""
+        with self._lock:
+            owner = self._children.get(logger_name, (logger_name, 0))[0]
+            if owner not in self._publishers:
+                return False
+            self._children[child_name] = owner, self._children.get(child_name, ("", 0))[1] + 1
+            return True
+
+    def remove_child(self, child_name: str) -> None:
+        """Undo one `add_child`."""
+        with self._lock:
+            owner, count = self._children.pop(child_name, ("", 0))
+            if count > 1:
+                self._children[child_name] = owner, count - 1
+
+    def publish(self, record: LogRecord) -> None:
+        """Publish a message if it is one of a node."""
+        with self._lock:
+            name = record.name if record.name in self._publishers else self._children.get(record.name, ("", 0))[0]
+            publishers = self._publishers.get(name, [])[:1]
+        # A message that is logged while another one is published would never come to an end.
+        if not publishers or getattr(self._state, "publishing", False):
+            return
+        message = msg.Log(
+            level=int(record.severity),
+            name=record.name,
+            msg=record.message,
+            file=record.file_name,
+            function=record.function_name,
+            line=record.line_number,
+        )
+        message.stamp.sec, message.stamp.nanosec = divmod(record.stamp_ns, 1_000_000_000)
+        self._state.publishing = True
+        try:
+            publishers[0](message)
+        except RuntimeError:
+            # The publisher was destroyed meanwhile: logging must not fail for that.
+            return
+        finally:
+            self._state.publishing = False
 
 
 class LoggingSystem:
     """Levels by logger name and the outputs in use; there is one per process."""
 
     def __init__(self) -> None:
-        self.rosout: Sink | None = None
+        self.rosout = Rosout()
         self.rosout_enabled = False
         self.initialize()
 
@@ -146,7 +214,7 @@ class LoggingSystem:
             return
         if self.stdout_enabled:
             self._console(record)
-        if self.rosout_enabled and self.rosout is not None:
+        if self.rosout_enabled:
             self.rosout.publish(record)
 
 

@@ -15,7 +15,7 @@ _is_kept = False
 
 
 def keep_freed_memory() -> None:
-    """Have glibc keep up to 64 MB, unless MALLOC_* variables of the environment ask for something else."""
+    """Have glibc keep up to 64 MB, unless MALLOC_* variables are set in the environment."""
     global _is_kept
     if not _is_kept:
         _is_kept = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
 from typing import Any, NamedTuple
@@ -54,7 +55,7 @@ def _check_options(options: dict[str, Any]) -> None:
 
 @dataclass
 class _CallSite:
-    """What the first call at a place in the code asked for, and what the filters remember of the calls there."""
+    """Arguments of the first call at a place in the code, and the state of the filters there."""
 
     severity: LoggingSeverity
     name: str
@@ -64,17 +65,17 @@ class _CallSite:
     has_passed: bool = False
 
     def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
-        """Raise ValueError if a later call at the place asks for something else."""
-        if severity != self.severity:
-            raise ValueError("Logger severity cannot be changed between calls.")
-        if name != self.name:
-            raise ValueError("Logger name cannot be changed between calls.")
-        if options.keys() != self.options.keys():
-            raise ValueError("Requested logging filters cannot be changed between calls.")
-        if options != self.options:
-            raise ValueError("Logging filter parameters cannot be changed between calls.")
+        """Raise ValueError if a later call at the place has other arguments."""
+        for what, is_same in (
+            ("Logger severity", severity == self.severity),
+            ("Logger name", name == self.name),
+            ("Requested logging filters", options.keys() == self.options.keys()),
+            ("Logging filter parameters", options == self.options),
+        ):
+            if not is_same:
+                raise ValueError(f"{what} cannot be changed between calls.")
 
-    def lets_pass(self) -> bool:
+    def passes(self) -> bool:
         """Return whether the filters pass this message: throttle, then skip first, then once."""
         if duration_sec := self.options.get("throttle_duration_sec"):
             clock = self.options.get("throttle_time_source_type")
@@ -91,6 +92,13 @@ class _CallSite:
         return True
 
 
+def _logging_at(severity: LoggingSeverity) -> Callable[..., bool]:
+    def method(self: RcutilsLogger, message: str, **kwargs: Any) -> bool:
+        return self.log(message, severity, **kwargs)
+
+    return method
+
+
 class RcutilsLogger:
     """A named logger. Loggers form a hierarchy by the dots in their names and inherit levels along it."""
 
@@ -100,7 +108,7 @@ class RcutilsLogger:
         self._call_sites: dict[CallerId, _CallSite] = {}
 
     def __del__(self) -> None:
-        if self._is_rosout_child and system.rosout is not None:
+        if self._is_rosout_child:
             system.rosout.remove_child(self.name)
 
     def get_child(self, name: str) -> RcutilsLogger:
@@ -108,7 +116,7 @@ class RcutilsLogger:
         if not name:
             raise ValueError("Child logger name must not be empty.")
         child = RcutilsLogger(f"{self.name}.{name}" if self.name else name)
-        if self.name and system.rosout is not None:
+        if self.name:
             child._is_rosout_child = system.rosout.add_child(self.name, child.name)
         return child
 
@@ -142,25 +150,13 @@ class RcutilsLogger:
         caller = CallerId.current()
         site = self._call_sites.setdefault(caller, _CallSite(severity, name, options))
         site.check_unchanged(severity, name, options)
-        if not site.lets_pass():
+        if not site.passes():
             return False
         system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
         return True
 
-    def debug(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
-
-    def info(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.INFO, **kwargs)
-
-    def warning(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.WARN, **kwargs)
-
-    def warn(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.WARN, **kwargs)
-
-    def error(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.ERROR, **kwargs)
-
-    def fatal(self, message: str, **kwargs: Any) -> bool:
-        return self.log(message, LoggingSeverity.FATAL, **kwargs)
+    debug = _logging_at(LoggingSeverity.DEBUG)
+    info = _logging_at(LoggingSeverity.INFO)
+    warning = warn = _logging_at(LoggingSeverity.WARN)
+    error = _logging_at(LoggingSeverity.ERROR)
+    fatal = _logging_at(LoggingSeverity.FATAL)

@@ -213,6 +213,6 @@ def _release_domain(domain_id: int) -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """Leave the domain also when the program forgot to; else the peers would wait until the lease ends."""
+    """Leave the domain at exit in any case; else peers would take the nodes for alive until the lease ends."""
     for session in list(_sessions):
         session.close()

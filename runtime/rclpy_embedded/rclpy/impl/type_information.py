@@ -1,10 +1,8 @@
 """Keeps XTypes information off the wire: rmw sends none, so that types match by name alone.
 
-The cyclonedds package always announces the structure of its Python type, which here is a mere carrier of CDR, and peers
-that know the real structure would refuse to match. There is no switch for it, so the size of the topic's information is
-set to zero in memory while a reader or writer is made of the topic, and back afterwards. Everything is checked first:
-where the memory does not look as expected (another version of the package), nothing is touched, and only peers that
-send type information themselves are affected.
+The cyclonedds package always announces the structure of its Python type, which here only carries CDR. So the size of
+the topic's information is set to zero in memory while a reader or writer is made of the topic, and back afterwards.
+Everything is checked first: where the memory does not look as expected (another version), nothing is touched.
 """
 
 import ctypes

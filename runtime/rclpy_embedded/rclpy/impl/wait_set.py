@@ -1,7 +1,7 @@
 """What an executor sleeps on: DDS conditions that can come and go, and a way to be woken."""
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 from cyclonedds.core import DDSException, Entity, GuardCondition, WaitSet
@@ -38,11 +38,11 @@ class ConditionSet:
                 except DDSException:  # the participant is gone, so there is nothing to wait for
                     pass
 
-    def update(self, conditions: Iterable[Entity], is_gone: Callable[[Entity], bool]) -> None:
-        """Replace the conditions to wait for; `is_gone` returns whether a former one was deleted."""
+    def update(self, conditions: Iterable[Entity]) -> None:
+        """Replace the conditions to wait for; former ones may have been deleted."""
         wanted = {id(condition): condition for condition in conditions}
         stale = [condition for key, condition in self._attached.items() if key not in wanted]
-        if any(is_gone(condition) for condition in stale):
+        if any(condition._ref not in condition._entities for condition in stale):
             # A deleted entity cannot be detached by the Python API, and would stay in its list for ever.
             delete(self._waitset)
             self._waitset = self._new()

@@ -18,19 +18,6 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMsg
 
 
-class ManualClock(ROSClock):
-    """Simulated time under the control of a test."""
-
-    def __new__(cls) -> Any:
-        clock = ROSClock()
-        clock._set_ros_time_is_active(True)
-        return clock
-
-
-def _set(clock: Any, milliseconds: float) -> None:
-    clock.set_ros_time_override(Time(nanoseconds=int(milliseconds * 1e6), clock_type=ClockType.ROS_TIME))
-
-
 def test_rate_of_calls(node: Any, spinner: Any) -> None:
     calls: list[int] = []
     node.create_timer(0.005, lambda: calls.append(time.monotonic_ns()))
@@ -78,10 +65,10 @@ def test_cancel_and_reset(node: Any, spinner: Any) -> None:
     assert spinner.until(lambda: len(calls) >= 2)
 
 
-def test_reset_restarts_the_period(node: Any) -> None:
-    clock = ManualClock()
+def test_reset_restarts_the_period(node: Any, manual_clock: Any) -> None:
+    clock, set_ms = manual_clock
     timer = node.create_timer(0.1, lambda: None, clock=clock)
-    _set(clock, 90)
+    set_ms(90)
     timer.reset()
     assert timer.time_until_next_call() == 100_000_000
 
@@ -143,7 +130,7 @@ def test_first_simulated_time_begins_a_period(node: Any) -> None:
     timer = node.create_timer(10, lambda: None, clock=clock)
     clock._set_ros_time_is_active(True)
     assert not timer.is_ready()
-    _set(clock, 5000)
+    clock.set_ros_time_override(Time(seconds=5, clock_type=ClockType.ROS_TIME))
     assert timer.time_until_next_call() == 10_000_000_000
 
 
