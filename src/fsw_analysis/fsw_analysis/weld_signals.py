@@ -19,7 +19,10 @@ MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
 
 
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
-    """Where a signal comes from: the message's field that it holds, and the factor to the paper's unit."""
+    """Where a signal comes from: the field of the message, the factor to the paper's unit, and the kind of the field.
+
+    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and ``latency``, which is of no field.
+    """
     return {"path": path, "factor": factor, "kind": kind}
 
 
@@ -132,26 +135,6 @@ class TruthSignals:
     active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
 
 
-@dataclass(frozen=True, slots=True)
-class WeldEvent:
-    """Something that happened once.
-
-    Attributes
-    ----------
-    time_s : float
-        Seconds since the first tick.
-    kind : str
-        ``reference``, ``controller``, ``mode``, ``fault``, ``disturbance``, ``watchdog``, ``switch_request`` or
-        ``diagnostic``.
-    text : str
-        What happened, in words.
-    """
-
-    time_s: float
-    kind: str
-    text: str
-
-
 @dataclass(slots=True)
 class WeldSignals:
     """All of a recorded weld, aligned on the plant's ticks.
@@ -185,8 +168,6 @@ class WeldSignals:
         What the drives report; None when the bag has nothing of it.
     truth : TruthSignals or None
         The plant emulator's truth; None when the bag has none (a real weld).
-    events : list of WeldEvent
-        In order of time.
     attachments : dict of str to bytes
         The bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``.
     counts : dict of str to int
@@ -216,7 +197,6 @@ class WeldSignals:
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
     drives: DriveSignals | None = None
     truth: TruthSignals | None = None
-    events: list[WeldEvent] = field(default_factory=list)
     attachments: dict[str, bytes] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""
