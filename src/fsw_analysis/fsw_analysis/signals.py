@@ -27,9 +27,6 @@ from fsw_recorder.errors import BagError
 
 Group = TypeVar("Group", ProposalSignals, StatusSignals, DriveSignals, TruthSignals)
 
-#: share of the time that reading the file takes
-_READING = 0.8
-
 
 class _Ticks:
     """The plant's ticks, in order of their stamps: aligns everything else on them."""
@@ -96,7 +93,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         Bag folder or file, of any storage; an unfinished or damaged one is read as far as possible. The weld may have
         run in a namespace.
     progress : callable, optional
-        Called now and then with the fraction done, 0 to 1.
+        Called now and then with the fraction read, 0 to 1.
 
     Returns
     -------
@@ -108,14 +105,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     BagError
         There is no bag, it cannot be read, or it holds no weld, or several in namespaces.
     """
-    report = (lambda done: progress(_READING * done)) if progress is not None else None
-    signals = _signals(WeldMessages(path, progress=report), Path(path))
-    if progress is not None:
-        progress(1.0)
-    return signals
-
-
-def _signals(messages: WeldMessages, path: Path) -> WeldSignals:
+    messages = WeldMessages(path, progress=progress)
     sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
     command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"})
@@ -138,7 +128,7 @@ def _signals(messages: WeldMessages, path: Path) -> WeldSignals:
     reference_depth_mm, reference_temperature_c = _references(messages, ticks)
     applied = ticks.group(ProposalSignals, command)
     return WeldSignals(
-        path=path,
+        path=Path(path),
         stamp_ns=ticks.stamp_ns,
         time_s=ticks.time_s,
         depth_mm=sensed("depth") * MM,

@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
@@ -126,17 +127,13 @@ def simulate(steps: list[InputStep], last_tick: int, model: ProcessModel) -> dic
         The shoulder leaves the copper.
     """
     start = model.equilibrium()
-    force_kn, speed_rpm = start.force_kn, start.speed_rpm
-    forces, speeds = [], []
-    waiting = list(steps)
-    for tick in range(last_tick + 1):
-        while waiting and waiting[0].tick == tick:
-            step = waiting.pop(0)
-            force_kn = force_kn if step.force_kn is None else step.force_kn
-            speed_rpm = speed_rpm if step.speed_rpm is None else step.speed_rpm
-        forces.append(force_kn)
-        speeds.append(speed_rpm)
-    course = model.simulate(forces, speeds, start)
+    forces, speeds = np.full(last_tick + 1, start.force_kn), np.full(last_tick + 1, start.speed_rpm)
+    for step in steps:
+        if step.force_kn is not None:
+            forces[step.tick :] = step.force_kn
+        if step.speed_rpm is not None:
+            speeds[step.tick :] = step.speed_rpm
+    course = model.simulate(forces.tolist(), speeds.tolist(), start)
     course["time_s"] = course["time_s"].round(6)  # whole tenths, as they are written
     return {name: course[name] for name in COLUMNS}
 
@@ -186,24 +183,18 @@ def _write_csv(course: dict[str, Any], path: Path) -> None:
 
 def _write_all(files: dict[Path, Callable[[Path], None]]) -> None:
     """Write every file beside its place first, and put them there only when all are whole."""
-    temporary: dict[Path, Path] = {}
+    parts = {target: target.parent / f".{target.name}.{os.getpid()}.part" for target in files}
     try:
         for target, write in files.items():
             try:
-                descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-                os.close(descriptor)
-                temporary[target] = Path(name)
-                write(temporary[target])
                 if target.is_dir():
                     raise IsADirectoryError(0, "it is a folder")
+                write(parts[target])
             except OSError as error:
                 raise CommandError(f"cannot write {target}: {error.strerror or error}") from None
-        mask = os.umask(0)
-        os.umask(mask)
-        for target, written in temporary.items():
-            written.chmod(0o666 & ~mask)
-            written.replace(target)
+        for target, part in parts.items():
+            part.replace(target)
     finally:
-        for written in temporary.values():
+        for part in parts.values():
             with suppress(OSError):
-                written.unlink()
+                part.unlink()
