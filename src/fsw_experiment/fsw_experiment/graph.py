@@ -11,7 +11,6 @@ from typing import Any
 
 import yaml
 
-from fsw_control.contract import Command
 from fsw_control.parameters import validate
 from fsw_experiment.closed_loop import plant_of
 from fsw_experiment.launcher import Child, Launcher, LaunchError
@@ -19,7 +18,7 @@ from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario
 from fsw_plant.config import specs as plant_parameters
 
-#: Modules with a ``main`` by controller name; any other controller is given with its module.
+#: Modules with a ``main`` by controller name.
 CONTROLLER_MODULES = {
     "decentral": "fsw_decentral.decentral_node",
     "nmpc": "fsw_nmpc.nmpc_node",
@@ -55,7 +54,7 @@ class WeldGraph:
     folder : Path
         Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
     controllers : sequence of str
-        All that shall be warm; the scenario's own are added.
+        All that run; the scenario's own are added.
     realtime : bool
         10 Hz on the wall clock instead of lockstep.
     record : bool
@@ -115,19 +114,18 @@ class WeldGraph:
         return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
-        """Content of the parameter file: what each node needs to play its part in the scenario."""
-        start: Command = plant_of(self.scenario).applied
+        """Content of the parameter file: what each node needs for the scenario."""
+        start = plant_of(self.scenario).applied
         names = self.all_controllers
-        selected = names[0]
         plant = validate(plant_parameters(), self.scenario.plant)
         nodes: dict[str, dict[str, Any]] = {
-            "fsw_plant": {name: plant[name] for name in self.scenario.plant}
-            | {
+            "fsw_plant": {
+                **{name: plant[name] for name in self.scenario.plant},
                 "scenario": str(scenario_file),
                 "wait_for_subscribers": len(names) + 2 + self.record + self.standby,  # and supervisor and player
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
-            "fsw_supervisor": {"controller": selected},
+            "fsw_supervisor": {"controller": names[0]},
             "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
             "fsw_recorder": {"output": str(self.bag), "scenario": str(scenario_file)},
         }
@@ -171,16 +169,14 @@ class WeldGraph:
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
         launcher.wait_until(lambda: "progress " in player.text(), start_timeout_s, "the first tick", others)
-        limit_s = 60.0 + 3.0 * self.scenario.duration_s
 
         def over() -> bool:
-            if progress is not None:
-                words = [line.split() for line in player.text().splitlines() if line.startswith("progress ")]
-                if words and len(words[-1]) == 3:
-                    progress(int(words[-1][1]) / int(words[-1][2]))
+            told = re.findall(r"^progress (\d+) (\d+)$", player.text(), re.MULTILINE)
+            if progress is not None and told:
+                progress(int(told[-1][0]) / int(told[-1][1]))
             return not player.running
 
-        launcher.wait_until(over, limit_s, "the scenario's end", others)
+        launcher.wait_until(over, 60.0 + 3.0 * self.scenario.duration_s, "the scenario's end", others)
         if player.process.returncode != 0 or "finished after" not in player.text():
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
