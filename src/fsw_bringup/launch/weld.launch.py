@@ -78,13 +78,12 @@ def weld(context: LaunchContext) -> list[Any]:
     if scenario is None:
         parameters = _parameters_by_hand(controllers, record, standby, speed)
     else:
-        simulated = {} if speed is None else {"fsw_plant": {"speed": speed}}
-        graph = WeldGraph(
-            scenario, folder, controllers, realtime=speed is None, record=record, extra_parameters=simulated
-        )
+        graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record)
         controllers = graph.all_controllers
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
         parameters = graph.parameter_file(folder / "scenario.yaml")
+        if speed is not None:
+            parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
         parameters["fsw_recorder"]["ros__parameters"].pop("output")
         parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
     unknown = [name for name in controllers if name not in CONTROLLER_MODULES]

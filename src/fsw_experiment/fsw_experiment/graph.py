@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,8 @@ CONTROLLER_MODULES = {
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
+#: how long the first tick may take, and so the end
+_PATIENCE_S = 60.0
 _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
 
 
@@ -61,8 +63,6 @@ class WeldGraph:
         Whether a recorder runs.
     standby : bool
         Whether a second supervisor stands by.
-    extra_parameters : mapping
-        More parameters by node name.
     """
 
     scenario: Scenario
@@ -71,7 +71,6 @@ class WeldGraph:
     realtime: bool = False
     record: bool = True
     standby: bool = False
-    extra_parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def bag(self) -> Path:
@@ -133,8 +132,6 @@ class WeldGraph:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
         if self.scenario.open_loop:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
-        for name, values in self.extra_parameters.items():
-            nodes.setdefault(name, {}).update(values)
         if self.standby:
             nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
@@ -143,9 +140,7 @@ class WeldGraph:
                     values["use_sim_time"] = True
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
-    def run(
-        self, launcher: Launcher, progress: Callable[[float], None] | None = None, start_timeout_s: float = 60.0
-    ) -> float:
+    def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start everything, wait for the scenario's end, end everything.
 
         Parameters
@@ -153,8 +148,6 @@ class WeldGraph:
         launcher : Launcher
         progress : callable, optional
             Called with the share done, 0 to 1.
-        start_timeout_s : float
-            How long the first tick may take.
 
         Returns
         -------
@@ -168,7 +161,7 @@ class WeldGraph:
         """
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
-        launcher.wait_until(lambda: "progress " in player.text(), start_timeout_s, "the first tick", others)
+        launcher.wait_until(lambda: "progress " in player.text(), _PATIENCE_S, "the first tick", others)
 
         def over() -> bool:
             told = re.findall(r"^progress (\d+) (\d+)$", player.text(), re.MULTILINE)
@@ -176,7 +169,7 @@ class WeldGraph:
                 progress(int(told[-1][0]) / int(told[-1][1]))
             return not player.running
 
-        launcher.wait_until(over, 60.0 + 3.0 * self.scenario.duration_s, "the scenario's end", others)
+        launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
         if player.process.returncode != 0 or "finished after" not in player.text():
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave

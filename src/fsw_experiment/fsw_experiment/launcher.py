@@ -46,9 +46,9 @@ class Child:
         """What it has printed so far."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
-    def last_words(self, lines: int = 5) -> str:
+    def last_words(self) -> str:
         """The last lines that it printed, as one line."""
-        return " | ".join(self.text().strip().splitlines()[-lines:]) or "it printed nothing"
+        return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
 
 
 class Launcher:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -189,12 +189,9 @@ def _recover(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _runs(bags: list[Path]) -> list[Any]:
-    """Bags as runs to draw, each cut to the length of its scenario."""
-    from fsw_analysis.figures import Run  # matplotlib takes a second to import
-
-    signals = [read_weld(bag) for bag in bags]
-    return [Run(label, cut_to_scenario(one)) for label, one in zip(_labels(bags), signals, strict=True)]
+def _welds(bags: list[Path]) -> dict[str, WeldSignals]:
+    """Welds by the labels that distinguish them, each cut to the length of its scenario."""
+    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(_labels(bags), bags, strict=True)}
 
 
 def _labels(bags: list[Path]) -> list[str]:
@@ -208,50 +205,47 @@ def _labels(bags: list[Path]) -> list[str]:
     return [f"{path} ({i + 1})" for i, path in enumerate(bags)]
 
 
-def _figures_of(signals: WeldSignals) -> tuple[int, ...]:
-    text = signals.attachments.get("scenario.yaml")
-    try:
-        return parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures if text else ()
-    except ScenarioError as error:
-        print_notes([str(error)])
-        return ()
+def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
+    results = [kpi.compute(signals, label) for label, signals in welds.items()]
+    print(kpi_table.text(results), end="")
+    write_json(file, results)
 
 
-def _draw(runs: list[Any], numbers: Any, folder: Path) -> None:
-    from fsw_analysis.figures import draw
+def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | None = None) -> None:
+    """Draw figures of the paper, by default those that the first weld's scenario names."""
+    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
+    text = next(iter(welds.values())).attachments.get("scenario.yaml")
+    if numbers is None and text:
+        try:
+            numbers = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures
+        except ScenarioError as error:
+            print_notes([str(error)])
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        paths = draw(runs, numbers, folder)
+        paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
     except OSError as error:
         raise CommandError(f"cannot write figures into {folder}: {error.strerror}") from None
     print("\n".join(map(str, paths)))
 
 
 def _kpi(arguments: argparse.Namespace) -> int:
-    signals = cut_to_scenario(read_weld(arguments.bag))
-    results = [kpi.compute(signals, _labels([arguments.bag])[0])]
-    print(kpi_table.text(results), end="")
-    write_json(arguments.json, results)
+    _print_kpis(_welds([arguments.bag]), arguments.json)
     return 0
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    runs = _runs(arguments.bag)
-    numbers = arguments.figures if arguments.figures is not None else _figures_of(runs[0].signals)
-    _draw(runs, numbers, arguments.out)
+    _draw(_welds(arguments.bag), arguments.out, arguments.figures)
     return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:
     if len(arguments.bag) < 2:
         raise CommandError("bag compare: give two bags or more")
-    runs = _runs(arguments.bag)
-    results = [kpi.compute(run.signals, run.label) for run in runs]
-    print(kpi_table.text(results), end="")
-    write_json(arguments.json, results)
+    welds = _welds(arguments.bag)
+    _print_kpis(welds, arguments.json)
     if arguments.out is not None:
-        _draw(runs, _figures_of(runs[0].signals), arguments.out)
+        _draw(welds, arguments.out)
     return 0
 
 
