@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +64,6 @@ class WeldMessages:
     ----------
     path : Path or str
         Bag folder or file, of any storage and state. The weld may have run in a namespace.
-    wanted : collection of str, optional
-        Read only these topics (names without namespace).
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
 
@@ -85,12 +83,7 @@ class WeldMessages:
         There is no bag, it cannot be read, it is empty, or it holds several welds in namespaces.
     """
 
-    def __init__(
-        self,
-        path: Path | str,
-        wanted: Collection[str] | None = None,
-        progress: Callable[[float], None] | None = None,
-    ) -> None:
+    def __init__(self, path: Path | str, progress: Callable[[float], None] | None = None) -> None:
         raw: dict[str, list[tuple[int, int, bytes]]] = {}
         with BagReader(path) as reader:
             for record in reader.records(progress=progress):
@@ -108,8 +101,7 @@ class WeldMessages:
             raise BagError(f"{path}: holds several welds, in {several}: convert or record one of them")
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
         self.topics = {one.name.removeprefix(self.namespace): one for one in topics}
-        named = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
-        self.raw = {name: messages for name, messages in named.items() if wanted is None or name in wanted}
+        self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:
         """Topics on which controllers tell something (``proposal`` or ``status``), by the controller's name."""

@@ -105,7 +105,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     BagError
         There is no bag, it cannot be read, or it holds no weld, or several in namespaces.
     """
-    messages = WeldMessages(path, progress=progress)
+    messages = WeldMessages(path, progress)
     sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
     command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"})

@@ -30,7 +30,6 @@ Entry = TypeVar("Entry")
 
 #: a longer pause of the measurements is a restart of time, as for the controller's node
 _JUMP_NS = 1_000_000_000
-_DRIVES, _COMMANDS, _CHANGES = "/fsw/drives", "/fsw/command", "/parameter_events"
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
 _PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
 
@@ -41,10 +40,8 @@ class TickDifference:
 
     Attributes
     ----------
-    tick : int
-        Counted from 0 at the first recorded proposal.
-    time_s : float
-        Since the first recorded proposal.
+    tick, time_s : int, float
+        From the first recorded proposal on.
     force_kn, speed_rpm : float
         Replayed minus recorded; NaN where one of both is not finite.
     text : str
@@ -157,7 +154,7 @@ def _validated(described: tuple[str, str], recorded: Mapping[str, Any]) -> dict[
 def _replay(
     recorded: _Recorded, references: list[tuple[int, Reference]], controller: Controller, settings: dict[str, Any]
 ) -> list[TickDifference]:
-    """Answer every recorded measurement anew; the differences."""
+    """Differences of the controller's new answers to the recorded measurements."""
     guard = SensorGuard(sensor_limits(settings))
     applied = Command(settings["initial_force"], settings["initial_speed"])
     controller.reset(applied)
@@ -218,7 +215,7 @@ class _Recorded:
     def __init__(self, path: Path | str, name: str) -> None:
         own = f"/fsw/{name}/proposal"
         topics = [topic for topic, _ in SENSOR_FIELDS.values()]
-        self.messages = WeldMessages(path, {*topics, _DRIVES, own, _COMMANDS, SENT, HELD, _CHANGES})
+        self.messages = WeldMessages(path)
         sensors = [self.messages.table(topic, {field: "number"}) for topic, field in SENSOR_FIELDS.values()]
         self.proposals = self.messages.table(own, _PROPOSAL)
         self.sent, self.held = (read_set_points(self.messages, topic) for topic in (SENT, HELD))
@@ -233,13 +230,13 @@ class _Recorded:
         }
         self.samples["depth"] = {stamp_ns: mm_from_m(value) for stamp_ns, value in self.samples["depth"].items()}
         #: stamp and command, in order of receipt
-        self.commands = _commands(self.messages.table(_COMMANDS, _INPUTS))
+        self.commands = _commands(self.messages.table("/fsw/command", _INPUTS))
         #: what the drives reported, by stamp
-        self.drives = dict(_commands(self.messages.table(_DRIVES, _INPUTS)))
+        self.drives = dict(_commands(self.messages.table("/fsw/drives", _INPUTS)))
 
     def parameters_changed(self, name: str) -> bool:
         """Whether a parameter of the controller's node was changed after its start."""
-        table = self.messages.table(_CHANGES, {"node": "text"})
+        table = self.messages.table("/parameter_events", {"node": "text"})
         own = table.column("node") == f"{self.messages.namespace}/fsw_{name}"
         return bool((own & (table.log_ns > self.proposals.log_ns[0])).any())
 
