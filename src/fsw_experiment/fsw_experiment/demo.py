@@ -13,15 +13,14 @@ from typing import NoReturn
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
-from fsw_control.free_domain import NoFreeDomainError, free_domain
-from fsw_experiment.cli.errors import CommandError
+from fsw_control.free_domain import free_domain
+from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder
 from fsw_experiment.graph import WeldGraph, installed_controllers
-from fsw_experiment.launcher import Launcher, LaunchError
-from fsw_experiment.scenario import Scenario, ScenarioError
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario import Scenario
 from fsw_experiment.scenario_file import load, parse, shipped
-from fsw_recorder.errors import BagError
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
@@ -55,14 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; returns the exit code."""
     parsed = parser().parse_args(arguments)
     signal.signal(signal.SIGTERM, _terminate)
-    try:
-        return _demonstrate(parsed)
-    except (CommandError, LaunchError, NoFreeDomainError, ScenarioError, BagError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; all processes have been stopped", file=sys.stderr)
-        return 130
+    return exit_code(lambda: _demonstrate(parsed))
 
 
 def _terminate(*_: object) -> NoReturn:
