@@ -22,16 +22,7 @@ class LaunchError(RuntimeError):
 
 @dataclass(slots=True)
 class Child:
-    """One running part of the graph.
-
-    Attributes
-    ----------
-    name : str
-        For people and for the log file.
-    process : subprocess.Popen
-    log : Path
-        Everything that it prints.
-    """
+    """One running part of the graph; its log has everything that it prints."""
 
     name: str
     process: subprocess.Popen[bytes]
