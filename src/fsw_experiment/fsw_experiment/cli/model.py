@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fsw_analysis.export import write_table
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.ranges import DURATION_S, Range
@@ -149,7 +149,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"cannot read model {arguments.model}: {error.strerror}") from None
     except (ParameterError, OperatingPointError, UnicodeDecodeError) as error:
         raise CommandError(f"model: {error}") from None
-    files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: _write_csv(course, path)}
+    files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: write_table(course, path)}
     if arguments.figure is not None:
         from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
@@ -172,13 +172,6 @@ def _text(source: str) -> str:
         ) from None
     except (UnicodeDecodeError, ValueError):
         raise CommandError(f"cannot read events {source!r}: not a text file in UTF-8") from None
-
-
-def _write_csv(course: dict[str, Any], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
-        writer.writerows(zip(*(map(repr, course[name].tolist()) for name in COLUMNS), strict=True))
 
 
 def _write_all(files: dict[Path, Callable[[Path], None]]) -> None:
