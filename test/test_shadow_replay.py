@@ -48,8 +48,8 @@ def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path, nam
     report = shadow(tmp_path, weld=weld)
     assert report["ticks"] == 10 * SECONDS and report["unanswered"] <= 5 and report["unhealthy"] == 0
     own = {one["against"]: one for one in report["comparisons"]}["its own recorded proposals"]
-    for handle, tolerance in TOLERANCE.items():
-        assert own[handle]["largest"] <= (0.0 if not report["missed"] else tolerance), own
+    for variable, tolerance in TOLERANCE.items():
+        assert own[variable]["largest"] <= (0.0 if not report["missed"] else tolerance), own
     with BagReader(tmp_path / "shadow" / "bag") as reader:
         info = reader.info()
         counts = reader.counts()

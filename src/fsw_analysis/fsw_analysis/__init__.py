@@ -1,1 +1,1 @@
-"""Analysis of recorded welds: aligned signals, events, figures of merit, figures, comparison and verification."""
+"""Analysis of recorded welds: aligned signals, figures of merit, figures, comparison and verification."""

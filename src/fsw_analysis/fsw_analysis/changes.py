@@ -1,8 +1,8 @@
-"""Finds in the signals of a weld the moments at which something was asked of the controller."""
+"""Finds the changes of set-points and output disturbances in the signals of a weld, and the end of its scenario."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ _GROUP_TICKS = 10
 _SMALLEST_STEP = 1e-9
 #: stamps below this are of simulated time, which begins at 0
 _SIMULATED_S = 1e8
-#: what a tick may be late of the scenario's end
+#: a tick at the scenario's end may be later by this
 _LATE_S = 1e-6
 
 
@@ -95,18 +95,12 @@ def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
     return signals if n >= signals.n_ticks else _head(signals, n)
 
 
-def _head(record: Any, n: int) -> Any:
+def _head(value: Any, n: int) -> Any:
     """A copy of signals with the first ``n`` ticks of every array."""
-    values: dict[str, Any] = {}
-    for item in fields(record):
-        value = getattr(record, item.name)
-        if isinstance(value, np.ndarray):
-            value = value[:n]
-        elif is_dataclass(value):
-            value = _head(value, n)
-        elif isinstance(value, dict) and item.name in ("proposals", "statuses"):
-            value = {name: _head(inner, n) for name, inner in value.items()}
-        elif isinstance(value, dict) and item.name == "disturbances":
-            value = {name: inner[:n] for name, inner in value.items()}
-        values[item.name] = value
-    return type(record)(**values)
+    if isinstance(value, np.ndarray):
+        return value[:n]
+    if isinstance(value, dict):
+        return {name: _head(inner, n) for name, inner in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{one.name: _head(getattr(value, one.name), n) for one in fields(value)})
+    return value

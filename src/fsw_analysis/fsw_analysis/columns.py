@@ -1,15 +1,14 @@
 """Reads fields of many serialized messages of one type at once, as numpy arrays.
 
-Decoding a 45-minute weld message by message takes minutes, in whatever library. The offsets of a message's fields
-depend only on the lengths of its strings and sequences; so messages of equal size are compared in these length words,
-one of each group is walked to find the offsets, and the group's values are taken as columns of a byte matrix: a second,
-without any message class. Encoding: OMG CDR (XCDR1), alignment counted after the 4-byte header, at most 8.
+Decoding the messages of a 45-minute weld one by one takes several times as long. The offsets of a message's fields
+depend only on the lengths of its strings and sequences; so one message is walked to find them, and all messages with
+the same lengths are one structured array. Encoding: OMG CDR (XCDR1), aligned to at most 8 after the 4-byte header.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from itertools import count, takewhile
 from typing import Any, Literal
 
 import numpy as np
@@ -21,7 +20,9 @@ from fsw_recorder.definitions import Definitions
 Kind = Literal["number", "text", "numbers", "texts"]
 #: per kind: float64 (n,), object (n,) of str, object (n,) of float64 arrays, object (n,) of tuples of str
 Column = npt.NDArray[Any]
+Fields = Mapping[str, Sequence[tuple[str, Any]]]
 
+_MISSING: dict[Kind, Any] = {"number": np.nan, "text": "", "numbers": np.empty(0), "texts": ()}
 _CODES = {
     **dict.fromkeys(("bool", "byte", "char", "uint8"), "u1"),
     **{"int8": "i1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
@@ -29,20 +30,6 @@ _CODES = {
 }
 _HEADER_BYTES = 4
 _MOST_ELEMENTS = 1_000_000
-
-
-@dataclass(slots=True)
-class _Layout:
-    """Where the fields of one message are: numbers (offset, code, count), texts (offset, size), lists (count).
-
-    ``guards`` are the offsets of all lengths: messages that agree there agree in all offsets.
-    """
-
-    order: Literal["little", "big"]
-    numbers: dict[str, tuple[int, str, int]] = field(default_factory=dict)
-    texts: dict[str, tuple[int, int]] = field(default_factory=dict)
-    lists: dict[str, int] = field(default_factory=dict)
-    guards: list[int] = field(default_factory=list)
 
 
 class MessageColumns:
@@ -63,7 +50,7 @@ class MessageColumns:
 
     def __init__(self, type_name: str, definition: str) -> None:
         store = Definitions().typestore(type_name, definition)
-        self._fields: dict[str, list[tuple[str, Any]]] = {name: list(one[1]) for name, one in store.fielddefs.items()}
+        self._fields: Fields = {name: list(one[1]) for name, one in store.fielddefs.items()}
         self._type_name = type_name
 
     def has(self, path: str) -> bool:
@@ -95,132 +82,125 @@ class MessageColumns:
         good : bool array, shape (n,)
             False where a message is damaged.
         """
-        count = len(payloads)
         columns: dict[str, Column] = {}
         for path, kind in wanted.items():
-            columns[path] = np.full(count, np.nan) if kind == "number" else np.empty(count, dtype=object)
-            if kind != "number":
-                columns[path][:] = [{"text": "", "texts": (), "numbers": np.empty(0)}[kind]] * count
-        good = np.ones(count, dtype=bool)
+            columns[path] = np.full(len(payloads), np.nan) if kind == "number" else np.empty(len(payloads), object)
+            columns[path][:] = [_MISSING[kind]] * len(payloads)
+        good = np.ones(len(payloads), dtype=bool)
         by_size: dict[int, list[int]] = {}
         for row, payload in enumerate(payloads):
             by_size.setdefault(len(payload), []).append(row)
         for size, row_list in by_size.items():
             rows = np.array(row_list)
-            matrix = np.frombuffer(b"".join(payloads[row] for row in row_list), np.uint8).reshape(len(row_list), size)
+            messages = np.frombuffer(b"".join(payloads[row] for row in row_list), f"V{size}" if size else "u1")
             while rows.size:
                 try:
-                    layout = self._layout(payloads[int(rows[0])])
+                    layout = _Layout(self._fields, self._type_name, payloads[int(rows[0])])
                 except ValueError:
                     good[rows[0]] = False
-                    rows, matrix = rows[1:], matrix[1:]
+                    rows, messages = rows[1:], messages[1:]
                     continue
-                same = (matrix[:, :2] == matrix[0, :2]).all(axis=1)
-                for guard in layout.guards:
-                    same &= (matrix[:, guard : guard + 4] == matrix[0, guard : guard + 4]).all(axis=1)
+                fields = messages.view(layout.dtype())
+                same = np.all([fields[name] == fields[name][0] for name in layout.lengths], axis=0)
                 for path, kind in wanted.items():
-                    _fill(columns[path], rows[same], matrix[same], layout, path, kind)
-                rows, matrix = rows[~same], matrix[~same]
+                    _fill(columns[path], rows[same], fields[same], path, kind)
+                rows, messages = rows[~same], messages[~same]
         return columns, good
 
-    def _layout(self, payload: bytes) -> _Layout:
+
+class _Layout:
+    """Formats and offsets of one message's fields; raises ValueError where the message is damaged.
+
+    Messages that agree in all ``lengths`` (and the encoding) agree in all offsets.
+    """
+
+    def __init__(self, fields: Fields, type_name: str, payload: bytes) -> None:
         if len(payload) < _HEADER_BYTES or payload[0] != 0 or payload[1] > 1:
             raise ValueError("not plain CDR")
-        layout = _Layout("little" if payload[1] else "big")
-        _Walk(self._fields, payload, layout).message(self._type_name, "")
-        return layout
-
-
-class _Walk:
-    """Finds the offsets of one message's fields; raises ValueError where it is damaged."""
-
-    def __init__(self, fields: Mapping[str, list[tuple[str, Any]]], payload: bytes, layout: _Layout) -> None:
-        self._fields, self._payload, self._layout = fields, payload, layout
+        self._fields, self._payload = fields, payload
+        self._order: Literal["little", "big"] = "little" if payload[1] else "big"
         self._at = _HEADER_BYTES
+        self._places: dict[str, tuple[Any, int]] = {"#encoding": ("u2", 0)}
+        self.lengths = ["#encoding"]
+        self._message(type_name, "")
 
-    def message(self, type_name: str, prefix: str) -> None:
+    def dtype(self) -> np.dtype[np.void]:
+        """Type of the whole message as an element of a structured array."""
+        formats, offsets = zip(*self._places.values(), strict=True)
+        description = {"names": list(self._places), "formats": formats, "offsets": offsets}
+        return np.dtype({**description, "itemsize": len(self._payload)})  # type: ignore[call-overload, no-any-return]
+
+    def _message(self, type_name: str, prefix: str) -> None:
         for name, description in self._fields[type_name]:
             self._field(f"{prefix}{name}", description)
 
     def _field(self, path: str, description: Any) -> None:
         kind, detail = description
-        if kind == Nodetype.BASE:
-            if detail[0] in _CODES:
-                self._numbers(path, detail[0], 1)
-            elif detail[0] == "string":
-                size = self._length()
-                self._layout.texts[path] = (self._at, max(size - 1, 0))
-                self._skip(size)
-            else:
-                raise ValueError(f"{detail[0]} is not supported")
-        elif kind == Nodetype.NAME:
-            self.message(detail, f"{path}.")
+        if kind == Nodetype.NAME:
+            self._message(detail, f"{path}.")
+        elif kind == Nodetype.BASE and detail[0] == "string":
+            size = self._length(path)
+            self._place(path, f"S{size}", size)
+        elif kind == Nodetype.BASE:
+            self._numbers(path, detail[0], ())
         else:
-            inner, count = detail
+            inner, elements = detail
             if kind == Nodetype.SEQUENCE:
-                count = self._length()
-            if count > min(len(self._payload), _MOST_ELEMENTS):
+                elements = self._length(path)
+            if elements > min(len(self._payload), _MOST_ELEMENTS):
                 raise ValueError("sequence longer than the message")
-            self._layout.lists[path] = count
             if inner[0] == Nodetype.BASE and inner[1][0] in _CODES:
-                if count:
-                    self._numbers(path, inner[1][0], count)
-                return
-            for index in range(count):
-                self._field(f"{path}[{index}]", inner)
+                self._numbers(path, inner[1][0], (elements,))
+            else:
+                for index in range(elements):
+                    self._field(f"{path}[{index}]", inner)
 
-    def _numbers(self, path: str, name: str, count: int) -> None:
-        code = _CODES[name]
-        self._align(int(code[1]))
-        self._layout.numbers[path] = (self._at, code, count)
-        self._skip(int(code[1]) * count)
+    def _numbers(self, path: str, name: str, shape: tuple[int, ...]) -> None:
+        if name not in _CODES:
+            raise ValueError(f"{name} is not supported")
+        code = np.dtype(_CODES[name]).newbyteorder(self._order)
+        if shape == (0,):
+            return  # not even aligned
+        self._align(code.itemsize)
+        self._place(path, (code, shape), code.itemsize * (shape[0] if shape else 1))
 
-    def _length(self) -> int:
+    def _length(self, path: str) -> int:
         self._align(4)
-        self._layout.guards.append(self._at)
-        self._skip(4)
-        return int.from_bytes(self._payload[self._at - 4 : self._at], self._layout.order)
+        name = f"#{path}"
+        self.lengths.append(name)
+        self._place(name, "u4", 4)
+        return int.from_bytes(self._payload[self._at - 4 : self._at], self._order)
 
-    def _align(self, size: int) -> None:
-        self._at += -(self._at - _HEADER_BYTES) % size
-
-    def _skip(self, size: int) -> None:
+    def _place(self, path: str, form: Any, size: int) -> None:
+        self._places[path] = (form, self._at)
         self._at += size
         if self._at > len(self._payload):
             raise ValueError("message too short")
 
-
-def _fill(
-    column: Column, rows: npt.NDArray[np.int64], group: npt.NDArray[np.uint8], layout: _Layout, path: str, kind: Kind
-) -> None:
-    if kind == "number" and path in layout.numbers:
-        column[rows] = _numbers(group, layout, path)[:, 0]
-    elif kind == "text" and path in layout.texts:
-        column[rows] = _texts(group, *layout.texts[path])
-    elif kind == "numbers" and path in layout.numbers:
-        for row, values in zip(rows, _numbers(group, layout, path).astype(float), strict=True):
-            column[row] = values
-    elif kind == "texts":
-        names = [f"{path}[{index}]" for index in range(layout.lists.get(path, 0))]
-        parts = [_texts(group, *layout.texts[name]) for name in names if name in layout.texts]
-        for position, row in enumerate(rows):
-            column[row] = tuple(part[position] for part in parts)
+    def _align(self, size: int) -> None:
+        self._at += -(self._at - _HEADER_BYTES) % size
 
 
-def _numbers(group: npt.NDArray[np.uint8], layout: _Layout, path: str) -> npt.NDArray[Any]:
-    offset, code, count = layout.numbers[path]
-    raw = np.ascontiguousarray(group[:, offset : offset + int(code[1]) * count])
-    return raw.view(np.dtype(code).newbyteorder("<" if layout.order == "little" else ">"))
+def _fill(column: Column, rows: npt.NDArray[np.int64], fields: npt.NDArray[Any], path: str, kind: Kind) -> None:
+    """Put the values of a field into the rows; nothing where the messages have no such field of that kind."""
+    names = fields.dtype.names or ()
+    values: Sequence[Any] = ()
+    if kind == "texts":
+        items = takewhile(names.__contains__, (f"{path}[{index}]" for index in count()))
+        values = list(zip(*(_texts(fields[item]) for item in items), strict=True))
+    elif path in names and (fields[path].dtype.kind == "S") == (kind == "text"):
+        found = fields[path]
+        if kind == "number" and found.ndim == 1:
+            column[rows] = found
+        elif kind == "text":
+            values = _texts(found)
+        elif kind == "numbers" and found.ndim == 2:
+            values = list(found.astype(float))
+    for row, value in zip(rows, values, strict=False):
+        column[row] = value
 
 
-def _texts(group: npt.NDArray[np.uint8], offset: int, size: int) -> npt.NDArray[np.object_]:
-    result = np.empty(len(group), dtype=object)
-    if not size:
-        result[:] = ""
-        return result
-    words: dict[bytes, str] = {}
-    for row, key in enumerate(np.ascontiguousarray(group[:, offset : offset + size]).view(f"V{size}")[:, 0].tolist()):
-        if key not in words:
-            words[key] = key.decode("utf-8", "replace")
-        result[row] = words[key]
-    return result
+def _texts(values: npt.NDArray[np.bytes_]) -> list[str]:
+    raw = values.tolist()
+    words = {one: one.decode("utf-8", "replace") for one in set(raw)}
+    return [words[one] for one in raw]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import math
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,7 @@ def weld_table(signals: WeldSignals) -> dict[str, Column]:
 
 
 def export_weld(signals: WeldSignals, target: Path) -> int:
-    """Write the table to a CSV file; returns the number of rows.
-
-    A missing number is an empty cell; numbers are written with all their digits.
+    """Write all signals of a weld to a CSV file; returns the number of rows.
 
     Raises
     ------
@@ -46,19 +44,18 @@ def export_weld(signals: WeldSignals, target: Path) -> int:
     """
     if target.suffix.lower() != ".csv":
         raise BagError(f"{target}: only tables in CSV are written; end the name in .csv")
-    table = weld_table(signals)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with target.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(table)
-            writer.writerows(zip(*map(_cells, table.values()), strict=True))
+        write_table(weld_table(signals), target)
     except OSError as error:
         raise BagError(f"{target}: cannot be written: {error.strerror or error}") from None
     return signals.n_ticks
 
 
-def _cells(values: Column) -> list[Any]:
-    if values.dtype.kind == "f":
-        return ["" if math.isnan(value) else repr(value) for value in values.tolist()]
-    return list(values.tolist())
+def write_table(table: Mapping[str, Column], target: Path) -> None:
+    """Write columns as CSV; a missing number is an empty cell, and numbers have all their digits."""
+    columns = [["" if value != value else value for value in values.tolist()] for values in table.values()]
+    with target.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(table)
+        writer.writerows(zip(*columns, strict=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -51,74 +52,53 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class _Panel:
-    """One axis: the quantity, and what else is drawn in it."""
+    """One axis: a quantity, with what is known of it.
+
+    ``error`` has the dead-band, the half-height and the factor of an axis that shows the error of an output instead,
+    at a scale at which the dead-band is visible.
+    """
 
     title: str
     ylabel: str
     quantity: str
-    reference: str = ""
-    limits: tuple[float, float] | None = None
     smallest_span: float = 0.0
     sensor: str = ""
+    reference: str = ""
+    limits: tuple[float, float] | None = None
+    error: tuple[float, float, float] | None = None
 
-
-@dataclass(frozen=True, slots=True)
-class _ErrorPanel:
-    """One axis: the error of an output, at a scale at which the dead-band is visible."""
-
-    title: str
-    ylabel: str
-    quantity: str
-    reference: str
-    band: float
-    span: float
-    factor: float = 1.0
+    @property
+    def is_input(self) -> bool:
+        """Whether it is a manipulated variable, which is held for a tick."""
+        return self.quantity in ("force_kn", "speed_rpm")
 
 
 _LIMITS = Limits()
-_DEPTH = _Panel("Shoulder depth", "depth [mm]", "depth_mm", "reference_depth_mm", smallest_span=0.02, sensor="depth_mm")
-_TEMPERATURE = _Panel(
-    "Stir-zone temperature",
-    "temperature [°C]",
-    "temperature_c",
-    "reference_temperature_c",
-    smallest_span=1.0,
-    sensor="temperature_c",
+_FREE_DEPTH = _Panel("Shoulder depth", "depth [mm]", "depth_mm", 0.02, sensor="depth_mm")
+_FREE_TEMPERATURE = _Panel("Stir-zone temperature", "temperature [°C]", "temperature_c", 1.0, sensor="temperature_c")
+_DEPTH = replace(_FREE_DEPTH, reference="reference_depth_mm")
+_TEMPERATURE = replace(_FREE_TEMPERATURE, reference="reference_temperature_c")
+_DEPTH_ERROR = replace(
+    _DEPTH, title="Depth error, close up", ylabel="error [µm]", error=(DEAD_BAND_DEPTH_MM, 20.0, 1e3)
 )
-_DEPTH_ERROR = _ErrorPanel(
-    "Depth error, close up", "error [µm]", "depth_mm", "reference_depth_mm", DEAD_BAND_DEPTH_MM, 20.0, 1e3
+_TEMPERATURE_ERROR = replace(
+    _TEMPERATURE, title="Temperature error, close up", ylabel="error [°C]", error=(DEAD_BAND_TEMPERATURE_C, 1.0, 1.0)
 )
-_TEMPERATURE_ERROR = _ErrorPanel(
-    "Temperature error, close up",
-    "error [°C]",
-    "temperature_c",
-    "reference_temperature_c",
-    DEAD_BAND_TEMPERATURE_C,
-    1.0,
-)
-_FREE = tuple(replace(panel, reference="") for panel in (_DEPTH, _TEMPERATURE))
-_FORCE = _Panel(
-    "Axial force", "force [kN]", "force_kn", limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn), smallest_span=0.5
-)
-_SPEED = _Panel(
-    "Spindle speed",
-    "speed [rpm]",
-    "speed_rpm",
-    limits=(_LIMITS.speed_min_rpm, _LIMITS.speed_max_rpm),
-    smallest_span=2.0,
-)
-_TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", smallest_span=10.0, sensor="torque_nm")
-_POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", smallest_span=0.5)
+_FORCE = _Panel("Axial force", "force [kN]", "force_kn", 0.5, limits=(_LIMITS.force_min_kn, _LIMITS.force_max_kn))
+_SPEED = _Panel("Spindle speed", "speed [rpm]", "speed_rpm", 2.0, limits=(_LIMITS.speed_min_rpm, _LIMITS.speed_max_rpm))
+_TORQUE = _Panel("Spindle motor torque", "torque [N·m]", "motor_torque_nm", 10.0, sensor="torque_nm")
+_POWER = _Panel("Power into the copper", "power [kW]", "process_power_kw", 0.5)
 _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
+_INPUTS = (_FORCE, _SPEED, _POWER)
 #: as the paper draws open-loop experiments: the response above, force and speed below
-_OPEN_LOOP = (_FREE[0], _TORQUE, _POWER, _FREE[1], _FORCE, _SPEED)
-_FIGURES: dict[int, tuple[str, tuple[_Panel | _ErrorPanel, ...]]] = {
+_OPEN_LOOP = (_FREE_DEPTH, _TORQUE, _POWER, _FREE_TEMPERATURE, _FORCE, _SPEED)
+_FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
     5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
     6: ("Fig. 6: reference tracking, controlled outputs", _OUTPUTS),
-    7: ("Fig. 7: reference tracking, manipulated variables", (_FORCE, _SPEED, _POWER)),
+    7: ("Fig. 7: reference tracking, manipulated variables", _INPUTS),
     8: ("Fig. 8: output disturbances, controlled outputs", _OUTPUTS),
-    9: ("Fig. 9: output disturbances, manipulated variables", (_FORCE, _SPEED, _POWER)),
+    9: ("Fig. 9: output disturbances, manipulated variables", _INPUTS),
 }
 _OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
 
@@ -158,9 +138,10 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
     paths: list[Path] = []
     with matplotlib.rc_context(STYLE):
         for file, title, panels, columns in pages:
-            figure, axes = _page(title + suffix, len(panels), columns)
-            for axis, panel in zip(axes, panels, strict=False):
-                _draw_panel(axis, panel, runs)
+            figure, axes = _page(title + suffix, panels, columns)
+            for axis, panel in zip(axes, panels, strict=True):
+                draw_runs = _draw_panel if panel.error is None else _draw_error
+                draw_runs(axis, panel, runs)
             if len(runs) == 1:
                 _mark_swaps(axes, runs[0].signals)
             _finish(figure, axes, folder / file)
@@ -180,23 +161,24 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
         PNG file to write.
     """
     with matplotlib.rc_context(STYLE):
-        figure, axes = _page(title, len(_OPEN_LOOP), 1)
+        figure, axes = _page(title, _OPEN_LOOP, 1)
         for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
-            _label(axis, panel)
-            held = panel.quantity in ("force_kn", "speed_rpm")
-            style = "steps-post" if held else "default"
-            axis.plot(columns["time_s"], columns[panel.quantity], color=COLOURS[int(held)], drawstyle=style)
-            _scale(axis, replace(panel, limits=None), [columns[panel.quantity]])
+            values = columns[panel.quantity]
+            _line(axis, panel, columns["time_s"], values, color=COLOURS[int(panel.is_input)])
+            _scale(axis, replace(panel, limits=None), [values])
         _finish(figure, axes, path)
 
 
-def _page(title: str, panels: int, columns: int) -> tuple[Figure, list[Axes]]:
-    rows = -(-panels // columns)
+def _page(title: str, panels: Sequence[_Panel], columns: int) -> tuple[Figure, list[Axes]]:
+    rows = -(-len(panels) // columns)
     width = _WIDTH * (1.35 if columns > 1 else 1.0)
     figure = Figure(figsize=(width, _TITLE + _LEGEND_ROW + _PANEL * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
     for axis in grid[-1]:
         axis.set_xlabel("time [s]")
+    for axis, panel in zip(grid.flat, panels, strict=True):
+        axis.set_title(panel.title, loc="left", fontsize=10.0)
+        axis.set_ylabel(panel.ylabel)
     figure.suptitle(title, fontsize=12.0, fontweight="bold")
     return figure, list(grid.flat)
 
@@ -216,25 +198,15 @@ def _finish(figure: Figure, axes: Sequence[Axes], path: Path) -> None:
     figure.savefig(path, format="png")
 
 
-def _label(axis: Axes, panel: _Panel | _ErrorPanel) -> None:
-    axis.set_title(panel.title, loc="left", fontsize=10.0)
-    axis.set_ylabel(panel.ylabel)
-
-
-def _draw_panel(axis: Axes, panel: _Panel | _ErrorPanel, runs: Sequence[Run]) -> None:
-    _label(axis, panel)
-    if isinstance(panel, _ErrorPanel):
-        _draw_error(axis, panel, runs)
-        return
+def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     shown: list[FloatArray] = []
     reference = getattr(runs[0].signals, panel.reference) if panel.reference else np.empty(0)
     if np.isfinite(reference).any():
         time_s = experiment_time_s(runs[0].signals)
         axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
         shown.append(reference)
-    for i, run in enumerate(runs):
-        colour = COLOURS[i % len(COLOURS)]
-        true, time_s = _values(run.signals, panel.quantity), experiment_time_s(run.signals)
+    for run, colour in zip(runs, cycle(COLOURS), strict=False):
+        true, time_s = _values(run.signals, panel), experiment_time_s(run.signals)
         sensed = getattr(run.signals, panel.sensor) if panel.sensor else None
         if sensed is not None and true is None:
             axis.plot(time_s, sensed, color=colour, label=run.label)
@@ -243,21 +215,26 @@ def _draw_panel(axis: Axes, panel: _Panel | _ErrorPanel, runs: Sequence[Run]) ->
             axis.plot(time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
             shown.append(sensed)
         if true is not None:
-            held = panel.quantity in ("force_kn", "speed_rpm")
-            axis.plot(time_s, true, color=colour, label=run.label, drawstyle="steps-post" if held else "default")
+            _line(axis, panel, time_s, true, color=colour, label=run.label)
             shown.append(true)
     _scale(axis, panel, shown)
 
 
-def _draw_error(axis: Axes, panel: _ErrorPanel, runs: Sequence[Run]) -> None:
-    for i, run in enumerate(runs):
-        values = _values(run.signals, panel.quantity)
-        values = getattr(run.signals, panel.quantity) if values is None else values
-        error = panel.factor * (values - getattr(run.signals, panel.reference))
-        axis.plot(experiment_time_s(run.signals), error, color=COLOURS[i % len(COLOURS)], label=run.label)
-    band = panel.factor * panel.band
-    axis.axhspan(-band, band, color="black", alpha=0.15, linewidth=0.0, label="dead-band (±2 µm, ±0.1 °C)")
-    axis.set_ylim(-panel.span, panel.span)
+def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
+    axis.plot(time_s, values, drawstyle="steps-post" if panel.is_input else "default", **style)
+
+
+def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
+    band, span, factor = panel.error or (0.0, 1.0, 1.0)
+    for run, colour in zip(runs, cycle(COLOURS), strict=False):
+        values = _values(run.signals, panel)
+        values = getattr(run.signals, panel.sensor) if values is None else values
+        error = factor * (values - getattr(run.signals, panel.reference))
+        axis.plot(experiment_time_s(run.signals), error, color=colour, label=run.label)
+    axis.axhspan(
+        -factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label="dead-band (±2 µm, ±0.1 °C)"
+    )
+    axis.set_ylim(-span, span)
     axis.margins(x=0.01)
 
 
@@ -277,12 +254,12 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
         )
 
 
-def _values(signals: WeldSignals, quantity: str) -> FloatArray | None:
+def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
     """True values where the bag has them, the applied command for the manipulated variables, else None."""
-    if quantity in ("force_kn", "speed_rpm"):
-        values: FloatArray = getattr(signals, quantity)
-        return values
-    values = getattr(signals.truth, quantity) if signals.truth is not None else np.empty(0)
+    if panel.is_input:
+        command: FloatArray = getattr(signals, panel.quantity)
+        return command
+    values = getattr(signals.truth, panel.quantity) if signals.truth is not None else np.empty(0)
     return values if np.isfinite(values).any() else None
 
 

@@ -5,18 +5,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from fsw_analysis.changes import Change, changes, experiment_time_s
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
 #: Dead-bands of the paper's controller, section IV.
 DEAD_BAND_DEPTH_MM = 0.002
 DEAD_BAND_TEMPERATURE_C = 0.1
 #: An output has settled when its error stays within this share of the step (at least within the dead-band).
 SETTLED_SHARE = 0.05
-
-FloatArray = npt.NDArray[np.float64]
+#: Largest error of one output while the other is changed alone: key, figure of the change's event, quantity that is
+#: changed, sign of its change (0: either).
+_COUPLING = (
+    ("peak_temperature_in_depth_step_up_c", "peak_temperature_error_c", "depth_reference", 1.0),
+    ("peak_temperature_in_depth_step_down_c", "peak_temperature_error_c", "depth_reference", -1.0),
+    ("peak_depth_in_temperature_step_mm", "peak_depth_error_mm", "temperature_reference", 0.0),
+    ("peak_temperature_after_depth_disturbance_c", "peak_temperature_error_c", "depth_disturbance", 0.0),
+    ("peak_depth_after_temperature_disturbance_mm", "peak_depth_error_mm", "temperature_disturbance", 0.0),
+)
 
 
 class KpiError(ValueError):
@@ -50,31 +56,27 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
         raise KpiError(f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2")
     dt = np.diff(signals.time_s, prepend=signals.time_s[0] - float(np.median(np.diff(signals.time_s))))
     truth = signals.truth if signals.truth is not None and np.isfinite(signals.truth.depth_mm).any() else None
-    depth = signals.depth_mm if truth is None else truth.depth_mm
-    temperature = signals.temperature_c if truth is None else truth.temperature_c
-    depth_error = depth - signals.reference_depth_mm
-    temperature_error = temperature - signals.reference_temperature_c
-    selected = [name for name in dict.fromkeys(signals.command_source) if name]
-    found = changes(signals)
+    outputs = signals if truth is None else truth
+    depth_error = outputs.depth_mm - signals.reference_depth_mm
+    temperature_error = outputs.temperature_c - signals.reference_temperature_c
+    events = _events(changes(signals), depth_error, temperature_error, experiment_time_s(signals), dt)
     result: dict[str, Any] = {
         "label": label or signals.path.name,
-        "controllers": selected,
+        "controllers": [name for name in dict.fromkeys(signals.command_source) if name],
         "outputs": "measured" if truth is None else "truth",
         "duration_s": round(signals.duration_s, 9),
         "ticks": signals.n_ticks,
-        "ticks_without_output": int(np.sum(~np.isfinite(depth) | ~np.isfinite(temperature))),
+        "ticks_without_output": int(np.sum(~np.isfinite(outputs.depth_mm) | ~np.isfinite(outputs.temperature_c))),
         "ticks_without_command": int(np.sum(~np.isfinite(signals.force_kn))),
-        "iae_depth_mm_s": _integral(np.abs(depth_error), dt),
-        "iae_temperature_c_s": _integral(np.abs(temperature_error), dt),
+        **_integrals_of_absolute_errors(depth_error, temperature_error, dt),
         "ise_depth_mm2_s": _integral(depth_error**2, dt),
         "ise_temperature_c2_s": _integral(temperature_error**2, dt),
         "in_dead_band_depth_share": _share(np.abs(depth_error), DEAD_BAND_DEPTH_MM),
         "in_dead_band_temperature_share": _share(np.abs(temperature_error), DEAD_BAND_TEMPERATURE_C),
         "total_variation_force_kn": _variation(signals.force_kn),
         "total_variation_speed_rpm": _variation(signals.speed_rpm),
+        **_summary(events),
     }
-    events = _events(found, depth_error, temperature_error, experiment_time_s(signals), dt)
-    result |= _peaks(events)
     for name, status in signals.statuses.items():
         times = status.solve_time_s[np.isfinite(status.solve_time_s) & (status.solve_time_s > 0.0)] * 1e3
         if times.size:
@@ -83,6 +85,15 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
             result[f"solve_time_{name}_max_ms"] = float(times.max())
     result["events"] = events
     return result
+
+
+def _integrals_of_absolute_errors(
+    depth_error: FloatArray, temperature_error: FloatArray, dt: FloatArray
+) -> dict[str, float | None]:
+    return {
+        "iae_depth_mm_s": _integral(np.abs(depth_error), dt),
+        "iae_temperature_c_s": _integral(np.abs(temperature_error), dt),
+    }
 
 
 def _integral(values: FloatArray, dt: FloatArray) -> float | None:
@@ -116,16 +127,14 @@ def _events(
         of_depth = change.quantity.startswith("depth")
         error = depth_error[window] if of_depth else temperature_error[window]
         unit, band = ("mm", DEAD_BAND_DEPTH_MM) if of_depth else ("c", DEAD_BAND_TEMPERATURE_C)
-        alone = sum(other.begin == change.begin for other in found) == 1
         entry: dict[str, Any] = {
             "time_s": round(float(time_s[change.begin]), 9),
             "quantity": change.quantity,
             "kind": "step" if change.is_step else "lasting",
             f"size_{unit}": change.size,
             "until_s": round(float(time_s[window.stop - 1] + dt[-1]), 9),
-            "alone": alone,
-            "iae_depth_mm_s": _integral(np.abs(depth_error[window]), dt[window]),
-            "iae_temperature_c_s": _integral(np.abs(temperature_error[window]), dt[window]),
+            "alone": sum(other.begin == change.begin for other in found) == 1,
+            **_integrals_of_absolute_errors(depth_error[window], temperature_error[window], dt[window]),
             "peak_depth_error_mm": _peak(depth_error[window]),
             "peak_temperature_error_c": _peak(temperature_error[window]),
         }
@@ -148,32 +157,26 @@ def _settling(error: FloatArray, band: float, time_s: FloatArray) -> float | Non
     return None if last + 1 >= len(error) else round(float(time_s[last + 1] - time_s[0]), 9)
 
 
-def _peaks(events: list[dict[str, Any]]) -> dict[str, float | None]:
-    """Largest coupling into the other output, after changes that came alone; None where there was none."""
+def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
+    """The worst of all events; None where there was none of the kind."""
 
-    def largest(key: str, quantity: str, sign: float = 0.0) -> float | None:
-        size = "size_mm" if quantity.startswith("depth") else "size_c"
-        values = [
-            event[key]
+    def largest(key: str, quantity: str = "", sign: float = 0.0) -> float | None:
+        """Of all events, or of those that changed one quantity, alone, in one direction."""
+        chosen = [
+            event.get(key)
             for event in events
-            if event["quantity"] == quantity and event["alone"] and event[key] is not None and event[size] * sign >= 0.0
+            if not quantity or (event["quantity"] == quantity and event["alone"] and sign * _size(event) >= 0.0)
         ]
-        return max(values) if values else None
+        return max((value for value in chosen if value is not None), default=None)
 
-    peak_t, peak_z = "peak_temperature_error_c", "peak_depth_error_mm"
-    settling = [event["settling_s"] for event in events if event.get("settling_s") is not None]
-    overshoot = {
-        unit: max((event[f"overshoot_{unit}"] for event in events if f"overshoot_{unit}" in event), default=None)
-        for unit in ("mm", "c")
-    }
     return {
-        "overshoot_depth_mm": overshoot["mm"],
-        "overshoot_temperature_c": overshoot["c"],
-        "longest_settling_s": max(settling) if settling else None,
+        "overshoot_depth_mm": largest("overshoot_mm"),
+        "overshoot_temperature_c": largest("overshoot_c"),
+        "longest_settling_s": largest("settling_s"),
         "steps_not_settled": float(sum("settling_s" in event and event["settling_s"] is None for event in events)),
-        "peak_temperature_in_depth_step_up_c": largest(peak_t, "depth_reference", 1.0),
-        "peak_temperature_in_depth_step_down_c": largest(peak_t, "depth_reference", -1.0),
-        "peak_depth_in_temperature_step_mm": largest(peak_z, "temperature_reference"),
-        "peak_temperature_after_depth_disturbance_c": largest(peak_t, "depth_disturbance"),
-        "peak_depth_after_temperature_disturbance_mm": largest(peak_z, "temperature_disturbance"),
+        **{key: largest(figure, quantity, sign) for key, figure, quantity, sign in _COUPLING},
     }
+
+
+def _size(event: dict[str, Any]) -> float:
+    return float(event["size_mm"] if "size_mm" in event else event["size_c"])

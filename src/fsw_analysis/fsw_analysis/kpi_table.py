@@ -7,46 +7,37 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-#: Rows of the table: key, meaning, unit, factor to that unit.
-ROWS: tuple[tuple[str, str, str, float], ...] = (
-    ("iae_depth_mm_s", "IAE depth", "mm s", 1.0),
-    ("iae_temperature_c_s", "IAE temperature", "degC s", 1.0),
-    ("ise_depth_mm2_s", "ISE depth", "mm^2 s", 1.0),
-    ("ise_temperature_c2_s", "ISE temperature", "degC^2 s", 1.0),
-    ("overshoot_depth_mm", "largest overshoot depth", "um", 1e3),
-    ("overshoot_temperature_c", "largest overshoot temperature", "degC", 1.0),
-    ("longest_settling_s", "longest settling (5 % band)", "s", 1.0),
-    ("steps_not_settled", "steps not settled in their window", "", 1.0),
-    ("peak_temperature_in_depth_step_up_c", "peak temperature error, depth step up", "degC", 1.0),
-    ("peak_temperature_in_depth_step_down_c", "peak temperature error, depth step down", "degC", 1.0),
-    ("peak_depth_in_temperature_step_mm", "peak depth error, temperature step", "um", 1e3),
-    ("peak_temperature_after_depth_disturbance_c", "peak temperature error, depth disturbance", "degC", 1.0),
-    ("peak_depth_after_temperature_disturbance_mm", "peak depth error, temperature disturbance", "um", 1e3),
-    ("in_dead_band_depth_share", "time within +-2 um", "%", 100.0),
-    ("in_dead_band_temperature_share", "time within +-0.1 degC", "%", 100.0),
-    ("total_variation_force_kn", "total variation force", "kN", 1.0),
-    ("total_variation_speed_rpm", "total variation speed", "rpm", 1.0),
-)
-
-
-def _rows(runs: Sequence[dict[str, Any]]) -> list[tuple[str, str, str, float]]:
-    keys = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
-    solver = [(key, key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in keys]
-    return [row for row in [*ROWS, *solver] if any(run.get(row[0]) is not None for run in runs)]
-
-
-def _number(value: float | None, factor: float) -> str:
-    return "-" if value is None else f"{value * factor:.4g}"
+#: Rows of the table: meaning, unit, factor to that unit, by key.
+ROWS: dict[str, tuple[str, str, float]] = {
+    "iae_depth_mm_s": ("IAE depth", "mm s", 1.0),
+    "iae_temperature_c_s": ("IAE temperature", "degC s", 1.0),
+    "ise_depth_mm2_s": ("ISE depth", "mm^2 s", 1.0),
+    "ise_temperature_c2_s": ("ISE temperature", "degC^2 s", 1.0),
+    "overshoot_depth_mm": ("largest overshoot depth", "um", 1e3),
+    "overshoot_temperature_c": ("largest overshoot temperature", "degC", 1.0),
+    "longest_settling_s": ("longest settling (5 % band)", "s", 1.0),
+    "steps_not_settled": ("steps not settled in their window", "", 1.0),
+    "peak_temperature_in_depth_step_up_c": ("peak temperature error, depth step up", "degC", 1.0),
+    "peak_temperature_in_depth_step_down_c": ("peak temperature error, depth step down", "degC", 1.0),
+    "peak_depth_in_temperature_step_mm": ("peak depth error, temperature step", "um", 1e3),
+    "peak_temperature_after_depth_disturbance_c": ("peak temperature error, depth disturbance", "degC", 1.0),
+    "peak_depth_after_temperature_disturbance_mm": ("peak depth error, temperature disturbance", "um", 1e3),
+    "in_dead_band_depth_share": ("time within +-2 um", "%", 100.0),
+    "in_dead_band_temperature_share": ("time within +-0.1 degC", "%", 100.0),
+    "total_variation_force_kn": ("total variation force", "kN", 1.0),
+    "total_variation_speed_rpm": ("total variation speed", "rpm", 1.0),
+}
 
 
 def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
-    header = ["", "unit", *(str(run["label"]) for run in runs)]
-    if len(runs) == 2:
-        header.append("difference")
-    table = [header]
-    for key, meaning, unit, factor in _rows(runs):
+    table = [["", "unit", *(str(run["label"]) for run in runs), *(["difference"] if len(runs) == 2 else [])]]
+    solve_times = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
+    rows = ROWS | {key: (key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in solve_times}
+    for key, (meaning, unit, factor) in rows.items():
         values = [run.get(key) for run in runs]
-        row = [meaning, unit, *(_number(value, factor) for value in values)]
+        if all(value is None for value in values):
+            continue
+        row = [meaning, unit, *("-" if value is None else f"{value * factor:.4g}" for value in values)]
         if len(runs) == 2:
             row.append(_difference(values[0], values[1], factor))
         table.append(row)
@@ -61,17 +52,16 @@ def _difference(first: float | None, second: float | None, factor: float) -> str
     return f"{100.0 * (second - first) / abs(first):+.1f} %"
 
 
-def _padded(row: Sequence[str], widths: Sequence[int]) -> str:
-    cells = zip(row, widths, strict=True)
-    return "  ".join(cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(cells))
-
-
 def text(runs: Sequence[dict[str, Any]]) -> str:
     """Table for the terminal: one row per figure of merit, one column per run (two runs: and their difference)."""
     table = _cells(runs)
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    lines = [_padded(row, widths) for row in table]
-    return "\n".join([lines[0].rstrip(), "-" * len(lines[0]), *(line.rstrip() for line in lines[1:])]) + "\n"
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = []
+    for row in table:
+        words = [cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True)]
+        numbers = [cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True)]
+        lines.append("  ".join([*words, *numbers]))
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]]) + "\n"
 
 
 def markdown(runs: Sequence[dict[str, Any]]) -> str:

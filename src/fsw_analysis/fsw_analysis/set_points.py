@@ -12,14 +12,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+
+from fsw_analysis.messages import ISSUED, NANOSECONDS, WeldMessages
+from fsw_analysis.weld_signals import MM, IntArray
 
 #: topics of set-points: as sent, and as the supervisor says they hold at present
 SENT, HELD = "/fsw/reference", "/fsw/supervisor/reference"
 #: a stamp further than this from the weld's ticks comes from another clock, and means "at once"
-_OTHER_CLOCK_NS = 36_000 * 1_000_000_000
+OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 #: a recorder that joins has received what was sent before after this time
-_JOINING_NS = 2_000_000_000
+_JOINING_NS = 2 * NANOSECONDS
 #: before everything
 _LONG_AGO = -(2**62)
 UNKNOWN_ORDER = (
@@ -38,11 +40,21 @@ class SetPoint(NamedTuple):
     temperature_c: float
 
 
+def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
+    """Usable set-points of one of the topics ``SENT`` and ``HELD``, in order of receipt."""
+    table = messages.table(topic, {"depth": "number", "temperature": "number", **ISSUED})
+    issued = table.time_ns(*ISSUED)
+    times = (table.log_ns, np.where(issued > 0, issued, table.publish_ns), table.stamp_ns)
+    values = (table.column("depth") * MM, table.column("temperature"))
+    points = [SetPoint(*row) for row in zip(*(one.tolist() for one in (*times, *values)), strict=True)]
+    return [one for one in points if 0.0 < one.depth_mm < np.inf and 0.0 < one.temperature_c < np.inf]
+
+
 def timeline(
     sent: Sequence[SetPoint],
     held: Sequence[SetPoint],
-    stamps: npt.NDArray[np.int64],
-    logs: npt.NDArray[np.int64],
+    stamps: IntArray,
+    logs: IntArray,
     problems: list[str],
 ) -> list[tuple[int, SetPoint]]:
     """Set-points with the stamp from which each holds, in order.
@@ -63,7 +75,7 @@ def timeline(
     entries: list[tuple[int, SetPoint]] = []
     stampless = 0
     for one in sorted(sent, key=lambda one: one.issued_ns):
-        stamped = one.stamp_ns > 0 and abs(one.stamp_ns - first) < _OTHER_CLOCK_NS
+        stamped = one.stamp_ns > 0 and abs(one.stamp_ns - first) < OTHER_CLOCK_NS
         begins = one.stamp_ns if stamped else _LONG_AGO
         if one.issued_ns >= joined:  # received at once; the next tick is the first that it can hold for
             row = int(np.searchsorted(logs, one.log_ns))

@@ -2,16 +2,76 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fsw_analysis.differences import Difference
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import FloatArray, IntArray, WeldSignals
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
+
+#: kN or rpm; the units on the wire are others, and each conversion rounds
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """New minus recorded values of one manipulated variable.
+
+    Attributes
+    ----------
+    unit : str
+        Of all differences.
+    largest, largest_s : float
+        Largest absolute difference, and its time [s].
+    mean : float
+        Mean absolute difference.
+    first_tick, first_s, first : int, float, float
+        First tick that differs by more than rounding, its time [s], and the difference at it.
+    differing : int
+        Number of ticks that differ by more than rounding; with none of them, ``first_tick`` is -1 and times are None.
+    """
+
+    unit: str
+    largest: float
+    largest_s: float | None
+    mean: float
+    first_tick: int
+    first_s: float | None
+    first: float
+    differing: int
+
+    @classmethod
+    def of(cls, unit: str, values: FloatArray, ticks: IntArray, time_s: FloatArray) -> Difference:
+        """Summarise the differences at some of the ticks; ``time_s`` is that of every tick."""
+        size = np.abs(values)
+        largest, mean = (float(size.max()), float(size.mean())) if size.size else (0.0, 0.0)
+        differing = np.flatnonzero(size > _ROUNDING)
+        if not differing.size:
+            return cls(unit, largest, None, mean, -1, None, 0.0, 0)
+        first = int(ticks[differing[0]])
+        return cls(
+            unit=unit,
+            largest=largest,
+            largest_s=float(time_s[ticks[np.argmax(size)]]),
+            mean=mean,
+            first_tick=first,
+            first_s=float(time_s[first]),
+            first=float(values[differing[0]]),
+            differing=int(differing.size),
+        )
+
+    def text(self) -> str:
+        """The difference in words."""
+        if not self.differing:
+            return "equal " + ("but for rounding" if self.largest else "bit by bit")
+        return (
+            f"largest {self.largest:.6g} {self.unit} at {self.largest_s:.1f} s, mean {self.mean:.6g} {self.unit}, "
+            f"{self.differing} ticks differ, first tick {self.first_tick} at {self.first_s:.1f} s by "
+            f"{self.first:+.6g} {self.unit}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +128,7 @@ class ShadowReport:
 
     def values(self) -> dict[str, Any]:
         """The report as plain values for JSON."""
-        names = ("controller", "ticks", "unanswered", "unhealthy", "missed")
-        comparisons = [
-            {"against": one.against, "ticks": one.ticks, "force": one.force.values(), "speed": one.speed.values()}
-            for one in self.comparisons
-        ]
-        return {name: getattr(self, name) for name in names} | {"comparisons": comparisons}
+        return asdict(self)
 
 
 def missed_samples(bag: Path, name: str) -> int:
@@ -83,8 +138,7 @@ def missed_samples(bag: Path, name: str) -> int:
         for record in reader.records(["/diagnostics"]):
             for status in reader.decode(record).status:
                 if status.name == f"fsw_{name}: controller {name}":
-                    counts = {entry.key: entry.value for entry in status.values}
-                    missed = sum(int(value) for key, value in counts.items() if key.endswith(" missing"))
+                    missed = sum(int(entry.value) for entry in status.values if entry.key.endswith(" missing"))
     return missed
 
 
@@ -113,24 +167,18 @@ def compare_shadow(weld: WeldSignals, shadow: WeldSignals, name: str, missed: in
     _, rows, at = np.intersect1d(weld.stamp_ns, shadow.stamp_ns, assume_unique=True, return_indices=True)
     if not rows.size:
         raise BagError(f"{shadow.path}: has no tick of {weld.path}")
-    force, speed = proposal.force_kn[at], proposal.speed_rpm[at]
-    answered = np.isfinite(force) & np.isfinite(speed)
+    answered = np.isfinite(proposal.force_kn[at]) & np.isfinite(proposal.speed_rpm[at])
     last = int(np.flatnonzero(answered)[-1]) + 1 if answered.any() else 0
     sides = [("what was applied", weld.force_kn, weld.speed_rpm)]
     if name in weld.proposals:
         sides.append(("its own recorded proposals", weld.proposals[name].force_kn, weld.proposals[name].speed_rpm))
     comparisons = []
     for against, old_force, old_speed in sides:
-        both = answered & np.isfinite(old_force[rows]) & np.isfinite(old_speed[rows])
-        ticks = rows[both]
-        comparisons.append(
-            ShadowComparison(
-                against,
-                int(both.sum()),
-                Difference.of("kN", force[both] - old_force[ticks], ticks, weld.time_s),
-                Difference.of("rpm", speed[both] - old_speed[ticks], ticks, weld.time_s),
-            )
-        )
+        force, speed = proposal.force_kn[at] - old_force[rows], proposal.speed_rpm[at] - old_speed[rows]
+        both = np.isfinite(force) & np.isfinite(speed)
+        forces = Difference.of("kN", force[both], rows[both], weld.time_s)
+        speeds = Difference.of("rpm", speed[both], rows[both], weld.time_s)
+        comparisons.append(ShadowComparison(against, int(both.sum()), forces, speeds))
     return ShadowReport(
         controller=name,
         ticks=int(rows.size),

@@ -6,11 +6,11 @@ the same on all of them, so the bag itself shows what is not in it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from fsw_analysis.weld_signals import IntArray
 from fsw_recorder.bag_reader import BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
@@ -21,12 +21,11 @@ _MOST_GAPS = 1000
 _LONGEST_GAP_NS = 60 * 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class TickGaps:
+class TickGaps(NamedTuple):
     """What one topic lacks: ticks between its first and last message, and the stamp of the first of them [ns]."""
 
     missing: int
-    first_ns: int = 0
+    first_ns: int
 
 
 class TickCounter:
@@ -57,11 +56,11 @@ class TickCounter:
         result: dict[str, TickGaps] = {}
         for topic, own in stamps.items():
             lacking = np.setdiff1d(ticks[(ticks >= own[0]) & (ticks <= own[-1])], own, assume_unique=True)
-            result[topic] = TickGaps(int(lacking.size), int(lacking[0]) if lacking.size else 0)
+            result[topic] = TickGaps(lacking.size, int(lacking[0]) if lacking.size else 0)
         return result
 
 
-def _filled(ticks: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _filled(ticks: IntArray) -> IntArray:
     """Ticks with those put in that no topic has."""
     steps = np.diff(ticks)
     period = int(np.median(steps)) if steps.size > 1 else 0

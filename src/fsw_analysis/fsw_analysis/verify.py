@@ -8,16 +8,16 @@ that was recorded reproduces its proposals exactly, and another build shows wher
 from __future__ import annotations
 
 import math
-import re
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from fsw_analysis.columns import Column, Kind
-from fsw_analysis.messages import Table, WeldMessages
-from fsw_analysis.set_points import HELD, SENT, timeline
-from fsw_control.contract import SENSORS, Command, Controller, Proposal, Reference
+from fsw_analysis.columns import Kind
+from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages, recorded_parameters
+from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
+from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.parameters import ParameterError, load, validate
 from fsw_control.units import kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
@@ -26,18 +26,12 @@ from fsw_recorder.errors import BagError
 
 #: from the controller's recorded parameters to the controller
 Make = Callable[[dict[str, Any]], Controller]
+Entry = TypeVar("Entry")
 
 #: a longer pause of the measurements is a restart of time, as for the controller's node
 _JUMP_NS = 1_000_000_000
-_TOPICS = {
-    "depth": ("/fsw/depth", "depth"),
-    "torque": ("/fsw/spindle_torque", "torque"),
-    "thermocouple": ("/fsw/thermocouple", "temperature"),
-}
-_DRIVES = "/fsw/drives"
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
-_COMMAND: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
-_PROPOSAL = re.compile(r"(?:/.*)?/fsw/([^/]+)/proposal")
+_PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +40,8 @@ class TickDifference:
 
     Attributes
     ----------
-    tick : int
-        Counted from 0 at the first recorded proposal.
-    time_s : float
-        Since the first recorded proposal.
+    tick, time_s : int, float
+        From the first recorded proposal on.
     force_kn, speed_rpm : float
         Replayed minus recorded; NaN where one of both is not finite.
     text : str
@@ -112,8 +104,7 @@ def recorded_controllers(path: Path | str) -> list[str]:
     BagError
         The bag cannot be read, or holds several welds.
     """
-    messages = WeldMessages(path)
-    return sorted(match[1] for name in messages.raw if (match := _PROPOSAL.fullmatch(name)))
+    return list(WeldMessages(path).controllers("proposal"))
 
 
 def verify(path: Path | str, name: str, make: Make, parameters: tuple[str, str] | None = None) -> Verification:
@@ -136,56 +127,74 @@ def verify(path: Path | str, name: str, make: Make, parameters: tuple[str, str] 
         The bag cannot be read, lacks a topic, or the controller refuses its recorded parameters.
     """
     recorded = _Recorded(path, name)
-    result = Verification(name, recorded.proposals.log_ns.size)
-    values = _recorded_parameters(recorded.messages, name, result.notes)
+    messages, notes = recorded.messages, []
+    values: dict[str, Any] = {}
     try:
-        settings = validate(*_known(load("fsw_control", "controller.yaml"), values))
-        own = validate(*_known(load(*parameters), values)) if parameters else {}
-        controller = make(own)
+        values = recorded_parameters(messages.attachments, messages.namespace, name)
+    except BagError as error:
+        notes.append(f"{error}; its defaults are used")
+    try:
+        settings = _validated(("fsw_control", "controller.yaml"), values)
+        controller = make(_validated(parameters, values) if parameters else {})
     except (ParameterError, ValueError) as error:
         raise BagError(f"{path}: controller {name} refuses its recorded parameters: {error}") from None
     if recorded.parameters_changed(name):
-        result.notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
-    _replay(recorded, controller, settings, result)
-    return result
+        notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
+    proposals = recorded.proposals
+    points = timeline(recorded.sent, recorded.held, proposals.stamp_ns, proposals.log_ns, notes)
+    references = [(begin_ns, Reference(one.depth_mm, one.temperature_c)) for begin_ns, one in points]
+    return Verification(name, len(proposals), _replay(recorded, references, controller, settings), notes)
 
 
-def _replay(recorded: _Recorded, controller: Controller, settings: dict[str, Any], result: Verification) -> None:
+def _validated(described: tuple[str, str], recorded: Mapping[str, Any]) -> dict[str, Any]:
+    specs = load(*described)
+    return validate(specs, {key: value for key, value in recorded.items() if key in specs})
+
+
+def _replay(
+    recorded: _Recorded, references: list[tuple[int, Reference]], controller: Controller, settings: dict[str, Any]
+) -> list[TickDifference]:
+    """Differences of the controller's new answers to the recorded measurements."""
     guard = SensorGuard(sensor_limits(settings))
     applied = Command(settings["initial_force"], settings["initial_speed"])
     controller.reset(applied)
     stamps: list[int] = recorded.proposals.stamp_ns.tolist()
-    points = timeline(*recorded.set_points, recorded.proposals.stamp_ns, recorded.proposals.log_ns, result.notes)
-    commands, next_command, next_point = recorded.commands, 0, 0
+    columns = [recorded.proposals.column(path).tolist() for path in _PROPOSAL]
+    coming: deque[tuple[int, Reference | None]] = deque(references)
+    commands = deque(recorded.commands)
     reference: Reference | None = None
     last_ns: int | None = None
-    for tick, stamp_ns in enumerate(stamps):
-        while next_point < len(points) and points[next_point][0] <= stamp_ns:
-            reference = Reference(points[next_point][1].depth_mm, points[next_point][1].temperature_c)
-            next_point += 1
-        while next_command < len(commands) and commands[next_command][0] < stamp_ns:
-            applied = commands[next_command][1]
-            next_command += 1
+    differences: list[TickDifference] = []
+    for tick, (stamp_ns, *was) in enumerate(zip(stamps, *columns, strict=True)):
+        reference = _latest(coming, stamp_ns, reference)
+        applied = _latest(commands, stamp_ns - 1, applied)
         if last_ns is not None and not 0 < stamp_ns - last_ns <= _JUMP_NS:
             guard.reset()
             controller.reset(applied)
             last_ns = None
         dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / 1e9
         last_ns = stamp_ns
-        samples = recorded.samples
-        values = {sensor: samples[sensor][stamp_ns] for sensor in SENSORS if stamp_ns in samples[sensor]}
+        values = {sensor: samples[stamp_ns] for sensor, samples in recorded.samples.items() if stamp_ns in samples}
         measurement = guard.measure(stamp_ns * 1e-9, values, recorded.drives.get(stamp_ns))
-        proposal = answer(controller, measurement, reference, applied, dt_s)
-        difference = _compare(recorded.columns, tick, proposal)
+        difference = _compare(answer(controller, measurement, reference, applied, dt_s), *was)
         if difference is not None:
-            result.differences.append(TickDifference(tick, (stamp_ns - stamps[0]) * 1e-9, *difference))
+            differences.append(TickDifference(tick, (stamp_ns - stamps[0]) * 1e-9, *difference))
+    return differences
 
 
-def _compare(recorded: Mapping[str, Column], tick: int, proposal: Proposal) -> tuple[float, float, str] | None:
-    force_n, speed_rad_s = float(recorded["axial_force"][tick]), float(recorded["spindle_speed"][tick])
+def _latest(waiting: deque[tuple[int, Entry]], until_ns: int, present: Entry) -> Entry:
+    """Take the entries up to a time out of the queue; the last of them, or else the present one."""
+    while waiting and waiting[0][0] <= until_ns:
+        _, present = waiting.popleft()
+    return present
+
+
+def _compare(
+    proposal: Proposal, force_n: float, speed_rad_s: float, healthy: float, reason: str
+) -> tuple[float, float, str] | None:
+    """Force [kN], speed [rpm] and words by which a proposal differs from the recorded values; None if in nothing."""
     new_force_n, new_speed_rad_s = n_from_kn(proposal.command.force_kn), rad_s_from_rpm(proposal.command.speed_rpm)
-    was = bool(recorded["healthy"][tick]), str(recorded["reason"][tick])
-    now = proposal.healthy, proposal.reason
+    was, now = (bool(healthy), reason), (proposal.healthy, proposal.reason)
     text = "" if was == now else f"was {_health(*was)}, is {_health(*now)}"
     if _same(new_force_n, force_n) and _same(new_speed_rad_s, speed_rad_s) and not text:
         return None
@@ -204,64 +213,38 @@ class _Recorded:
     """What the bag holds for the replay of one controller."""
 
     def __init__(self, path: Path | str, name: str) -> None:
-        proposal = f"/fsw/{name}/proposal"
-        sensors = [topic for topic, _ in _TOPICS.values()]
-        self.messages = WeldMessages(
-            path, {*sensors, _DRIVES, proposal, "/fsw/command", SENT, HELD, "/parameter_events"}
-        )
-        tables = {topic: self.messages.table(topic, {field: "number"}) for topic, field in _TOPICS.values()}
-        proposals = self.messages.table(proposal, _COMMAND)
-        self.set_points = self.messages.set_points()
-        missing = [topic for topic, table in {**tables, proposal: proposals}.items() if table is None]
-        missing += [] if any(self.set_points) else [SENT]
-        if missing or proposals is None:
+        own = f"/fsw/{name}/proposal"
+        topics = [topic for topic, _ in SENSOR_FIELDS.values()]
+        self.messages = WeldMessages(path)
+        sensors = [self.messages.table(topic, {field: "number"}) for topic, field in SENSOR_FIELDS.values()]
+        self.proposals = self.messages.table(own, _PROPOSAL)
+        self.sent, self.held = (read_set_points(self.messages, topic) for topic in (SENT, HELD))
+        missing = [topic for topic, table in zip([*topics, own], [*sensors, self.proposals], strict=True) if not table]
+        missing += [] if self.sent or self.held else [SENT]
+        if missing:
             raise BagError(f"{path}: cannot be replayed, it has no {', '.join(missing)}")
-        self.proposals = proposals
-        self.columns = {path: proposals.objects(path) for path in _COMMAND}
         #: value by stamp, by sensor; of several with one stamp the first
-        self.samples = {sensor: _samples(tables[topic], field) for sensor, (topic, field) in _TOPICS.items()}
+        self.samples = {
+            sensor: dict(zip(table.stamp_ns[::-1].tolist(), table.column(field)[::-1].tolist(), strict=True))
+            for (sensor, (_, field)), table in zip(SENSOR_FIELDS.items(), sensors, strict=True)
+        }
+        self.samples["depth"] = {stamp_ns: mm_from_m(value) for stamp_ns, value in self.samples["depth"].items()}
         #: stamp and command, in order of receipt
-        self.commands = _commands(self.messages.table("/fsw/command", _COMMAND))
+        self.commands = _commands(self.messages.table("/fsw/command", _INPUTS))
         #: what the drives reported, by stamp
-        self.drives = dict(_commands(self.messages.table(_DRIVES, _INPUTS)))
+        self.drives = dict(_commands(self.messages.table("/fsw/drives", _INPUTS)))
 
     def parameters_changed(self, name: str) -> bool:
         """Whether a parameter of the controller's node was changed after its start."""
         table = self.messages.table("/parameter_events", {"node": "text"})
-        if table is None:
-            return False
-        own = table.objects("node") == f"{self.messages.namespace}/fsw_{name}"
+        own = table.column("node") == f"{self.messages.namespace}/fsw_{name}"
         return bool((own & (table.log_ns > self.proposals.log_ns[0])).any())
 
 
-def _commands(table: Table | None) -> list[tuple[int, Command]]:
-    if table is None:
-        return []
-    columns = (table.stamp_ns, table.numbers("axial_force"), table.numbers("spindle_speed"))
-    rows = zip(*(values.tolist() for values in columns), strict=True)
+def _commands(table: Table) -> list[tuple[int, Command]]:
+    columns = (table.stamp_ns, table.column("axial_force"), table.column("spindle_speed"))
     return [
         (stamp_ns, Command(kn_from_n(force), rpm_from_rad_s(speed)))
-        for stamp_ns, force, speed in rows
+        for stamp_ns, force, speed in zip(*(values.tolist() for values in columns), strict=True)
         if math.isfinite(force) and math.isfinite(speed)
     ]
-
-
-def _samples(table: Table | None, field: str) -> dict[int, float]:
-    samples: dict[int, float] = {}
-    if table is not None:
-        for stamp_ns, value in zip(table.stamp_ns.tolist(), table.numbers(field).tolist(), strict=True):
-            samples.setdefault(stamp_ns, mm_from_m(value) if field == "depth" else value)
-    return samples
-
-
-def _recorded_parameters(messages: WeldMessages, name: str, notes: list[str]) -> dict[str, Any]:
-    """Parameters of the controller's node, from the bag's attachments."""
-    try:
-        return messages.parameters(name)
-    except BagError as error:
-        notes.append(f"{error}; its defaults are used")
-        return {}
-
-
-def _known(specs: Mapping[str, Any], recorded: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, Any]]:
-    return specs, {key: value for key, value in recorded.items() if key in specs}

@@ -1,4 +1,4 @@
-"""What analysis gets from the bag of a weld: aligned arrays in the paper's units."""
+"""What analysis gets from the bag of a weld: aligned arrays of shape (n_ticks,) in the paper's units."""
 
 from __future__ import annotations
 
@@ -19,24 +19,19 @@ MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
 
 
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
-    """Where a signal comes from: the message's field that it holds, and the factor to the paper's unit."""
+    """Where a signal comes from: the field of the message, the factor to the paper's unit, and the kind of the field.
+
+    Kinds are ``number``, ``text``, ``texts`` (joined with ``,``), and ``latency``, which is of no field.
+    """
     return {"path": path, "factor": factor, "kind": kind}
 
 
 @dataclass(slots=True)
 class ProposalSignals:
-    """What one controller would have applied; every array has shape (n_ticks,).
+    """Candidate command of one controller, and its health; NaN or empty where none answers the tick.
 
-    Attributes
-    ----------
-    force_kn, speed_rpm : FloatArray
-        Proposed axial force [kN] and spindle speed [rpm]; NaN where no proposal answers the tick.
-    healthy : FloatArray
-        1 healthy, 0 not healthy, NaN no proposal.
-    reason : TextArray
-        Why not healthy; empty when nominal or missing.
-    latency_s : FloatArray
-        From the tick's first recorded measurement to the recorded proposal, by receive time [s].
+    ``healthy`` is 1 or 0, ``reason`` says why not, and ``latency_s`` is from the tick's first recorded measurement to
+    the recorded proposal, by receive time.
     """
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
@@ -48,20 +43,10 @@ class ProposalSignals:
 
 @dataclass(slots=True)
 class StatusSignals:
-    """How one controller was doing; every array has shape (n_ticks,), NaN or empty where there was no status.
+    """Estimates and solver of one controller; NaN or empty where there was no status.
 
-    Attributes
-    ----------
-    depth_estimate_mm, temperature_estimate_c, torque_estimate_nm : FloatArray
-        Estimates.
-    healthy, selected : FloatArray
-        1 or 0.
-    solve_time_s, iterations, bad_cycles : FloatArray
-        Solver effort per tick and ticks without an accepted result since start.
-    solver_status, reason, active_limits : TextArray
-        Text per tick; several active limits are joined with ``,``.
-    disturbances : dict of str to FloatArray
-        Disturbance estimates by the name the controller gave them (with unit), as on the wire.
+    ``healthy`` and ``selected`` are 1 or 0, ``bad_cycles`` counts ticks without an accepted result since the start, and
+    ``disturbances`` has the disturbance estimates by the name the controller gave them (with unit), as on the wire.
     """
 
     depth_estimate_mm: FloatArray = field(metadata=of("depth_estimate", MM))
@@ -80,13 +65,7 @@ class StatusSignals:
 
 @dataclass(slots=True)
 class DriveSignals:
-    """Inputs that act as the drives report them; every array has shape (n_ticks,), NaN where missing.
-
-    Attributes
-    ----------
-    force_kn, speed_rpm : FloatArray
-        Axial force [kN] and spindle speed [rpm], with every disturbance that a load cell sees.
-    """
+    """Inputs that act, with every disturbance that a load cell sees, as the drives report them; NaN where missing."""
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
     speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
@@ -94,24 +73,11 @@ class DriveSignals:
 
 @dataclass(slots=True)
 class TruthSignals:
-    """Noise-free truth of the plant emulator; every array has shape (n_ticks,), NaN where missing.
+    """Noise-free truth of the plant emulator; NaN or empty where missing.
 
-    Attributes
-    ----------
-    depth_mm, temperature_c, motor_torque_nm, process_torque_nm, friction_torque_nm, process_power_kw : FloatArray
-        Outputs, including output disturbances.
-    copper_temperature_c : FloatArray
-        First lag of the temperature: the copper around the tool.
-    force_kn, speed_rpm : FloatArray
-        Manipulated variables after limits, rate limits, lag and input disturbance.
-    depth_disturbance_mm, temperature_disturbance_c, force_disturbance_kn, speed_disturbance_rpm : FloatArray
-        Disturbances that act at the tick.
-    watchdog : FloatArray
-        0 ok, 1 hold, 2 safe state.
-    refused_commands : FloatArray
-        Commands refused since the last reset.
-    active_faults : TextArray
-        Sensor faults that act at the tick, joined with ``,``.
+    Outputs include output disturbances; force and speed are those after limits, rate limits, lag and input disturbance.
+    ``copper_temperature_c`` is the first lag of the temperature, ``watchdog`` is 0 ok, 1 hold, 2 safe state, and
+    ``refused_commands`` counts since the last reset.
     """
 
     depth_mm: FloatArray = field(metadata=of("depth", MM))
@@ -130,26 +96,6 @@ class TruthSignals:
     watchdog: FloatArray = field(metadata=of("watchdog"))
     refused_commands: FloatArray = field(metadata=of("refused_commands"))
     active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
-
-
-@dataclass(frozen=True, slots=True)
-class WeldEvent:
-    """Something that happened once.
-
-    Attributes
-    ----------
-    time_s : float
-        Seconds since the first tick.
-    kind : str
-        ``reference``, ``controller``, ``mode``, ``fault``, ``disturbance``, ``watchdog``, ``switch_request`` or
-        ``diagnostic``.
-    text : str
-        What happened, in words.
-    """
-
-    time_s: float
-    kind: str
-    text: str
 
 
 @dataclass(slots=True)
@@ -185,8 +131,6 @@ class WeldSignals:
         What the drives report; None when the bag has nothing of it.
     truth : TruthSignals or None
         The plant emulator's truth; None when the bag has none (a real weld).
-    events : list of WeldEvent
-        In order of time.
     attachments : dict of str to bytes
         The bag's attachments, e.g. ``scenario.yaml``, ``parameters/fsw_nmpc.yaml``, ``versions.json``.
     counts : dict of str to int
@@ -216,7 +160,6 @@ class WeldSignals:
     statuses: dict[str, StatusSignals] = field(default_factory=dict)
     drives: DriveSignals | None = None
     truth: TruthSignals | None = None
-    events: list[WeldEvent] = field(default_factory=list)
     attachments: dict[str, bytes] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""

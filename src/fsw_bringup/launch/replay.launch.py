@@ -22,7 +22,7 @@ ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
     "rate": ("1.0", "Time of the weld per wall time, also of one that was simulated; 2 plays twice as fast"),
     "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
-    "controllers": ("", "Controllers to run as shadows, parted by commas, e.g. nmpc"),
+    "controllers": ("", "Controllers to run as shadows, separated by commas, e.g. nmpc"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
     "log_level": ("info", "Log level of all nodes"),
 }
@@ -51,12 +51,12 @@ def replay(context: LaunchContext) -> list[Any]:
         raise RuntimeError(f"bag: there is nothing at {bag}")
     files = [str(Path(get_package_share_directory("fsw_bringup")) / "config" / "weld.yaml")]
     if given["params_file"]:
-        if not Path(given["params_file"]).expanduser().is_file():
-            raise RuntimeError(f"params_file: there is no file {given['params_file']}")
         files.append(str(Path(given["params_file"]).expanduser()))
+        if not Path(files[-1]).is_file():
+            raise RuntimeError(f"params_file: there is no file {files[-1]}")
     shadows = list(dict.fromkeys(name.strip() for name in given["controllers"].split(",") if name.strip()))
     common = {"output": "screen", "ros_arguments": ["--log-level", given["log_level"]]}
-    actions = [
+    shadow_nodes = [
         Node(
             package=f"fsw_{name}",
             executable=name,
@@ -72,16 +72,9 @@ def replay(context: LaunchContext) -> list[Any]:
         "start_paused": _flag("start_paused", given["start_paused"]),
         **({"wait_for": SENSORS} if shadows else {}),
     }
-    actions.append(
-        Node(
-            package="fsw_recorder",
-            executable="replay",
-            parameters=[*files, player],
-            on_exit=[Shutdown(reason="the player has ended")],
-            **common,
-        )
-    )
-    return actions
+    over = [Shutdown(reason="the player has ended")]
+    replay_node = Node(package="fsw_recorder", executable="replay", parameters=[*files, player], on_exit=over, **common)
+    return [*shadow_nodes, replay_node]
 
 
 def _rate(text: str) -> float:

@@ -1,9 +1,9 @@
 """Starts a weld: plant, controllers, supervisors and, if wanted, recorder and scenario player.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
-Controllers, supervisors and recorder are started again when they die. The plant is not: a weld cannot be restarted
-half-way, so its end is the end of the launch. To start a supervisor again costs a second, in which the drives hold; so
-in real time a second one stands by and takes over within two ticks.
+Controllers, supervisors and recorder are started again when they die; one that refuses its parameters ends the launch.
+The plant is not: a weld cannot be restarted half-way, so its end is the end of the launch. To start a supervisor again
+costs a second, in which the drives hold; so in real time a second one stands by and takes over within two ticks.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
 from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph, for_standby
 from fsw_experiment.scenario import Scenario, ScenarioError
-from fsw_experiment.scenario_file import load, shipped
+from fsw_experiment.scenario_file import load, parse, shipped
 
-RESPAWN = {"respawn": True, "respawn_delay": 0.5}
+#: exit code of a node whose arguments or parameters are wrong
+REFUSED = 2
 #: package and program of controllers that are not the program <name> of the package fsw_<name>
 OTHER_PROGRAMS = {"open_loop": ("fsw_experiment", "open_loop")}
 ARGUMENTS = {
     "controllers": (
         "decentral,nmpc",
-        "Controllers that run, parted by commas; the first is applied at the start, unless the scenario swaps itself",
+        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps them",
     ),
     "scenario": ("", f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: steer by hand"),
     "record": ("false", "Whether a recorder runs"),
@@ -76,13 +78,12 @@ def weld(context: LaunchContext) -> list[Any]:
     if scenario is None:
         parameters = _parameters_by_hand(controllers, record, standby, speed)
     else:
-        simulated = {} if speed is None else {"fsw_plant": {"speed": speed}}
-        graph = WeldGraph(
-            scenario, folder, controllers, realtime=speed is None, record=record, extra_parameters=simulated
-        )
+        graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record)
         controllers = graph.all_controllers
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
         parameters = graph.parameter_file(folder / "scenario.yaml")
+        if speed is not None:
+            parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
         parameters["fsw_recorder"]["ros__parameters"].pop("output")
         parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
     unknown = [name for name in controllers if name not in CONTROLLER_MODULES]
@@ -95,18 +96,33 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
 
-    actions = []
-    if record:
-        actions.append(node("fsw_recorder", "recorder", **RESPAWN))
+    actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
     actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
-    for name in controllers:
-        actions.append(node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **RESPAWN))
-    actions.append(node("fsw_supervisor", "supervisor", **RESPAWN))
+    actions += [node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **_respawn()) for name in controllers]
+    actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
     if standby:
-        actions.append(node.standby(**RESPAWN))
+        actions.append(node.standby(**_respawn()))
     if scenario is not None:
         actions.append(node("fsw_experiment", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
+
+
+def _respawn() -> dict[str, Any]:
+    """Options of a node that is started again when it dies, but not when it refuses its very first start.
+
+    A later refusal does not end the weld: it may pass, as a full disk does.
+    """
+    ended = False
+
+    def on_exit(event: ProcessExited, _: LaunchContext) -> None:
+        nonlocal ended
+        first, ended = not ended, True
+        if first and event.returncode == REFUSED:
+            raise RuntimeError(
+                f"{event.process_name} refuses its parameters or arguments; the line it printed says why"
+            )
+
+    return {"respawn": True, "respawn_delay": 0.5, "on_exit": on_exit}
 
 
 class _Nodes:
@@ -150,10 +166,10 @@ def _scenario(source: str, controller: str) -> Scenario | None:
     if not source:
         return None
     try:
-        scenario = load(Path(source).expanduser() if "/" in source else source)
+        scenario = load(Path(source).expanduser())
         if scenario.open_loop or len(scenario.controllers) > 1:
             return scenario
-        return load(Path(source).expanduser() if "/" in source else source, [f"controller={controller}"])
+        return parse(scenario.text, source, [f"controller={controller}"])
     except ScenarioError as error:
         raise RuntimeError(f"scenario: {error}") from None
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, load, validate
@@ -17,13 +18,15 @@ KNOWN: dict[str, tuple[str, str, str, str]] = {
 }
 
 
-def make(label: str) -> Controller:
+def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     """Make a controller.
 
     Parameters
     ----------
     label : str
         Name, or ``name:variant`` with one of its documented tunings, e.g. ``decentral:tight``.
+    parameters : mapping of str to value, optional
+        Of the controller's node, by name; the others have their defaults.
 
     Raises
     ------
@@ -39,6 +42,6 @@ def make(label: str) -> Controller:
     if factory is None:
         raise ScenarioError(f"controller {name} is not available: package {package} has no {kind}")
     try:
-        return factory(validate(load(package, file), {choice: variant} if variant else {}))
+        return factory(validate(load(package, file), {**(parameters or {}), **({choice: variant} if variant else {})}))
     except (ParameterError, ValueError) as error:
         raise ScenarioError(f"controller {label}: {error}") from None

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
 
-from fsw_analysis import kpi_table
-from fsw_control.free_domain import NoFreeDomainError, free_domain
-from fsw_experiment.cli.errors import CommandError
+from fsw_analysis import kpi, kpi_table
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
+from fsw_control.free_domain import free_domain
+from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder
 from fsw_experiment.graph import WeldGraph, installed_controllers
-from fsw_experiment.launcher import Launcher, LaunchError
-from fsw_experiment.scenario import Scenario, ScenarioError
-from fsw_experiment.scenario_file import load, shipped
-from fsw_recorder.errors import BagError
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario import Scenario
+from fsw_experiment.scenario_file import load, parse, shipped
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
@@ -53,19 +52,8 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; returns the exit code."""
     parsed = parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, _terminate)
-    try:
-        return _demonstrate(parsed)
-    except (CommandError, LaunchError, NoFreeDomainError, ScenarioError, BagError) as error:
-        print(f"\nerror: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\ninterrupted; all processes have been stopped", file=sys.stderr)
-        return 130
-
-
-def _terminate(*_: object) -> NoReturn:
-    raise KeyboardInterrupt
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return exit_code(lambda: _demonstrate(parsed))
 
 
 def _demonstrate(parsed: argparse.Namespace) -> int:
@@ -93,20 +81,18 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 
 def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
-    from fsw_analysis import kpi
-    from fsw_analysis.changes import cut_to_scenario
-    from fsw_analysis.figures import Run, draw
-    from fsw_analysis.signals import load_weld
+    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
+    place = folder / scenario.name
     runs: list[Run] = []
     bags: list[Path] = []
-    for title, variant in _variants(scenario, controllers):
-        place = folder / scenario.name / title.replace(" ", "_")
-        graph = WeldGraph(variant, place, () if variant.open_loop else controllers, realtime)
+    for title, variant in _variants(scenario, controllers).items():
+        own = place / title.replace(" ", "_")
+        graph = WeldGraph(variant, own, () if variant.open_loop else controllers, realtime)
         with (
-            _progress(f"{scenario.name}, {title}") as bar,
+            ProgressBar(f"{scenario.name}, {title}") as bar,
             free_domain() as domain,
-            Launcher(place / "log", domain) as launcher,
+            Launcher(own / "log", domain) as launcher,
         ):
             graph.run(launcher, bar)
         runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
@@ -114,28 +100,15 @@ def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
     print(kpi_table.text(results))
-    place = folder / scenario.name
     return [*bags, *kpi_table.write(results, place), *draw(runs, scenario.figures, place)]
 
 
-def _variants(scenario: Scenario, controllers: Sequence[str]) -> Iterator[tuple[str, Scenario]]:
-    from fsw_experiment.scenario_file import parse
-
+def _variants(scenario: Scenario, controllers: Sequence[str]) -> dict[str, Scenario]:
     if scenario.open_loop:
-        yield "open loop", scenario
-    elif len(scenario.controllers) > 1:
-        yield "swap", scenario
-    else:
-        for name in controllers:
-            yield name, parse(scenario.text, scenario.name, [f"controller={name}"])
-
-
-@contextlib.contextmanager
-def _progress(title: str) -> Iterator[Any]:
-    bar = ProgressBar(title)
-    bar(0.0)
-    yield bar
-    bar.done()
+        return {"open loop": scenario}
+    if len(scenario.controllers) > 1:
+        return {"swap": scenario}
+    return {name: parse(scenario.text, scenario.name, [f"controller={name}"]) for name in controllers}
 
 
 if __name__ == "__main__":

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from fsw_control.contract import Command
 from fsw_control.parameters import validate
 from fsw_experiment.closed_loop import plant_of
 from fsw_experiment.launcher import Child, Launcher, LaunchError
@@ -19,7 +18,7 @@ from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario
 from fsw_plant.config import specs as plant_parameters
 
-#: Modules with a ``main`` by controller name; any other controller is given with its module.
+#: Modules with a ``main`` by controller name.
 CONTROLLER_MODULES = {
     "decentral": "fsw_decentral.decentral_node",
     "nmpc": "fsw_nmpc.nmpc_node",
@@ -28,6 +27,8 @@ CONTROLLER_MODULES = {
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
+#: how long the first tick may take, and so the end
+_PATIENCE_S = 60.0
 _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
 
 
@@ -55,15 +56,13 @@ class WeldGraph:
     folder : Path
         Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
     controllers : sequence of str
-        All that shall be warm; the scenario's own are added.
+        All that run; the scenario's own are added.
     realtime : bool
         10 Hz on the wall clock instead of lockstep.
     record : bool
         Whether a recorder runs.
     standby : bool
         Whether a second supervisor stands by.
-    extra_parameters : mapping
-        More parameters by node name.
     """
 
     scenario: Scenario
@@ -72,7 +71,6 @@ class WeldGraph:
     realtime: bool = False
     record: bool = True
     standby: bool = False
-    extra_parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def bag(self) -> Path:
@@ -115,19 +113,18 @@ class WeldGraph:
         return launcher.start("scenario", "fsw_experiment.scenario_node", ros_args)
 
     def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
-        """Content of the parameter file: what each node needs to play its part in the scenario."""
-        start: Command = plant_of(self.scenario).applied
+        """Content of the parameter file: what each node needs for the scenario."""
+        start = plant_of(self.scenario).applied
         names = self.all_controllers
-        selected = names[0]
         plant = validate(plant_parameters(), self.scenario.plant)
         nodes: dict[str, dict[str, Any]] = {
-            "fsw_plant": {name: plant[name] for name in self.scenario.plant}
-            | {
+            "fsw_plant": {
+                **{name: plant[name] for name in self.scenario.plant},
                 "scenario": str(scenario_file),
                 "wait_for_subscribers": len(names) + 2 + self.record + self.standby,  # and supervisor and player
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
-            "fsw_supervisor": {"controller": selected},
+            "fsw_supervisor": {"controller": names[0]},
             "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
             "fsw_recorder": {"output": str(self.bag), "scenario": str(scenario_file)},
         }
@@ -135,8 +132,6 @@ class WeldGraph:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
         if self.scenario.open_loop:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
-        for name, values in self.extra_parameters.items():
-            nodes.setdefault(name, {}).update(values)
         if self.standby:
             nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
         if not self.realtime:
@@ -145,9 +140,7 @@ class WeldGraph:
                     values["use_sim_time"] = True
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
-    def run(
-        self, launcher: Launcher, progress: Callable[[float], None] | None = None, start_timeout_s: float = 60.0
-    ) -> float:
+    def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
         """Start everything, wait for the scenario's end, end everything.
 
         Parameters
@@ -155,8 +148,6 @@ class WeldGraph:
         launcher : Launcher
         progress : callable, optional
             Called with the share done, 0 to 1.
-        start_timeout_s : float
-            How long the first tick may take.
 
         Returns
         -------
@@ -170,17 +161,15 @@ class WeldGraph:
         """
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
-        launcher.wait_until(lambda: "progress " in player.text(), start_timeout_s, "the first tick", others)
-        limit_s = 60.0 + 3.0 * self.scenario.duration_s
+        launcher.wait_until(lambda: "progress " in player.text(), _PATIENCE_S, "the first tick", others)
 
         def over() -> bool:
-            if progress is not None:
-                words = [line.split() for line in player.text().splitlines() if line.startswith("progress ")]
-                if words and len(words[-1]) == 3:
-                    progress(int(words[-1][1]) / int(words[-1][2]))
+            told = re.findall(r"^progress (\d+) (\d+)$", player.text(), re.MULTILINE)
+            if progress is not None and told:
+                progress(int(told[-1][0]) / int(told[-1][1]))
             return not player.running
 
-        launcher.wait_until(over, limit_s, "the scenario's end", others)
+        launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
         if player.process.returncode != 0 or "finished after" not in player.text():
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave

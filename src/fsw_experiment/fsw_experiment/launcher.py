@@ -9,10 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 _POLL_S = 0.02
 
@@ -23,16 +22,7 @@ class LaunchError(RuntimeError):
 
 @dataclass(slots=True)
 class Child:
-    """One running part of the graph.
-
-    Attributes
-    ----------
-    name : str
-        For people and for the log file.
-    process : subprocess.Popen
-    log : Path
-        Everything that it prints.
-    """
+    """One running part of the graph; its log has everything that it prints."""
 
     name: str
     process: subprocess.Popen[bytes]
@@ -47,9 +37,9 @@ class Child:
         """What it has printed so far."""
         return self.log.read_text(encoding="utf-8", errors="replace")
 
-    def last_words(self, lines: int = 5) -> str:
+    def last_words(self) -> str:
         """The last lines that it printed, as one line."""
-        return " | ".join(self.text().strip().splitlines()[-lines:]) or "it printed nothing"
+        return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
 
 
 class Launcher:
@@ -63,15 +53,11 @@ class Launcher:
         Made if need be; one ``<name>.log`` per process.
     domain : int
         ROS domain of all processes.
-    environment : mapping, optional
-        More environment variables for all of them.
     patience_s : float
         How long to wait after each signal.
     """
 
-    def __init__(
-        self, log_folder: Path, domain: int, environment: Mapping[str, str] | None = None, patience_s: float = 5.0
-    ) -> None:
+    def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:
         self.log_folder = log_folder
         self.children: dict[str, Child] = {}
         self._patience_s = patience_s
@@ -81,7 +67,6 @@ class Launcher:
             "ROS_DOMAIN_ID": str(domain),
             "PYTHONUNBUFFERED": "1",
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-            **(environment or {}),
         }
         log_folder.mkdir(parents=True, exist_ok=True)
 
@@ -104,7 +89,15 @@ class Launcher:
         command = [sys.executable, "-m", "fsw_experiment.child_process", str(os.getpid()), module, *arguments]
         log = self.log_folder / f"{name}.log"
         with log.open("wb") as file:
-            process = _popen(command, self._environment, file)
+            process = subprocess.Popen(
+                command,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                # a session of its own: Ctrl-C reaches the launcher alone, which then ends its children in order
+                start_new_session=True,
+            )
         self.children[name] = child = Child(name, process, log)
         return child
 
@@ -117,14 +110,13 @@ class Launcher:
                 raise LaunchError(f"{name} has ended with exit code {code}: {child.last_words()} (see {child.log})")
 
     def wait_until(
-        self, condition: Callable[[], bool], timeout_s: float, what: str, watch: Sequence[str] | None = None
+        self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
     ) -> None:
         """Wait for a condition while the processes run.
 
         Parameters
         ----------
         condition : callable
-            Polled.
         timeout_s : float
         what : str
             What is waited for, for the error.
@@ -146,16 +138,9 @@ class Launcher:
     def wait_for_text(self, name: str, pattern: str, timeout_s: float = 30.0) -> str:
         """Wait until a process has printed something that matches; returns what matched."""
         child = self.children[name]
-        found: list[str] = []
-
-        def printed() -> bool:
-            match = re.search(pattern, child.text())
-            if match:
-                found.append(match.group(0))
-            return bool(match)
-
-        self.wait_until(printed, timeout_s, f"{name} to print {pattern!r}")
-        return found[0]
+        self.wait_until(lambda: re.search(pattern, child.text()), timeout_s, f"{name} to print {pattern!r}")
+        match = re.search(pattern, child.text())
+        return match.group(0) if match else ""
 
     def stop(self, *names: str) -> dict[str, int]:
         """End processes (all by default, the last started first) and return their exit codes."""
@@ -171,15 +156,3 @@ class Launcher:
             if not any(child.running for child in chosen):
                 break
         return {child.name: child.process.wait() for child in chosen}
-
-
-def _popen(command: Sequence[str], environment: Mapping[str, str], log: IO[bytes]) -> subprocess.Popen[bytes]:
-    # a session of its own: Ctrl-C reaches the launcher alone, which then ends its children in order
-    return subprocess.Popen(
-        command,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=log,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-    )

@@ -103,8 +103,8 @@ class ScenarioNode(Node):
         self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
         # The plant counts the subscribers of every sensor; after its first tick these two are of no more use.
         self._extra_subscriptions = [
-            self.create_subscription(SpindleTorque, "fsw/spindle_torque", _ignore, STREAM),
-            self.create_subscription(Temperature, "fsw/thermocouple", _ignore, STREAM),
+            self.create_subscription(SpindleTorque, "fsw/spindle_torque", lambda _: None, STREAM),
+            self.create_subscription(Temperature, "fsw/thermocouple", lambda _: None, STREAM),
         ]
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
@@ -113,7 +113,8 @@ class ScenarioNode(Node):
         if self._first_ns is None:
             self._first_ns = TICK_NS if self._simulated else stamp_ns
             self._began_s = time.monotonic()
-            self._drop_extra_subscriptions()
+            for subscription in self._extra_subscriptions:
+                self.destroy_subscription(subscription)
             if not self._simulated:
                 self._announce()
         self._heard_s = time.monotonic()
@@ -150,11 +151,6 @@ class ScenarioNode(Node):
         # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
         return self._tick + _AHEAD if len(self._references) > _AHEAD else self._scenario.n_ticks
 
-    def _drop_extra_subscriptions(self) -> None:
-        for subscription in self._extra_subscriptions:
-            self.destroy_subscription(subscription)
-        self._extra_subscriptions = []
-
     def _end(self, failure: str) -> None:
         if self.finished:
             return
@@ -169,10 +165,6 @@ class ScenarioNode(Node):
 
 def _node_of(info: TopicEndpointInfo) -> tuple[str, str]:
     return info.node_namespace, info.node_name
-
-
-def _ignore(_: object) -> None:
-    """Take a message for no use."""
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from fsw_analysis.messages import recorded_parameters
+from fsw_analysis.messages import SENSOR_FIELDS, recorded_parameters
 from fsw_analysis.set_points import HELD, SENT
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.free_domain import NoFreeDomainError, free_domain
@@ -19,7 +19,7 @@ from fsw_control.weld import TICK_S
 from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_recorder.errors import BagError
 
-_SENSORS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple")
+_SENSORS = tuple(topic for topic, _ in SENSOR_FIELDS.values())
 _DRIVES = "/fsw/drives"
 #: shown to the controller where the bag has them
 _SHOWN = (*_SENSORS, _DRIVES, SENT, HELD, "/fsw/command")
@@ -98,15 +98,16 @@ class ShadowRun:
         parameter_file = self.folder / "parameters.yaml"
         parameter_file.write_text(yaml.safe_dump(self.parameter_file(weld), sort_keys=False), encoding="utf-8")
         ros_args = ["--ros-args", "--params-file", str(parameter_file)]
-        played_names = [name for name in (*_SHOWN, *_KEPT) if weld.counts.get(name)]
-        rules = [f"{_in_bag(weld, name)}:={name}" for name in played_names if _in_bag(weld, name) != name]
+        names = _played(weld)
+        remaps = [
+            word for name, recorded in names.items() if recorded != name for word in ("-r", f"{recorded}:={name}")
+        ]
         length_s = weld.duration_s if self.duration_s <= 0.0 else min(self.duration_s, weld.duration_s)
         try:
             with free_domain() as domain, Launcher(self.folder / "log", domain) as launcher:
                 launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
                 launcher.start("controller", self.module, ros_args)
                 launcher.wait_for_text("recorder", f"subscribed to /fsw/{self.controller}/proposal")
-                remaps = [word for rule in rules for word in ("-r", rule)]
                 replay = launcher.start("replay", "fsw_recorder.replay_node", [*ros_args, *remaps])
                 launcher.wait_for_text("replay", "playing ", _PATIENCE_S)
                 begin = time.monotonic()
@@ -127,12 +128,12 @@ class ShadowRun:
 
     def parameter_file(self, weld: WeldSignals) -> dict[str, Any]:
         """Content of the parameter file of the processes; writes the weld's scenario into the folder."""
-        shown = [_in_bag(weld, name) for name in _SHOWN if weld.counts.get(name)]
-        kept = [_in_bag(weld, name) for name in _KEPT if weld.counts.get(name)]
+        names = _played(weld)
+        shown = [recorded for name, recorded in names.items() if name in _SHOWN]
         nodes: dict[str, dict[str, Any]] = {
             "fsw_replay": {
                 "bag": str(self.bag.resolve()),
-                "topics": shown + kept,
+                "topics": list(names.values()),
                 "rate": float(self.rate),
                 # ends between two ticks, so that the last one is whole
                 "duration": max(self.duration_s - 0.5 * TICK_S, 0.0),
@@ -141,7 +142,7 @@ class ShadowRun:
             },
             "fsw_recorder": {
                 "output": str(self.recorded.resolve()),
-                "topics": [*(name for name in (*_SHOWN, *_KEPT) if weld.counts.get(name)), "/diagnostics"],
+                "topics": [*names, "/diagnostics"],
                 "regex": f"/fsw/{self.controller}/.*",
                 "custom_data": [f"shadow_of={self.bag.name}", f"shadow_rate={self.rate:g}"],
             },
@@ -161,12 +162,13 @@ class ShadowRun:
             return {key: value for key, value in values.items() if key not in _FOREIGN}
         except BagError:
             pass  # the controller was not in the bag
-        for force, speed in zip(weld.force_kn.tolist(), weld.speed_rpm.tolist(), strict=True):
-            if math.isfinite(force) and math.isfinite(speed):
-                return {"initial_force": force, "initial_speed": speed}
-        return {}
+        known = np.flatnonzero(np.isfinite(weld.force_kn) & np.isfinite(weld.speed_rpm))
+        if not known.size:
+            return {}
+        return {"initial_force": float(weld.force_kn[known[0]]), "initial_speed": float(weld.speed_rpm[known[0]])}
 
 
-def _in_bag(weld: WeldSignals, topic: str) -> str:
-    """Name of a topic in the bag of a weld in a namespace."""
-    return topic if topic == "/clock" else f"{weld.namespace}{topic}"
+def _played(weld: WeldSignals) -> dict[str, str]:
+    """Topics that are played to the controller or the recorder, with their names in the bag."""
+    names = (name for name in (*_SHOWN, *_KEPT) if weld.counts.get(name))
+    return {name: name if name == "/clock" else f"{weld.namespace}{name}" for name in names}

@@ -44,6 +44,15 @@ def test_simulate_writes_results(capsys, tmp_path):
     assert len((out / "signals_decentral.csv").read_text().splitlines()) == 601
 
 
+def test_parameters_of_a_controller(capsys, tmp_path):
+    def signals(*arguments):
+        out = tmp_path / str(len(arguments))
+        assert run(capsys, "simulate", "quick", "--no-figures", "--out", str(out), *arguments)[0] == 0
+        return (out / "signals_decentral.csv").read_bytes()
+
+    assert signals("--parameter", "decentral.tuning=tight") != signals()
+
+
 def test_nothing_is_overwritten(capsys, tmp_path):
     (tmp_path / "precious").write_text("x")
     code, _, error = run(capsys, "simulate", "quick", "--out", str(tmp_path))
@@ -59,6 +68,9 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate"],
         ["simulate", "quick", "--controller", "nobody"],
         ["simulate", "quick", "--set", "plant.colour=red"],
+        ["simulate", "quick", "--parameter", "decentral.colour=red"],
+        ["simulate", "quick", "--parameter", "decentral.tuning"],
+        ["simulate", "quick", "--parameter", "nmpc.preset=paper"],
         ["simulate", "open_loop_force_steps", "--controller", "decentral"],
         ["bag", "kpi", "/nowhere/at/all"],
         ["bag", "compare", "/nowhere/at/all"],

@@ -1,11 +1,11 @@
 """The launcher: processes start, are watched, and end whatever happens."""
 
+import os
+import select
 import signal
 import subprocess
 import sys
 import textwrap
-import time
-from pathlib import Path
 
 import pytest
 
@@ -13,13 +13,13 @@ from fsw_control.free_domain import free_domain
 from fsw_experiment.launcher import Launcher, LaunchError
 
 STUBBORN = """
-    import signal, time
+    import signal
     def main():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, {term})
         print("ready", flush=True)
         while True:
-            time.sleep(0.01)
+            signal.pause()
 """
 
 
@@ -36,27 +36,13 @@ def modules(tmp_path, monkeypatch):
     return write
 
 
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
-    except OSError:
-        return False
-
-
-def wait_for(condition, timeout_s=20.0):
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def test_arguments_environment_and_exit_code(modules, tmp_path):
     modules(
         "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
     )
     with Launcher(tmp_path / "log", 77) as launcher:
         child = launcher.start("a", "child_a", ["x", "y"])
-        wait_for(lambda: not child.running)
+        child.process.wait(20.0)
         assert child.text().strip() == "['x', 'y'] 77"
         with pytest.raises(LaunchError, match="a has ended with exit code 3"):
             launcher.check()
@@ -96,7 +82,7 @@ def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
 def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
     modules("child_e", STUBBORN.format(term="signal.SIG_DFL"))
     script = f"""
-        import sys, time
+        import sys
         sys.path[:0] = {sys.path!r}
         from pathlib import Path
         from fsw_experiment.launcher import Launcher
@@ -104,17 +90,18 @@ def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
             child = launcher.start("e", "child_e")
             launcher.wait_for_text("e", "ready")
             print(child.process.pid, flush=True)
-            time.sleep(60)
+            child.process.wait()
     """
     parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
     try:
-        pid = int(parent.stdout.readline())
-        assert alive(pid)
+        child = os.pidfd_open(int(parent.stdout.readline()))
+        assert select.select([child], [], [], 0.0)[0] == [], "the child runs"
     finally:
         parent.kill()
         parent.wait()
         parent.stdout.close()
-    wait_for(lambda: not alive(pid))
+    assert select.select([child], [], [], 20.0)[0] == [child], "the child has ended"
+    os.close(child)
 
 
 def test_every_user_of_the_machine_gets_a_domain_of_its_own():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -30,68 +29,72 @@ _KIB = 1024
 _STATE = "bag folder or file (MCAP, sqlite3; whole, cut off or damaged)"
 
 
+def add_command(
+    commands: Any,
+    name: str,
+    run: Any,
+    text: str,
+    bag: str = "bag of a weld",
+    description: str = "",
+    several: bool = False,
+) -> argparse.ArgumentParser:
+    """Add a command on one or several bags."""
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=text, description=description or f"{name}: {text}."
+    )
+    parser.add_argument("bag", type=Path, help=bag, nargs="+" if several else None)
+    parser.set_defaults(run=run)
+    return parser
+
+
 def add_commands(commands: Any) -> None:
     """Add the commands to the subcommands of ``bag``."""
-
-    def add(name: str, run: Any, text: str, bag: str = "bag of a weld", several: bool = False) -> Any:
-        parser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
-        parser.add_argument("bag", type=Path, help=bag, **({"nargs": "+"} if several else {}))
-        parser.set_defaults(run=run)
-        return parser
-
-    info = add("info", _info, "contents of a bag, counted message by message", _STATE)
+    info = add_command(commands, "info", _info, "contents of a bag, counted message by message", _STATE)
     info.add_argument("--json", action="store_true", help="print JSON")
 
-    copy = add("recover", _recover, "copy what can be read of a damaged bag into a new, whole MCAP bag", _STATE)
+    text = "copy what can be read of a damaged bag into a new, whole MCAP bag"
+    copy = add_command(commands, "recover", _recover, text, _STATE)
     copy.add_argument("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)")
     copy.add_argument("--zstd", action="store_true", help="compress the new bag")
     copy.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
 
-    figures_of_merit = add("kpi", _kpi, "figures of merit of a weld")
+    figures_of_merit = add_command(commands, "kpi", _kpi, "figures of merit of a weld")
     figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
 
-    plot = add("plot", _plot, "the paper's figures of a weld; several bags are overlaid", several=True)
+    text = "the paper's figures of a weld; several bags are overlaid"
+    plot = add_command(commands, "plot", _plot, text, several=True)
     plot.add_argument("--out", type=Path, default=Path("."), help="folder for the PNG files (default: here)")
     plot.add_argument(
         "--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"
     )
 
-    compare = add("compare", _compare, "figures of merit of two or more welds side by side", several=True)
+    text = "figures of merit of two or more welds side by side"
+    compare = add_command(commands, "compare", _compare, text, several=True)
     compare.add_argument("--json", type=Path, metavar="FILE", help="also write them as JSON")
     compare.add_argument("--out", type=Path, help="also draw the welds overlaid, into this folder")
 
-    export = add(
-        "export", _export, "write the aligned signals of a weld as a table, one row per tick, in paper's units"
-    )
+    text = "write the aligned signals of a weld as a table, one row per tick, in paper's units"
+    export = add_command(commands, "export", _export, text)
     export.add_argument("output", type=Path, nargs="?", help="CSV file to write (default: <bag>.csv)")
     export.add_argument("--all", action="store_true", help="also the ticks after the end of the attached scenario")
 
 
-@contextmanager
-def progress(title: str) -> Iterator[ProgressBar]:
-    """A progress bar for as long as the context lasts."""
-    bar = ProgressBar(title)
-    yield bar
-    bar.done()
+def print_notes(notes: Iterable[str]) -> None:
+    """Report what is wrong with a bag on stderr, apart from the result."""
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def read_weld(bag: Path) -> WeldSignals:
     """Signals of a bag; what is wrong with it is reported on stderr."""
-    with progress(f"reading {bag}") as bar:
+    with ProgressBar(f"reading {bag}") as bar:
         signals = load_weld(bag, bar)
-    for problem in signals.problems:
-        print(f"note: {problem}", file=sys.stderr)
+    print_notes(signals.problems)
     return signals
 
 
 def write_json(path: Path | None, values: Any) -> None:
-    """Write values as JSON where a file is given.
-
-    Raises
-    ------
-    CommandError
-        The file cannot be written.
-    """
+    """Write values as JSON where a file is given; CommandError when it cannot be written."""
     if path is None:
         return
     try:
@@ -102,7 +105,7 @@ def write_json(path: Path | None, values: Any) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     ticks = TickCounter()
-    with BagReader(arguments.bag) as reader, progress(f"reading {arguments.bag}") as bar:
+    with BagReader(arguments.bag) as reader, ProgressBar(f"reading {arguments.bag}") as bar:
         info = reader.info(bar, ticks.note)
     if arguments.json:
         print(json.dumps(_info_values(info, ticks.gaps()), indent=2, ensure_ascii=False))
@@ -179,20 +182,16 @@ def _recover(arguments: argparse.Namespace) -> int:
     target = arguments.output or source.absolute().parent / f"{stem}_recovered"
     options = WriterOptions(compression="zstd" if arguments.zstd else "")
     selection = TopicSelection(regex=arguments.regex, include_hidden=True)
-    with progress(f"copying {source}") as bar:
+    with ProgressBar(f"copying {source}") as bar:
         result = recover(source, target, options, bar, selection)
-    for problem in result.problems:
-        print(f"note: {problem}", file=sys.stderr)
+    print_notes(result.problems)
     print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
     return 0
 
 
-def _runs(bags: list[Path]) -> list[Any]:
-    """Bags as runs to draw, each cut to the length of its scenario."""
-    from fsw_analysis.figures import Run  # matplotlib takes a second to import
-
-    signals = [read_weld(bag) for bag in bags]
-    return [Run(label, cut_to_scenario(one)) for label, one in zip(_labels(bags), signals, strict=True)]
+def _welds(bags: list[Path]) -> dict[str, WeldSignals]:
+    """Welds by the labels that distinguish them, each cut to the length of its scenario."""
+    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(_labels(bags), bags, strict=True)}
 
 
 def _labels(bags: list[Path]) -> list[str]:
@@ -206,50 +205,47 @@ def _labels(bags: list[Path]) -> list[str]:
     return [f"{path} ({i + 1})" for i, path in enumerate(bags)]
 
 
-def _figures_of(signals: WeldSignals) -> tuple[int, ...]:
-    text = signals.attachments.get("scenario.yaml")
-    try:
-        return parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures if text else ()
-    except ScenarioError as error:
-        print(f"note: {error}", file=sys.stderr)
-        return ()
+def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
+    results = [kpi.compute(signals, label) for label, signals in welds.items()]
+    print(kpi_table.text(results), end="")
+    write_json(file, results)
 
 
-def _draw(runs: list[Any], numbers: Any, folder: Path) -> None:
-    from fsw_analysis.figures import draw
+def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | None = None) -> None:
+    """Draw figures of the paper, by default those that the first weld's scenario names."""
+    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
+    text = next(iter(welds.values())).attachments.get("scenario.yaml")
+    if numbers is None and text:
+        try:
+            numbers = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures
+        except ScenarioError as error:
+            print_notes([str(error)])
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        paths = draw(runs, numbers, folder)
+        paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
     except OSError as error:
         raise CommandError(f"cannot write figures into {folder}: {error.strerror}") from None
     print("\n".join(map(str, paths)))
 
 
 def _kpi(arguments: argparse.Namespace) -> int:
-    signals = cut_to_scenario(read_weld(arguments.bag))
-    results = [kpi.compute(signals, _labels([arguments.bag])[0])]
-    print(kpi_table.text(results), end="")
-    write_json(arguments.json, results)
+    _print_kpis(_welds([arguments.bag]), arguments.json)
     return 0
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    runs = _runs(arguments.bag)
-    numbers = arguments.figures if arguments.figures is not None else _figures_of(runs[0].signals)
-    _draw(runs, numbers, arguments.out)
+    _draw(_welds(arguments.bag), arguments.out, arguments.figures)
     return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:
     if len(arguments.bag) < 2:
         raise CommandError("bag compare: give two bags or more")
-    runs = _runs(arguments.bag)
-    results = [kpi.compute(run.signals, run.label) for run in runs]
-    print(kpi_table.text(results), end="")
-    write_json(arguments.json, results)
+    welds = _welds(arguments.bag)
+    _print_kpis(welds, arguments.json)
     if arguments.out is not None:
-        _draw(runs, _figures_of(runs[0].signals), arguments.out)
+        _draw(welds, arguments.out)
     return 0
 
 
@@ -260,7 +256,6 @@ def _export(arguments: argparse.Namespace) -> int:
     if not arguments.all:
         whole, signals = signals.n_ticks, cut_to_scenario(signals)
         if signals.n_ticks < whole:
-            left = f"{whole - signals.n_ticks} ticks after the scenario's end are left out"
-            print(f"note: {left}; --all keeps them", file=sys.stderr)
+            print_notes([f"{whole - signals.n_ticks} ticks after the scenario's end are left out; --all keeps them"])
     print(f"{export_weld(signals, target)} rows written to {target}")
     return 0

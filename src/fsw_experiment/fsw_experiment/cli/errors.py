@@ -1,5 +1,36 @@
-"""The one error that a command shows in one line."""
+"""The errors that a command shows in one line, and the exit code that follows."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+
+from fsw_analysis.kpi import KpiError
+from fsw_control.free_domain import NoFreeDomainError
+from fsw_control.parameters import ParameterError
+from fsw_experiment.launcher import LaunchError
+from fsw_experiment.scenario import ScenarioError
+from fsw_recorder.errors import BagError
 
 
 class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
+
+
+def exit_code(action: Callable[[], int]) -> int:
+    """Carry out a command; 0 done, 1 not possible (told in one line), 130 interrupted."""
+    try:
+        code = action()
+        sys.stdout.flush()
+        return code
+    except (CommandError, ScenarioError, ParameterError, BagError, KpiError, LaunchError, NoFreeDomainError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # whoever read our output has seen enough; nothing is left to be flushed at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1

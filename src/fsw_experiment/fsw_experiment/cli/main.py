@@ -1,20 +1,13 @@
-"""The operator's command: one parser, one place where errors become one line."""
+"""The operator's command: one parser for all commands."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 
-from fsw_analysis.kpi import KpiError
-from fsw_control.free_domain import NoFreeDomainError
-from fsw_control.parameters import ParameterError
 from fsw_experiment.cli import bags, model, operate, replays, simulate
-from fsw_experiment.cli.errors import CommandError
-from fsw_experiment.launcher import LaunchError
-from fsw_experiment.scenario import ScenarioError
-from fsw_recorder.errors import BagError
+from fsw_experiment.cli.errors import exit_code
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,22 +29,9 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code: 0 done, 1 not possible, 2 wrong arguments, 130 interrupted."""
-    try:
-        parsed = parser().parse_args(arguments)
-        code = int(parsed.run(parsed))
-        sys.stdout.flush()
-        return code
-    except (CommandError, ScenarioError, ParameterError, BagError, KpiError, LaunchError, NoFreeDomainError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        # whoever read our output has seen enough; nothing is left to be flushed at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+    """Run the command; returns the exit code, which is 2 for wrong arguments."""
+    parsed = parser().parse_args(arguments)
+    return exit_code(lambda: int(parsed.run(parsed)))
 
 
 if __name__ == "__main__":

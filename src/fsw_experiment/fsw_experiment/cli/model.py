@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import os
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,6 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from fsw_analysis.export import write_table
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.ranges import DURATION_S, Range
@@ -126,17 +127,13 @@ def simulate(steps: list[InputStep], last_tick: int, model: ProcessModel) -> dic
         The shoulder leaves the copper.
     """
     start = model.equilibrium()
-    force_kn, speed_rpm = start.force_kn, start.speed_rpm
-    forces, speeds = [], []
-    waiting = list(steps)
-    for tick in range(last_tick + 1):
-        while waiting and waiting[0].tick == tick:
-            step = waiting.pop(0)
-            force_kn = force_kn if step.force_kn is None else step.force_kn
-            speed_rpm = speed_rpm if step.speed_rpm is None else step.speed_rpm
-        forces.append(force_kn)
-        speeds.append(speed_rpm)
-    course = model.simulate(forces, speeds, start)
+    forces, speeds = np.full(last_tick + 1, start.force_kn), np.full(last_tick + 1, start.speed_rpm)
+    for step in steps:
+        if step.force_kn is not None:
+            forces[step.tick :] = step.force_kn
+        if step.speed_rpm is not None:
+            speeds[step.tick :] = step.speed_rpm
+    course = model.simulate(forces.tolist(), speeds.tolist(), start)
     course["time_s"] = course["time_s"].round(6)  # whole tenths, as they are written
     return {name: course[name] for name in COLUMNS}
 
@@ -152,7 +149,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"cannot read model {arguments.model}: {error.strerror}") from None
     except (ParameterError, OperatingPointError, UnicodeDecodeError) as error:
         raise CommandError(f"model: {error}") from None
-    files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: _write_csv(course, path)}
+    files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: write_table(course, path)}
     if arguments.figure is not None:
         from fsw_analysis.figures import draw_open_loop  # matplotlib takes a second to import
 
@@ -178,33 +175,20 @@ def _text(source: str) -> str:
         raise CommandError(f"cannot read events {source!r}: not a text file in UTF-8") from None
 
 
-def _write_csv(course: dict[str, Any], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
-        writer.writerows(zip(*(map(repr, course[name].tolist()) for name in COLUMNS), strict=True))
-
-
 def _write_all(files: dict[Path, Callable[[Path], None]]) -> None:
     """Write every file beside its place first, and put them there only when all are whole."""
-    temporary: dict[Path, Path] = {}
+    parts = {target: target.parent / f".{target.name}.{os.getpid()}.part" for target in files}
     try:
         for target, write in files.items():
             try:
-                descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-                os.close(descriptor)
-                temporary[target] = Path(name)
-                write(temporary[target])
                 if target.is_dir():
                     raise IsADirectoryError(0, "it is a folder")
+                write(parts[target])
             except OSError as error:
                 raise CommandError(f"cannot write {target}: {error.strerror or error}") from None
-        mask = os.umask(0)
-        os.umask(mask)
-        for target, written in temporary.items():
-            written.chmod(0o666 & ~mask)
-            written.replace(target)
+        for target, part in parts.items():
+            part.replace(target)
     finally:
-        for written in temporary.values():
+        for part in parts.values():
             with suppress(OSError):
-                written.unlink()
+                part.unlink()

@@ -1,39 +1,44 @@
-"""The operator's short visit to the graph."""
+"""The operator's short visit to the graph: watches topics, calls services."""
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
+from math import nan
 from typing import Any
 
 import rclpy
+from builtin_interfaces.msg import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Temperature
 
+from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import subscribe_references
-from fsw_control.topics_ros import STREAM
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_experiment import ranges
 from fsw_experiment.cli.errors import CommandError
+from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
+from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SwitchController
+
+#: how long to go on listening when something has been heard
+_SETTLE_S = 1.0
 
 
 class Operator:
-    """Calls services and watches topics, each with a time limit.
-
-    Parameters
-    ----------
-    node : Node
-    timeout_s : float
-        For every wait.
-    """
+    """Calls services and watches topics, each with a time limit."""
 
     def __init__(self, node: Node, timeout_s: float) -> None:
         self.node = node
         self.timeout_s = timeout_s
 
-    def wait_until(self, condition: Callable[[], bool], timeout_s: float | None = None) -> bool:
+    def wait_until(self, condition: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Spin until a condition holds; False when it takes too long."""
         end = time.monotonic() + (self.timeout_s if timeout_s is None else timeout_s)
         while not condition():
@@ -42,7 +47,7 @@ class Operator:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         return True
 
-    def call(self, service: Any, name: str, request: Any, who: str, extra_s: float = 0.0) -> Any:
+    def call(self, service: Any, name: str, request: Any, extra_s: float = 0.0) -> Any:
         """Call a service.
 
         Raises
@@ -50,6 +55,7 @@ class Operator:
         CommandError
             When no node offers it or none answers in time.
         """
+        who = "plant" if name.startswith("/fsw/plant/") else "supervisor"
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
             raise CommandError(f"no node offers {name} on {_domain()}: is the {who} running there?")
@@ -64,9 +70,25 @@ class Operator:
         self.node.create_subscription(kind, topic, received.append, profile)
         return received
 
+    def watch_set_points(self) -> ReferenceQueue:
+        """Set-points as they were sent and as the supervisor keeps them, while this object spins."""
+        queue = ReferenceQueue()
+        subscribe_references(self.node, queue, lambda _: None)
+        return queue
+
+    def in_force(self, set_points: ReferenceQueue, depths: list[ShoulderDepth]) -> Reference | None:
+        """The set-points that hold at the last measurement, or else now; None if there are none."""
+        if depths:
+            return set_points.at(convert.stamp_ns(depths[-1].header.stamp))
+        return set_points.at(self.node.get_clock().now().nanoseconds)
+
 
 def _domain() -> str:
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
+
+
+def _nothing_there() -> CommandError:
+    return CommandError(f"no weld graph on {_domain()}: start it, or set ROS_DOMAIN_ID")
 
 
 @contextlib.contextmanager
@@ -81,27 +103,166 @@ def operator(timeout_s: float) -> Iterator[Operator]:
         rclpy.try_shutdown()
 
 
-class SetPoints:
-    """What is known of the set-points that hold, of those that were sent and those that the supervisor keeps.
+def status(arguments: argparse.Namespace) -> int:
+    """Print what runs, which controller is applied, what is measured and commanded."""
+    with operator(arguments.timeout) as visit:
+        states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
+        set_points = visit.watch_set_points()
+        commands = visit.watch(WeldCommand, "/fsw/command")
+        depths = visit.watch(ShoulderDepth, "/fsw/depth")
+        torques = visit.watch(SpindleTorque, "/fsw/spindle_torque")
+        temperatures = visit.watch(Temperature, "/fsw/thermocouple")
+        heard = (states, set_points, commands, depths, torques, temperatures)
+        if not visit.wait_until(lambda: any(heard)):
+            raise _nothing_there()
+        visit.wait_until(lambda: all(heard), _SETTLE_S)
+        nodes = sorted(name for name in visit.node.get_node_names() if name != "fsw_operator")
+        reference = visit.in_force(set_points, depths)
+    print(f"nodes        {', '.join(nodes)}")
+    _print_state(states[-1] if states else None)
+    rows = [
+        ("depth", [units.mm_from_m(one.depth) for one in depths[-1:]], reference and reference.depth_mm, "mm"),
+        ("temperature", [one.temperature for one in temperatures[-1:]], reference and reference.temperature_c, "degC"),
+        ("torque", [one.torque for one in torques[-1:]], None, "N m"),
+    ]
+    for label, values, target, unit in rows:
+        set_point = f"   set-point {target:.4g} {unit}" if target is not None else ""
+        print(f"{label:<12} " + (f"{values[0]:.5g} {unit}" if values else "not measured") + set_point)
+    if reference is None:
+        print("set-points   none yet")
+    if commands:
+        force, speed = units.kn_from_n(commands[-1].axial_force), units.rpm_from_rad_s(commands[-1].spindle_speed)
+        print(f"command      {force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}")
+    else:
+        print("command      none")
+    return 0
 
-    Parameters
-    ----------
-    visit : Operator
-    """
 
-    def __init__(self, visit: Operator) -> None:
-        self._queue = ReferenceQueue()
-        self._clock = visit.node.get_clock()
-        subscribe_references(visit.node, self._queue, lambda _: None)
-
-    def __bool__(self) -> bool:
-        return bool(self._queue)
-
-    def in_force(self, now_ns: int | None) -> Reference | None:
-        """Those that hold at a time of the weld, by default now; None if there are none."""
-        return self._queue.at(self._clock.now().nanoseconds if now_ns is None else now_ns)
+def _print_state(state: SupervisorState | None) -> None:
+    if state is None:
+        print("supervisor   none")
+        return
+    print(f"supervisor   {state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")
+    if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
+        print(f"  wanted     {state.target_mode}, {state.target_controller}")
+    for controller in state.controllers:
+        print(f"  {controller.name:<10} {_health(controller)}")
+    if state.interlocks:
+        print(f"interlocks   {', '.join(state.interlocks)}")
 
 
-def nothing_there() -> CommandError:
-    """The error of an empty graph."""
-    return CommandError(f"no weld graph on {_domain()}: start it, or set ROS_DOMAIN_ID")
+def _health(controller: Any) -> str:
+    if controller.reason:
+        return f"cannot be selected: {controller.reason}"
+    return "ready" if controller.warm else "warming up"
+
+
+def reference(arguments: argparse.Namespace) -> int:
+    """Send new set-points."""
+    depth, temperature = arguments.depth, arguments.temperature
+    if depth is None and temperature is None:
+        raise CommandError("reference: give --depth, --temperature or both")
+    with operator(arguments.timeout) as visit:
+        if depth is None or temperature is None:
+            set_points = visit.watch_set_points()
+            depths = visit.watch(ShoulderDepth, "/fsw/depth")
+            visit.wait_until(lambda: set_points and depths)
+            present = visit.in_force(set_points, depths)
+            if present is None:
+                missing = "--depth" if depth is None else "--temperature"
+                raise CommandError(f"reference: there is no set-point yet that could stay; give {missing} as well")
+            depth = present.depth_mm if depth is None else depth
+            temperature = present.temperature_c if temperature is None else temperature
+        publisher = visit.node.create_publisher(WeldReference, "/fsw/reference", LATCHED)
+        if not visit.wait_until(lambda: publisher.get_subscription_count() > 0):
+            raise _nothing_there()
+        # Not every controller need have been found at once.
+        visit.wait_until(lambda: False, 0.3)
+        listeners = visit.node.count_subscribers("/fsw/reference")
+        visit.wait_until(lambda: publisher.get_subscription_count() >= listeners, _SETTLE_S)
+        publisher.publish(convert.reference_message(Reference(depth, temperature), 0))
+        visit.wait_until(lambda: False, 0.3)
+    print(f"set-points: {depth:.4g} mm, {temperature:.5g} degC")
+    return 0
+
+
+def _ask(arguments: argparse.Namespace, service: Any, name: str, request: Any, extra_s: float = 0.0) -> int:
+    """Call a service that answers with ``ok`` and a message."""
+    with operator(arguments.timeout) as visit:
+        response = visit.call(service, name, request, extra_s)
+    if not response.ok:
+        raise CommandError(response.message)
+    print(response.message)
+    return 0
+
+
+def disturb(arguments: argparse.Namespace) -> int:
+    """Disturb the emulated plant."""
+    complaint = ranges.DISTURBANCE_AMPLITUDE[arguments.channel][1].complaint(arguments.amplitude)
+    if complaint:
+        raise CommandError(f"disturb: amplitude {complaint}")
+    to_wire = {"depth": units.m_from_mm, "axial_force": units.n_from_kn, "spindle_speed": units.rad_s_from_rpm}
+    request = SetDisturbance.Request(
+        channel=arguments.channel,
+        shape=arguments.shape,
+        amplitude=to_wire.get(arguments.channel, float)(arguments.amplitude),
+        duration=arguments.duration,
+        period=arguments.period,
+    )
+    return _ask(arguments, SetDisturbance, "/fsw/plant/set_disturbance", request)
+
+
+def fault(arguments: argparse.Namespace) -> int:
+    """Make a sensor of the emulated plant fail."""
+    magnitude = 0.0 if arguments.magnitude is None else arguments.magnitude
+    if arguments.kind in ("spike", "bias", "drift", "delay"):
+        allowed = ranges.FAULT_DELAY_S if arguments.kind == "delay" else ranges.FAULT_MAGNITUDE[arguments.sensor][1]
+        if arguments.magnitude is None:
+            raise CommandError(f"fault: {arguments.kind} needs a magnitude, {allowed}")
+        complaint = allowed.complaint(magnitude)
+        if complaint:
+            raise CommandError(f"fault: magnitude {complaint}")
+        if arguments.sensor == "depth" and arguments.kind != "delay":
+            magnitude = units.m_from_mm(magnitude)
+    request = SetFault.Request(
+        sensor=arguments.sensor, kind=arguments.kind, magnitude=magnitude, duration=arguments.duration
+    )
+    return _ask(arguments, SetFault, "/fsw/plant/set_fault", request)
+
+
+def switch(arguments: argparse.Namespace) -> int:
+    """Apply another controller."""
+    seconds = int(arguments.wait)
+    request = SwitchController.Request(
+        name=arguments.controller,
+        strictness=SwitchController.Request.STRICT if arguments.strict else SwitchController.Request.BEST_EFFORT,
+        timeout=Duration(sec=seconds, nanosec=round((arguments.wait - seconds) * 1e9)),
+    )
+    return _ask(arguments, SwitchController, "/fsw/switch_controller", request, extra_s=arguments.wait)
+
+
+def controllers(arguments: argparse.Namespace) -> int:
+    """Print the controllers in the graph and their health."""
+    with operator(arguments.timeout) as visit:
+        response = visit.call(ListControllers, "/fsw/list_controllers", ListControllers.Request())
+    print(f"mode {response.mode}, active {response.active or 'none'}")
+    for one in response.controllers:
+        latency = f"latency {one.latency_mean * 1e3:.2f} ms (at most {one.latency_max * 1e3:.2f})"
+        counts = f"missed {one.missed}, late {one.late}, rejected {one.rejected}"
+        print(f"{one.name:<12} {_health(one)}; {latency}; {counts}")
+    return 0
+
+
+def mode(arguments: argparse.Namespace) -> int:
+    """Choose the source of commands."""
+    manual, given = arguments.mode == "manual", (arguments.force, arguments.speed)
+    if manual and None in given:
+        raise CommandError("mode manual needs --force and --speed")
+    if not manual and given != (None, None):
+        raise CommandError("--force and --speed are for mode manual only")
+    request = SetMode.Request(
+        mode=arguments.mode,
+        axial_force=units.n_from_kn(arguments.force) if manual else nan,
+        spindle_speed=units.rad_s_from_rpm(arguments.speed) if manual else nan,
+    )
+    return _ask(arguments, SetMode, "/fsw/set_mode", request)

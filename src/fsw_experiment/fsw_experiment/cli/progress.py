@@ -6,12 +6,12 @@ import sys
 import time
 
 _WIDTH = 40
-#: Elsewhere than on a terminal a line is written so often at most.
+#: Elsewhere than on a terminal a line is written at most this often.
 _QUIET_S = 3.0
 
 
 class ProgressBar:
-    """Shows the share done of one piece of work.
+    """Shows the share done of one piece of work, on stderr; may be used as a context.
 
     Parameters
     ----------
@@ -36,7 +36,20 @@ class ProgressBar:
         print(f"\r{bar}" if self._terminal else bar, end="" if self._terminal else "\n", file=sys.stderr, flush=True)
 
     def done(self) -> None:
-        """End the line."""
+        """Show that all is done and end the line."""
         self(1.0)
+        self._end_line()
+
+    def _end_line(self) -> None:
         if self._terminal:
             print(file=sys.stderr)
+
+    def __enter__(self) -> ProgressBar:
+        self(0.0)
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self.done()
+        else:
+            self._end_line()

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.shadow import compare_shadow, missed_samples
 from fsw_analysis.signals import load_weld
 from fsw_analysis.verify import Make, recorded_controllers, verify
-from fsw_experiment.cli.bags import progress, read_weld, write_json
+from fsw_experiment.cli.bags import add_command, print_notes, read_weld, write_json
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.progress import ProgressBar
+from fsw_experiment.cli.simulate import assignment
 from fsw_experiment.controllers import KNOWN
 from fsw_experiment.graph import CONTROLLER_MODULES, installed_controllers
 from fsw_experiment.shadow_run import ShadowRun
@@ -26,27 +25,29 @@ _RATE = 5.0
 
 def add_commands(commands: Any) -> None:
     """Add the commands to the subcommands of ``bag``."""
-    check = commands.add_parser(
+    check = add_command(
+        commands,
         "verify",
-        help="replay controllers on a bag and compare with the recorded proposals, bit by bit",
-        description="Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
+        _verify,
+        "replay controllers on a bag and compare with the recorded proposals, bit by bit",
+        "bag of a weld, recorded from its start",
+        "Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
         "ones, bit by bit. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed.",
     )
-    check.add_argument("bag", type=Path, help="bag of a weld, recorded from its start")
     check.add_argument("--controller", metavar="NAME", help="replay only this one (default: all in the bag)")
     check.add_argument("--class", dest="kind", metavar="MODULE:CLASS", help="class of a controller of your own")
     check.add_argument(
         "--parameters", metavar="PACKAGE:FILE", help="parameter descriptions of a controller of your own"
     )
-    check.set_defaults(run=_verify)
 
-    shadow = commands.add_parser(
+    shadow = add_command(
+        commands,
         "shadow",
-        help="replay a weld to a controller and compare its proposals with what was applied",
+        _shadow,
+        "replay a weld to a controller and compare its proposals with what was applied",
         description="Replay the measurements, set-points and commands of a bag to a controller that runs in shadow, "
         "record its proposals and compare them with what was applied in the weld.",
     )
-    shadow.add_argument("bag", type=Path, help="bag of a weld")
     shadow.add_argument("--controller", metavar="NAME", required=True, help="decentral, nmpc, or a name of your own")
     shadow.add_argument("--module", help="Python module that runs a controller of your own as a node")
     shadow.add_argument("--rate", type=float, default=_RATE, help=f"weld time per wall time (default: {_RATE:g})")
@@ -61,7 +62,6 @@ def add_commands(commands: Any) -> None:
     )
     shadow.add_argument("--out", type=Path, help="folder for bag and logs (default: <bag>_shadow_<controller>)")
     shadow.add_argument("--json", type=Path, metavar="FILE", help="also write the differences as JSON")
-    shadow.set_defaults(run=_shadow)
 
 
 def _verify(arguments: argparse.Namespace) -> int:
@@ -73,8 +73,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     for name in names:
         make, parameters = _controller(name, arguments.kind, arguments.parameters)
         result = verify(arguments.bag, name, make, parameters)
-        for note in result.notes:
-            print(f"note: {note}", file=sys.stderr)
+        print_notes(result.notes)
         print("\n".join(result.lines()), flush=True)
         identical &= result.identical
     return 0 if identical else 1
@@ -102,11 +101,12 @@ def _controller(name: str, kind: str | None, parameters: str | None) -> tuple[Ma
 def _shadow(arguments: argparse.Namespace) -> int:
     check_rate(arguments.rate)
     source, name = arguments.bag, arguments.controller
-    module, parameters = arguments.module or _module_of(name), dict(map(_parameter, arguments.parameters))
+    module = arguments.module or _module_of(name)
+    parameters = dict(assignment("--set", text) for text in arguments.parameters)
     weld = read_weld(source)
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     shadow = ShadowRun(source, folder, name, module, arguments.rate, arguments.duration, parameters)
-    with progress(f"{name} in shadow") as bar:
+    with ProgressBar(f"{name} in shadow") as bar:
         shadow.run(weld, bar)
     missed = missed_samples(shadow.recorded, name)
     report = compare_shadow(cut_to_scenario(weld), load_weld(shadow.recorded), name, missed)
@@ -121,13 +121,3 @@ def _module_of(name: str) -> str:
         available = ", ".join(installed_controllers())
         raise CommandError(f"controller {name} is not one of {available}; give the module that runs it with --module")
     return CONTROLLER_MODULES[name]
-
-
-def _parameter(text: str) -> tuple[str, Any]:
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip():
-        raise CommandError(f"--set {text}: write NAME=VALUE")
-    try:
-        return name.strip(), yaml.safe_load(value)
-    except yaml.YAMLError:
-        return name.strip(), value

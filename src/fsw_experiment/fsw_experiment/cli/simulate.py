@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from fsw_analysis import kpi_table
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
@@ -26,6 +28,13 @@ def add_command(commands: Any) -> None:
         action="append",
         metavar="NAME[:TUNING]",
         help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight",
+    )
+    parser.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="CONTROLLER.NAME=VALUE",
+        help="parameter of a controller's node; may be repeated, e.g. nmpc.tuning_file=tuning.yaml",
     )
     parser.add_argument("--no-noise", action="store_true", help="sensors without noise and quantisation")
     parser.add_argument(
@@ -62,25 +71,32 @@ def run(arguments: argparse.Namespace) -> int:
         if scenario.open_loop:
             raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
         labels = list(dict.fromkeys(arguments.controller))
+    parameters: dict[str, dict[str, Any]] = {}
+    for text in arguments.parameter:
+        key, value = assignment("--parameter", text)
+        name, _, inner = key.partition(".")
+        parameters.setdefault(name, {})[inner] = value
     loops: dict[str, ClosedLoop] = {}
+    used: set[str] = set()
     for label in labels:
         name = label.partition(":")[0]
-        chosen = scenario if scenario.open_loop else load(arguments.scenario, [*overrides, f"controller={name}"])
-        controllers = {} if scenario.open_loop else {name: make(label)}
-        for other in chosen.controllers:
-            if other not in controllers:
-                controllers[other] = make(other)
-        if scenario.open_loop:
+        chosen = load(arguments.scenario, [*overrides, f"controller={name}"])
+        variants = {other: label if other == name else other for other in chosen.controllers}
+        controllers = {other: make(variant, parameters.get(other)) for other, variant in variants.items()}
+        used |= controllers.keys()
+        if chosen.open_loop:
             label = "open loop"
         elif len(labels) == 1 and len(controllers) > 1:
             label = " and ".join(controllers)
         loops[label] = ClosedLoop(chosen, controllers)
+    unused = [name for name in parameters if name not in used]
+    if unused:
+        raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")
     folder = new_folder(arguments.out, scenario.name)
     runs: list[Run] = []
     for title, loop in loops.items():
-        bar = ProgressBar(f"{scenario.name}, {title}")
-        runs.append(Run(title, loop.run(bar)))
-        bar.done()
+        with ProgressBar(f"{scenario.name}, {title}") as bar:
+            runs.append(Run(title, loop.run(bar)))
         export_weld(runs[-1].signals, folder / f"signals_{title.replace(':', '_').replace(' ', '_')}.csv")
     figures_of_merit = [kpi.compute(one.signals, one.label) for one in runs]
     paths = kpi_table.write(figures_of_merit, folder)
@@ -89,6 +105,17 @@ def run(arguments: argparse.Namespace) -> int:
     print(kpi_table.text(figures_of_merit), end="")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
+
+
+def assignment(option: str, text: str) -> tuple[str, Any]:
+    """Name and value, which is YAML, of an argument NAME=VALUE."""
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise CommandError(f"{option} {text}: write NAME=VALUE")
+    try:
+        return name.strip(), yaml.safe_load(value)
+    except yaml.YAMLError:
+        return name.strip(), value
 
 
 def new_folder(wanted: Path | None, name: str) -> Path:
