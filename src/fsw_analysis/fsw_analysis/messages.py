@@ -115,7 +115,7 @@ class WeldMessages:
                     messages = raw[record.topic] = []
                 data = b"" if record.topic.endswith("/prediction") else record.data
                 messages.append((record.log_time_ns, record.publish_time_ns, data))
-            topics = {one.name: one for one in reader.known_topics()}
+            topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
             self.problems = list(reader.problems)
         if not raw:

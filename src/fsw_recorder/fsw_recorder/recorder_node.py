@@ -89,7 +89,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         for name, data in attachments:
             self.writer.attach(name, media_type(name), data)
         if values["start_paused"]:
-            self.writer.pause()
+            self.writer.is_paused = True
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._files = 1
@@ -113,11 +113,11 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
 
         def pause(_: Any) -> None:
-            writer.pause()
+            writer.is_paused = True
             logger.info("paused")
 
         def resume(_: Any) -> None:
-            writer.resume()
+            writer.is_paused = False
             logger.info("resumed")
 
         def split(_: Any) -> None:
