@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rosbags.interfaces import Qos
 
@@ -66,24 +66,22 @@ class TopicSelection:
     exclude: tuple[str, ...] = ()
     exclude_regex: str = ""
     include_hidden: bool = False
-    _take: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
-    _leave: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
-        for name, text in (("_take", self.regex), ("_leave", self.exclude_regex)):
+        for text in (self.regex, self.exclude_regex):
             try:
-                object.__setattr__(self, name, re.compile(text) if text else None)
+                re.compile(text)
             except re.error as error:
                 raise BagError(f"'{text}' is not a regular expression: {error}") from None
 
     def takes(self, topic: str) -> bool:
         """Whether the topic is taken."""
-        if topic in self.exclude or (self._leave is not None and self._leave.search(topic)):
+        if topic in self.exclude or (self.exclude_regex and re.search(self.exclude_regex, topic)):
             return False
         if topic in self.topics:
             return True
         if not self.include_hidden and any(part.startswith("_") for part in topic.split("/")):
             return False
-        if self.topics and not self.regex:
-            return False
-        return self._take is None or self._take.fullmatch(topic) is not None
+        if self.regex:
+            return re.fullmatch(self.regex, topic) is not None
+        return not self.topics
