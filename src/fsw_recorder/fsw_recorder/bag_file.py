@@ -64,8 +64,8 @@ class BagFile:
 
     Attributes
     ----------
-    summary : FileSummary
-        Of what is committed.
+    added, committed : FileSummary
+        All messages, and those that no failure can take away.
 
     Raises
     ------
@@ -84,23 +84,13 @@ class BagFile:
         )
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
-        self.summary, self._growing = FileSummary(name), FileSummary(name)
+        self.added, self.committed = FileSummary(name), FileSummary(name)
         try:
             self._mcap.start("ros2", "fsw_recorder")
             self._stream.flush()
         except OSError:
             os.close(self._descriptor)
             raise
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no message was added."""
-        return not self._channels
-
-    @property
-    def start_ns(self) -> int:
-        """Least log time of all messages added, committed or not."""
-        return self._growing.start_ns
 
     def add_message(
         self, topic: RecordedTopic, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
@@ -110,7 +100,7 @@ class BagFile:
         if channel is None:
             channel = self._channels[topic.name] = self._add_channel(topic)
         self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
-        self._growing.note(topic.name, log_time_ns)
+        self.added.note(topic.name, log_time_ns)
         return bool(self._stream.waiting)
 
     def _add_channel(self, topic: RecordedTopic) -> int:
@@ -129,8 +119,8 @@ class BagFile:
     def commit(self) -> None:
         """Hand all messages to the operating system."""
         self._mcap.flush()
-        self._growing.size_bytes = self._stream.size
-        self.summary = replace(self._growing, counts=self._growing.counts.copy())
+        self.added.size_bytes = self._stream.size
+        self.committed = replace(self.added, counts=self.added.counts.copy())
 
     def sync(self) -> None:
         """Force what is committed to the disk."""
@@ -149,7 +139,7 @@ class BagFile:
         self._mcap.finish()
         self._stream.flush()
         os.fsync(self._descriptor)
-        self.summary.size_bytes = self._stream.size
+        self.committed.size_bytes = self._stream.size
         os.close(self._descriptor)
 
     def close_off(self) -> None:

@@ -105,20 +105,14 @@ def metadata_text(
     return str(yaml.safe_dump({_ROOT: content} if whole else content, sort_keys=False, allow_unicode=True))
 
 
-def read_metadata(folder: Path) -> BagMetadata | None:
-    """What ``metadata.yaml`` says; None when there is no such file.
-
-    Raises
-    ------
-    BagError
-        The file exists but is not rosbag2's metadata.
-    """
+def read_metadata(folder: Path) -> BagMetadata:
+    """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
         with path.open("rb") as stream:
             raw = stream.read(_MOST_BYTES + 1)
     except FileNotFoundError:
-        return None
+        raise BagError(f"{folder}: {METADATA_NAME} is missing") from None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
     if len(raw) > _MOST_BYTES:

@@ -102,7 +102,10 @@ class BagReader:
         self._stack = ExitStack()
         self._parts: list[McapFile | SqliteFile] = []
         self._info: BagInfo | None = None
-        self._paths = self._find_files()
+        try:
+            self._paths = self._find_files()
+        except (OSError, ValueError) as error:
+            raise BagError(f"{path}: cannot be read: {error}") from None
         failures: list[str] = []
         for file in self._paths:
             try:
@@ -121,37 +124,27 @@ class BagReader:
             self.problems.append(problem)
 
     def _find_files(self) -> list[Path]:
+        kinds = ", ".join(SUFFIXES)
+        if self.path.is_file():
+            if not self.path.name.endswith(SUFFIXES):
+                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {kinds}")
+            return [self.path]
+        if not self.path.is_dir():
+            raise BagError(f"{self.path}: there is no such bag")
+        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
+        if not present:
+            raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         try:
-            is_folder, is_file = self.path.is_dir(), self.path.is_file()
-            if is_file and self.path.name.endswith(SUFFIXES):
-                return [self.path]
-            if is_file:
-                raise BagError(f"{self.path}: not a bag, which is a folder or a file ending in {', '.join(SUFFIXES)}")
-            if not is_folder:
-                raise BagError(f"{self.path}: there is no such bag")
-            present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
-        except (OSError, ValueError) as error:
-            raise BagError(f"{self.path}: cannot be read: {error}") from None
-        listed: list[str] = []
-        try:
-            metadata = read_metadata(self.path)
-            if metadata is not None:
-                self.metadata, listed = metadata, metadata.files
-                self.problems += [f"{self.path}: {name} is missing" for name in listed if name not in present]
-            elif present:
-                self._complain(f"{self.path}: metadata.yaml is missing; the files of the folder are read instead")
+            self.metadata = read_metadata(self.path)
         except BagError as error:
-            if not present:
-                raise
             self._complain(f"{error}; the files of the folder are read instead")
-        for name in [name for name in present if name.endswith(".zstd") and name.removesuffix(".zstd") in present]:
-            if name not in listed:
-                del present[name]  # compressing was stopped half-way; the file it started from is still there
-        order = [name for name in listed if name in present]
-        order += sorted((name for name in present if name not in listed), key=_natural)
-        if not order:
-            raise BagError(f"{self.path}: no bag in this folder (no file that ends in {', '.join(SUFFIXES)})")
-        return [present[name] for name in order]
+        for name in self.metadata.files:
+            if name not in present:
+                self._complain(f"{self.path}: {name} is missing")
+        for name in list(present):
+            if f"{name}.zstd" in present and f"{name}.zstd" not in self.metadata.files:
+                del present[f"{name}.zstd"]  # compressing was stopped half-way
+        return [present[name] for name in sorted(present, key=_natural)]
 
     def _open_file(self, file: Path) -> McapFile | SqliteFile:
         source = self._decompressed(file) if file.suffix == ".zstd" else file
@@ -291,10 +284,9 @@ def _decompressed_record(record: BagRecord) -> BagRecord:
     try:
         if zstandard.get_frame_parameters(record.data).content_size > _MOST_MESSAGE_BYTES:
             raise BagError(f"{record.topic}: a compressed message is larger than {_MOST_MESSAGE_BYTES} bytes, not read")
-        data = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES).decompress(record.data)
+        return record._replace(data=zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES).decompress(record.data))
     except zstandard.ZstdError as error:
         raise BagError(f"{record.topic}: a compressed message is damaged: {error}") from None
-    return record._replace(data=data)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -35,18 +35,14 @@ class WriterOptions:
     ----------
     compression : str
         Of chunks: empty or ``zstd``.
-    max_file_bytes : int
-        A new file is started beyond this size; 0: never.
-    max_file_s : float
-        A new file is started when a message is this much younger than the file's first [s]; 0: never.
+    max_file_bytes, max_file_s : float
+        A new file is begun beyond this size or duration [s]; 0: never.
     chunk_period_s : float
-        Messages are handed to the operating system at least this often [s]; what is handed over survives kill -9.
+        Messages are handed to the operating system at least this often [s] and then survive kill -9.
     sync_period_s : float
-        What is handed over is forced to the disk this often [s], so that it survives a power failure; 0: only when a
-        file is finished.
+        They are forced to the disk this often [s] and then survive a power failure; 0: when a file is finished.
     max_pending_bytes : int
-        Memory for messages that the disk has not taken yet; beyond it messages are dropped and counted. In snapshot
-        mode: memory for the messages that a snapshot writes.
+        Memory for messages that are not on the disk yet; beyond it they are dropped and counted. Also of a snapshot.
     snapshot : bool
         Keep the latest messages in memory and write them only on `BagWriter.take_snapshot`.
     """
@@ -67,12 +63,9 @@ class WriterStatistics:
     Attributes
     ----------
     received, written, dropped : int
-        Messages handed in while not paused, messages in files, and messages that were refused: memory was full, their
-        receive time is no time, or writing has failed.
-    bytes : int
-        Size of all files.
-    pending_bytes : int
-        Waiting to be written.
+        Messages handed in while not paused, in files, and refused: memory full, no receive time, writing has failed.
+    bytes, pending_bytes : int
+        Size of all files, and of the messages that wait.
     files : int
         Closed ones, and the one that is open or that the next message begins.
     """
@@ -189,7 +182,7 @@ class BagWriter:
     def statistics(self) -> WriterStatistics:
         """Counters since the start."""
         with self._lock:
-            files = [*self._finished, *([self._file.summary] if self._file else [])]
+            files = self._files()
             return WriterStatistics(
                 received=self._received,
                 written=sum(one.counts.total() for one in files),
@@ -265,7 +258,7 @@ class BagWriter:
 
     def _write_message(self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes) -> None:
         file = self._current()
-        if self.options.max_file_s and log_time_ns - file.start_ns > self.options.max_file_s * 1e9:
+        if self.options.max_file_s and log_time_ns - file.added.start_ns > self.options.max_file_s * 1e9:
             self._split()
             file = self._current()
         topic = self._topics.get(name)
@@ -299,37 +292,38 @@ class BagWriter:
         if file is None:
             return
         file.commit()
-        if not file.is_at(self.folder / file.summary.path):
+        if not file.is_at(self.folder / file.committed.path):
             self._finish_file()
             raise BagError(
                 f"{self.folder}: the bag folder was moved or deleted while recording; recording ends here. "
                 "A moved folder holds a readable bag"
             )
-        if self.options.max_file_bytes and file.summary.size_bytes >= self.options.max_file_bytes:
+        if self.options.max_file_bytes and file.committed.size_bytes >= self.options.max_file_bytes:
             self._split()
 
     def _split(self) -> None:
-        if self._file is not None and not self._file.is_empty:
+        if self._file is not None and self._file.added.counts:
             self._finish_file()
 
     def _finish_file(self) -> None:
         if self._file is None:
             return
         self._file.commit()
-        summary = self._file.summary
-        self._file.finish(self._metadata([*self._finished, summary], whole=False))
+        self._file.finish(self._metadata(whole=False))
         with self._lock:
-            self._file = None
-            self._finished.append(summary)
+            self._finished, self._file = self._files(), None
 
-    def _metadata(self, files: list[FileSummary], whole: bool = True) -> str:
-        return metadata_text(files, list(self._topics.values()), self.custom_data, whole)
+    def _files(self) -> list[FileSummary]:
+        return [*self._finished, self._file.committed] if self._file else self._finished
+
+    def _metadata(self, whole: bool = True) -> str:
+        return metadata_text(self._files(), list(self._topics.values()), self.custom_data, whole)
 
     def _write_metadata(self) -> None:
         temporary, here = f".{METADATA_NAME}.new", self._folder_descriptor
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644, dir_fd=here)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(self._metadata(self._finished))
+            stream.write(self._metadata())
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, METADATA_NAME, src_dir_fd=here, dst_dir_fd=here)
@@ -344,9 +338,7 @@ class BagWriter:
             with suppress(OSError):
                 self._file.close_off()
         with self._lock:
-            if self._file is not None:
-                self._finished.append(self._file.summary)
-                self._file = None
+            self._finished, self._file = self._files(), None
             self.error = error
             written = sum(one.counts.total() for one in self._finished)
             self._dropped = max(self._dropped, self._received - written)

@@ -40,8 +40,6 @@ _FOOTER_BYTES = 20
 _FOOTER_HEAD = struct.pack("<BQ", Opcode.FOOTER, _FOOTER_BYTES)
 _DAMAGE = (ValueError, struct.error, McapError, MemoryError, RuntimeError, zstandard.ZstdError)
 
-_log_time = attrgetter("log_time_ns")
-
 
 @dataclass(slots=True)
 class _Piece:
@@ -60,35 +58,16 @@ class _Piece:
 class McapFile:
     """One MCAP file, walked over when it is opened; chunks are decompressed only when they are read.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        What it is called in messages.
-    complain : callable
-        Called with every problem of the file, some more than once.
-
-    Attributes
-    ----------
-    attachments : list of Attachment
-    fraction : float
-        Part of the file that `records` has read, 0 to 1.
-
-    Raises
-    ------
-    BagError
-        Nothing of the file can be used.
-    OSError
-        It cannot be read.
+    ``name`` is what it is called in problems, each of which is told to ``complain``, some more than once. `fraction` is
+    the part of the file that `records` has read. Raises a `BagError` when nothing of the file can be used.
     """
 
     storage = "mcap"
 
     def __init__(self, path: Path, name: str, complain: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
-        self._complain: Callable[[str], None] = lambda text: complain(f"{name}: {text}")
         self.fraction = 0.0
+        self._complain: Callable[[str], None] = lambda text: complain(f"{name}: {text}")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pieces: list[_Piece] = []
@@ -99,29 +78,44 @@ class McapFile:
             if magic != MAGIC:
                 raise BagError(f"{name}: not an MCAP file (its first bytes are {magic.hex(' ')})")
             self._data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        if not self._scan():
-            for piece in self._pieces:  # there may be channels that only chunks define
+        self.close = self._data.close
+        self._is_whole = True
+        summary = self._summary_start()
+        if summary:
+            self._read_summary(summary)
+        self._scan(summary)
+        if not summary or not self._is_whole:  # there may be channels that only chunks define
+            for piece in self._pieces:
                 self._read(piece, ())
-
-    def close(self) -> None:
-        """Let go of the file."""
-        self._data.close()
 
     # ------------------------------------------------------------------ the whole file
 
-    def _scan(self) -> bool:
-        """Find chunks, attachments, schemas and channels; False when there may be more of the latter in chunks."""
-        size, summary = len(self._data), self._summary_start()
-        is_finished = is_whole = bool(summary)
+    def _damaged(self, begin: int, end: int) -> None:
+        self._is_whole = False
+        self._complain(f"damaged: bytes {begin} to {end} are left out")
 
-        def damaged(begin: int, end: int) -> None:
-            nonlocal is_whole
-            is_whole = False
-            self._complain(f"damaged: bytes {begin} to {end} are left out")
+    def _summary_start(self) -> int:
+        """Where the summary begins; 0 if the file has none (it was cut off, or never finished)."""
+        foot = len(self._data) - len(MAGIC) - _FOOTER_BYTES
+        if foot < HEAD_BYTES or self._data[foot - HEAD_BYTES : foot] != _FOOTER_HEAD:
+            return 0
+        start = int.from_bytes(self._data[foot : foot + 8], "little")
+        return start if len(MAGIC) <= start < foot else 0
 
+    def _read_summary(self, start: int) -> None:
+        """Take up the copies of schemas and channels; they stay where the originals are damaged."""
+        size = len(self._data)
+        for opcode, begin, end in frames(self._data, start, size, self._damaged):
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= size:
+                self._take(opcode, self._data[begin:end])
+
+    def _scan(self, summary: int) -> None:
+        """Find chunks and runs of messages; take up all else."""
+        size = len(self._data)
+        is_finished = False
         run: _Piece | None = None
         at = len(MAGIC)
-        for opcode, begin, end in frames(self._data, at, summary or size, damaged):
+        for opcode, begin, end in frames(self._data, at, summary or size, self._damaged):
             at = min(end, size)
             if opcode == Opcode.CHUNK:
                 self._add_chunk(begin, end)
@@ -139,34 +133,18 @@ class McapFile:
                 break
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT):
                 self._take(opcode, self._data[begin:end])
-        if summary:
-            for opcode, begin, end in frames(self._data, summary, size, damaged):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= size:
-                    self._take(opcode, self._data[begin:end], is_copy=True)
-        if not is_finished:
+        if not is_finished and self._is_whole:
             self._complain(f"not finished (recorder killed or disk full?); read up to byte {at}")
-        return is_whole
 
-    def _summary_start(self) -> int:
-        """Where the summary begins; 0 if the file has none (it was cut off, or never finished)."""
-        foot = len(self._data) - len(MAGIC) - _FOOTER_BYTES
-        if foot < HEAD_BYTES or self._data[foot - HEAD_BYTES : foot] != _FOOTER_HEAD:
-            return 0
-        start = int.from_bytes(self._data[foot : foot + 8], "little")
-        return start if len(MAGIC) <= start < foot else 0
-
-    def _take(self, opcode: int, body: bytes, is_copy: bool = False) -> None:
-        """Take up a schema, channel or attachment; a copy in the summary only where the original is missing."""
+    def _take(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
         try:
             if opcode == Opcode.SCHEMA:
                 schema = Schema.read(stream)
-                if not (is_copy and schema.id in self._schemas):
-                    self._schemas[schema.id] = schema
+                self._schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(stream)
-                if not (is_copy and channel.id in self._channels):
-                    self._channels[channel.id] = channel
+                self._channels[channel.id] = channel
             else:
                 attachment = Attachment.read(stream)
                 if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little") != 0:
@@ -183,42 +161,44 @@ class McapFile:
         if data_end > end:
             self._complain(f"damaged: the chunk at byte {begin} is larger than its record")
             return
-        start_ns, end_ns, uncompressed_size, crc = CHUNK_HEAD.unpack_from(self._data, begin)
-        is_cut = data_end > size
-        piece = _Piece(start_ns, end_ns, data_begin, min(data_end, size), compression, uncompressed_size, crc, is_cut)
-        self._pieces.append(piece)
+        start_ns, end_ns, content_size, crc = CHUNK_HEAD.unpack_from(self._data, begin)
+        cut_end = min(data_end, size)
+        self._pieces.append(
+            _Piece(start_ns, end_ns, data_begin, cut_end, compression, content_size, crc, cut_end < data_end)
+        )
 
     def topics(self) -> list[RecordedTopic]:
-        """All topics that are known so far; reading may add more where the file is damaged."""
-        result = []
+        """All topics of the file."""
+        topics = []
         for channel in self._channels.values():
-            schema = self._schemas.get(channel.schema_id)
-            result.append(
+            schema = self._schemas.get(channel.schema_id) or Schema(0, b"", "", "")
+            topics.append(
                 RecordedTopic(
                     channel.topic,
-                    schema.name if schema else "",
-                    schema.data.decode("utf-8", "replace") if schema else "",
+                    schema.name,
+                    schema.data.decode("utf-8", "replace"),
                     channel.metadata.get("topic_type_hash", ""),
                     tuple(read_qos(channel.metadata.get("offered_qos_profiles", ""))),
                     channel.message_encoding,
-                    schema.encoding if schema else "",
+                    schema.encoding,
                 )
             )
-        return result
+        return topics
 
     # ------------------------------------------------------------------ messages
 
     def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time; equal times keep the file's order."""
+        log_time = attrgetter("log_time_ns")
         pieces = [one for one in self._pieces if one.is_cut or (one.end_ns >= start_ns and one.start_ns < stop_ns)]
         pieces.sort(key=attrgetter("start_ns"))
         waiting: list[BagRecord] = []
         for number, piece in enumerate(pieces, 1):
             waiting += self._read(piece, topics)
-            waiting.sort(key=_log_time)
+            waiting.sort(key=log_time)
             ready = len(waiting)
             if number < len(pieces) and ready < _MOST_WAITING:
-                ready = bisect_left(waiting, pieces[number].start_ns, key=_log_time)
+                ready = bisect_left(waiting, pieces[number].start_ns, key=log_time)
             self.fraction = number / len(pieces)
             for record in waiting[:ready]:
                 if start_ns <= record.log_time_ns < stop_ns:
@@ -231,7 +211,7 @@ class McapFile:
         at, stop = piece.begin, piece.end
         if piece.uncompressed_size >= 0:
             try:
-                data = _content(data[piece.begin : piece.end], piece)
+                data = _content(data[at:stop], piece)
             except _DAMAGE as error:
                 self._complain(f"the chunk at byte {piece.begin} is left out: {error}")
                 return []
@@ -242,42 +222,34 @@ class McapFile:
                 self._complain(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
 
         records: list[BagRecord] = []
-        targets: dict[int, tuple[str, str] | None] = {}
+        wanted = self._wanted(topics)
         for opcode, begin, end in frames(data, at, stop, damaged):
             if end > stop:
                 break
             if opcode == Opcode.MESSAGE:
                 channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, begin)
-                if channel not in targets:
-                    targets[channel] = self._target(channel, topics)
-                target = targets[channel]
-                if target is not None:
+                if channel in wanted:
                     body = data[begin + _MESSAGE.size : end]
-                    records.append(BagRecord(*target, log_time, publish_time, body, sequence))
+                    records.append(BagRecord(*wanted[channel], log_time, publish_time, body, sequence))
+                elif channel not in self._channels:
+                    self._complain(f"messages of channel {channel}, which is not defined, are left out")
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._take(opcode, data[begin:end])
+                wanted = self._wanted(topics)
         return records
 
-    def _target(self, channel_id: int, topics: Collection[str] | None) -> tuple[str, str] | None:
-        """Topic and type of a channel; None when its messages are not wanted."""
-        channel = self._channels.get(channel_id)
-        if channel is None:
-            self._complain(f"messages of channel {channel_id}, which is not defined, are left out")
-            return None
-        if topics is not None and channel.topic not in topics:
-            return None
-        schema = self._schemas.get(channel.schema_id)
-        return channel.topic, schema.name if schema else ""
+    def _wanted(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
+        """Topic and type by channel."""
+        names = {number: schema.name for number, schema in self._schemas.items()}
+        return {
+            number: (channel.topic, names.get(channel.schema_id, ""))
+            for number, channel in self._channels.items()
+            if topics is None or channel.topic in topics
+        }
 
 
 def _content(data: bytes, piece: _Piece) -> bytes:
-    """Records of a chunk; of one that is cut off what is left.
-
-    Raises
-    ------
-    ValueError, RuntimeError, ZstdError
-        The chunk is damaged, too large, or its compression is not known.
-    """
+    """Records of a chunk, of one that is cut off what is left; an error of `_DAMAGE` when it cannot be used."""
     size = piece.uncompressed_size
     if max(len(data), size) > MAX_CHUNK_BYTES:
         raise ValueError(f"it is larger than the {MAX_CHUNK_BYTES} bytes that are accepted")

@@ -18,7 +18,7 @@ _MOST = 2**63 - 1
 
 
 class SqliteFile:
-    """One sqlite3 file of a bag; parameters, attributes and errors are those of `McapFile`."""
+    """One sqlite3 file of a bag, with the methods, attributes and errors of `McapFile`."""
 
     storage = "sqlite3"
 
