@@ -16,7 +16,7 @@ from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import RecordedTopic
 
-__all__ = ["BagWriter", "RecordedTopic", "WriterOptions", "WriterStatistics"]
+__all__ = ["BagWriter", "RecordedTopic", "WriterOptions"]
 
 #: times of an MCAP file are unsigned
 _END_OF_TIME_NS = 2**64
@@ -29,53 +29,15 @@ Queued = tuple[str, int, int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class WriterOptions:
-    """How a bag is written.
-
-    Attributes
-    ----------
-    compression : str
-        Of chunks: empty or ``zstd``.
-    max_file_bytes, max_file_s : float
-        A new file is begun beyond this size or duration [s]; 0: never.
-    chunk_period_s : float
-        Messages are handed to the operating system at least this often [s] and then survive kill -9.
-    sync_period_s : float
-        They are forced to the disk this often [s] and then survive a power failure; 0: when a file is finished.
-    max_pending_bytes : int
-        Memory for messages that are not on the disk yet; beyond it they are dropped and counted. Also of a snapshot.
-    snapshot : bool
-        Keep the latest messages in memory and write them only on `BagWriter.take_snapshot`.
-    """
+    """How a bag is written: the recorder's parameters of these names, which ``recorder.yaml`` describes."""
 
     compression: str = ""
-    max_file_bytes: int = 0
-    max_file_s: float = 0.0
-    chunk_period_s: float = 0.4
-    sync_period_s: float = 1.0
-    max_pending_bytes: int = 256 * 1024 * 1024
-    snapshot: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class WriterStatistics:
-    """Counters since the start.
-
-    Attributes
-    ----------
-    received, written, dropped : int
-        Messages handed in while not paused, in files, and refused: memory full, no receive time, writing has failed.
-    bytes, pending_bytes : int
-        Size of all files, and of the messages that wait.
-    files : int
-        Closed ones, and the one that is open or that the next message begins.
-    """
-
-    received: int
-    written: int
-    dropped: int
-    bytes: int
-    pending_bytes: int
-    files: int
+    max_bag_size: int = 0  # bytes
+    max_bag_duration: float = 0.0  # s
+    chunk_period: float = 0.4  # s
+    sync_period: float = 1.0  # s
+    max_cache_size: int = 256 * 1024 * 1024  # bytes
+    snapshot_mode: bool = False
 
 
 class BagWriter:
@@ -157,7 +119,7 @@ class BagWriter:
             self._received += 1
             pending = self._put_bytes - self._taken_bytes
             refused = self.error is not None or self._closing or not 0 <= log_time_ns < _END_OF_TIME_NS
-            if refused or pending + len(data) > self.options.max_pending_bytes:
+            if refused or pending + len(data) > self.options.max_cache_size:
                 self._dropped += 1
                 return False
             self._put_bytes += len(data)
@@ -179,18 +141,22 @@ class BagWriter:
         """In snapshot mode: write the messages in memory to the bag and forget them."""
         self._put(self._write_snapshot)
 
-    def statistics(self) -> WriterStatistics:
-        """Counters since the start."""
+    def statistics(self) -> dict[str, int]:
+        """Counters since the start.
+
+        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in files, and refused;
+        ``files`` counts closed ones and the one that is open or that the next message begins.
+        """
         with self._lock:
             files = self._files()
-            return WriterStatistics(
-                received=self._received,
-                written=sum(one.counts.total() for one in files),
-                dropped=self._dropped,
-                bytes=sum(one.size_bytes for one in files),
-                pending_bytes=self._put_bytes - self._taken_bytes,
-                files=len(self._finished) + (self.error is None and not self._closing),
-            )
+            return {
+                "received": self._received,
+                "written": sum(one.counts.total() for one in files),
+                "dropped": self._dropped,
+                "files": len(self._finished) + (self.error is None and not self._closing),
+                "bytes": sum(one.size_bytes for one in files),
+                "pending_bytes": self._put_bytes - self._taken_bytes,
+            }
 
     def flush(self, timeout_s: float = 10.0) -> bool:
         """Wait until everything handed in so far is handed to the operating system; False on timeout or error."""
@@ -228,7 +194,7 @@ class BagWriter:
     def _run(self) -> None:
         try:
             while not self._closing:
-                self._wake.wait(_EARLY * self.options.chunk_period_s)
+                self._wake.wait(_EARLY * self.options.chunk_period)
                 self._wake.clear()
                 self._work()
             self._work()
@@ -245,20 +211,20 @@ class BagWriter:
             if not isinstance(item, tuple):
                 item()
                 continue
-            if self.options.snapshot:
+            if self.options.snapshot_mode:
                 self._keep(item)
             else:
                 self._write_message(*item)
             self._taken_bytes += len(item[-1])
         self._commit()
         now = time.monotonic()
-        if self._file is not None and 0.0 < self.options.sync_period_s <= now - self._last_sync:
+        if self._file is not None and 0.0 < self.options.sync_period <= now - self._last_sync:
             self._file.sync()
             self._last_sync = now
 
     def _write_message(self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes) -> None:
         file = self._current()
-        if self.options.max_file_s and log_time_ns - file.added.start_ns > self.options.max_file_s * 1e9:
+        if self.options.max_bag_duration and log_time_ns - file.added.start_ns > self.options.max_bag_duration * 1e9:
             self._split()
             file = self._current()
         topic = self._topics.get(name)
@@ -270,7 +236,7 @@ class BagWriter:
     def _keep(self, item: Queued) -> None:
         self._snapshot.append(item)
         self._snapshot_bytes += len(item[-1])
-        while self._snapshot_bytes > self.options.max_pending_bytes:
+        while self._snapshot_bytes > self.options.max_cache_size:
             self._snapshot_bytes -= len(self._snapshot.popleft()[-1])
 
     def _write_snapshot(self) -> None:
@@ -298,7 +264,7 @@ class BagWriter:
                 f"{self.folder}: the bag folder was moved or deleted while recording; recording ends here. "
                 "A moved folder holds a readable bag"
             )
-        if self.options.max_file_bytes and file.committed.size_bytes >= self.options.max_file_bytes:
+        if self.options.max_bag_size and file.committed.size_bytes >= self.options.max_bag_size:
             self._split()
 
     def _split(self) -> None:
@@ -348,22 +314,12 @@ class BagWriter:
 
 
 def _make_folder(folder: Path) -> int:
-    """Make the folder of a bag and open it.
-
-    Raises
-    ------
-    BagError
-        It exists or cannot be made.
-    """
+    """Make the folder of a bag and open it."""
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        folder.mkdir()
+        folder.mkdir(parents=True)
         return os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except FileExistsError:
-        if folder.exists():
-            raise BagError(
-                f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one"
-            ) from None
-        raise BagError(f"{folder.parent}: cannot be made: a file is in the way") from None
+        text = f"{folder}: exists already; nothing was recorded. Choose another folder or remove this one"
     except OSError as error:
-        raise BagError(f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to") from None
+        text = f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to"
+    raise BagError(text)

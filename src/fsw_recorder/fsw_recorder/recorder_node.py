@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from datetime import datetime
 from typing import Any
 
@@ -56,13 +57,7 @@ class RecorderNode(Node):  # type: ignore[misc]
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_recorder", **arguments)
         values = declare(self, "fsw_recorder", "recorder.yaml").values
-        self._selection = TopicSelection(
-            topics=tuple(values["topics"]),
-            regex=values["regex"],
-            exclude=tuple(values["exclude"]),
-            exclude_regex=values["exclude_regex"],
-            include_hidden=values["include_hidden"],
-        )
+        self._selection = TopicSelection(**{field.name: values[field.name] for field in fields(TopicSelection)})
         self._depth: int = values["queue_depth"]
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
@@ -83,15 +78,7 @@ class RecorderNode(Node):  # type: ignore[misc]
             attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
         attachments += [(path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]]
         custom = custom_entries(values["custom_data"])
-        options = WriterOptions(
-            compression=values["compression"],
-            max_file_bytes=values["max_bag_size"],
-            max_file_s=values["max_bag_duration"],
-            chunk_period_s=values["chunk_period"],
-            sync_period_s=values["sync_period"],
-            max_pending_bytes=values["max_cache_size"],
-            snapshot=values["snapshot_mode"],
-        )
+        options = WriterOptions(**{field.name: values[field.name] for field in fields(WriterOptions)})
         wanted = folder = output_folder(values["output"], datetime.now())
         if values["number_if_taken"] or not values["output"]:
             folder = free_sibling(wanted)
@@ -172,7 +159,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self.writer.attach(name, media_type(name), text.encode())
 
     def _announce_split(self) -> None:
-        files = self.writer.statistics().files
+        files = self.writer.statistics()["files"]
         while self._files < files:
             name = self.writer.folder.name
             closed, opened = (str(self.writer.folder / f"{name}_{n}.mcap") for n in (self._files - 1, self._files))
@@ -187,20 +174,15 @@ class RecorderNode(Node):  # type: ignore[misc]
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
         level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
-        if lost or counters.dropped or self._left_out:
+        if lost or counters["dropped"] or self._left_out:
             level, text = DiagnosticStatus.WARN, "recording, but not everything is in the bag"
         if error is not None:
             level, text = DiagnosticStatus.ERROR, str(error)
         values = {
             "bag": self.writer.folder,
             "topics": len(self._subscriptions_by_topic),
-            "received": counters.received,
-            "written": counters.written,
-            "dropped": counters.dropped,
+            **counters,
             "lost": sum(lost.values()),
-            "files": counters.files,
-            "bytes": counters.bytes,
-            "pending_bytes": counters.pending_bytes,
             **{f"lost {topic}": count for topic, count in lost.items()},
             **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
@@ -226,8 +208,8 @@ class RecorderNode(Node):  # type: ignore[misc]
         if self.writer.error is not None:
             logger.fatal(str(self.writer.error))
         else:
-            missing = f"{sum(lost.values())} lost, {counters.dropped} dropped"
-            logger.info(f"{counters.written} messages in {self.writer.folder} ({missing})")
+            missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
+            logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
         super().destroy_node()
 
 

@@ -88,6 +88,6 @@ def recover(
         if writer.error is not None:
             raise writer.error
         written = writer.statistics()
-        if written.dropped:
+        if written["dropped"]:
             raise BagError(f"{target}: not complete: the disk did not take a message of {record.topic}")
-        return Recovery(written.written, len(copied), list(reader.problems))
+        return Recovery(written["written"], len(copied), list(reader.problems))

@@ -54,13 +54,8 @@ class ReplayNode(Node):  # type: ignore[misc]
         values = declare(self, "fsw_recorder", "replay.yaml").values
         if not values["bag"]:
             raise BagError("no bag given; write its path behind the command, or set the parameter 'bag'")
-        selection = TopicSelection(
-            topics=tuple(values["topics"]),
-            regex=values["regex"],
-            exclude=tuple(values["exclude"]),
-            exclude_regex=values["exclude_regex"],
-            include_hidden=True,
-        )
+        rules = {name: values[name] for name in ("topics", "regex", "exclude", "exclude_regex")}
+        selection = TopicSelection(**rules, include_hidden=True)
         self._exit_at_end: bool = values["exit_at_end"]
         self._reader = BagReader(Path(values["bag"]).expanduser())
         for problem in self._reader.problems:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rosbags.interfaces import Qos
@@ -40,20 +41,7 @@ class RecordedTopic:
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """Rule that takes or leaves topics.
-
-    Attributes
-    ----------
-    topics : tuple of str
-        Names to take; empty takes all that `regex` takes.
-    regex : str
-        Takes topics whose whole name matches; empty takes all.
-    exclude : tuple of str
-        Names to leave.
-    exclude_regex : str
-        Leaves topics in whose name it is found; empty leaves none.
-    include_hidden : bool
-        Whether to take topics of which a part of the name begins with an underscore.
+    """Rule that takes or leaves topics: the parameters of these names, which ``recorder.yaml`` describes.
 
     Raises
     ------
@@ -61,9 +49,9 @@ class TopicSelection:
         An expression is not valid.
     """
 
-    topics: tuple[str, ...] = ()
+    topics: Sequence[str] = ()
     regex: str = ""
-    exclude: tuple[str, ...] = ()
+    exclude: Sequence[str] = ()
     exclude_regex: str = ""
     include_hidden: bool = False
 

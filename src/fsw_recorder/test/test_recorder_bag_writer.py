@@ -117,9 +117,9 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
 
 
 def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "size", WriterOptions(max_file_bytes=5000)) as writer:
+    with BagWriter(tmp_path / "size", WriterOptions(max_bag_size=5000)) as writer:
         fill(writer, 1000, in_chunk=10)
-    with BagWriter(tmp_path / "time", WriterOptions(max_file_s=0.1)) as writer:
+    with BagWriter(tmp_path / "time", WriterOptions(max_bag_duration=0.1)) as writer:
         fill(writer, 1000)
     with BagWriter(tmp_path / "asked") as writer:
         fill(writer, 10)
@@ -149,20 +149,20 @@ def test_pause_and_resume(tmp_path: Path) -> None:
         writer.is_paused = False
         fill(writer, 5, first=5)
     assert values_of(tmp_path / "bag") == list(range(10))
-    assert writer.statistics().dropped == 0
+    assert writer.statistics()["dropped"] == 0
 
 
 def test_snapshot_writes_only_the_latest(tmp_path: Path) -> None:
-    options = WriterOptions(snapshot=True, max_pending_bytes=12 * 50)
+    options = WriterOptions(snapshot_mode=True, max_cache_size=12 * 50)
     with BagWriter(tmp_path / "bag", options) as writer:
         writer.add_topic(TOPIC)
         for index in range(500):
             while not writer.write("/x", cdr(index), START_NS + index, START_NS + index):
                 assert writer.flush()
-        assert writer.flush() and writer.statistics().written == 0
+        assert writer.flush() and writer.statistics()["written"] == 0
         writer.take_snapshot()
         assert writer.flush()
-        assert writer.statistics().written == 50
+        assert writer.statistics()["written"] == 50
     assert values_of(tmp_path / "bag") == list(range(450, 500))
 
 
@@ -236,8 +236,8 @@ def test_full_disk_leaves_a_readable_bag(
     values = values_of(bag)
     assert values == list(range(len(values)))
     counters = writer.statistics()
-    assert counters.written == len(values)
-    assert counters.received == counters.written + counters.dropped
+    assert counters["written"] == len(values)
+    assert counters["received"] == counters["written"] + counters["dropped"]
 
 
 def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,7 +251,7 @@ def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeyp
         original(descriptor, size)
 
     monkeypatch.setattr("fsw_recorder.bag_file.os.ftruncate", truncate)
-    fail_while_writing(tmp_path / "bag", WriterOptions(chunk_period_s=100.0), 5000, in_chunk=500)
+    fail_while_writing(tmp_path / "bag", WriterOptions(chunk_period=100.0), 5000, in_chunk=500)
     monkeypatch.undo()
     with Reader(tmp_path / "bag") as reader:
         assert reader.message_count == len(list(reader.messages())) > 500
@@ -291,7 +291,7 @@ def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatc
         release.wait(20.0)
         return original(descriptor, data)
 
-    writer = BagWriter(tmp_path / "bag", WriterOptions(max_pending_bytes=1200))
+    writer = BagWriter(tmp_path / "bag", WriterOptions(max_cache_size=1200))
     writer.add_topic(TOPIC)
     monkeypatch.setattr("fsw_recorder.bag_file.os.write", stuck)
     taken = [writer.write("/x", cdr(index), START_NS + index, START_NS) for index in range(1000)]
@@ -299,7 +299,7 @@ def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatc
     release.set()
     writer.close()
     assert values_of(tmp_path / "bag") == [index for index, ok in enumerate(taken) if ok]
-    assert writer.statistics().dropped == taken.count(False)
+    assert writer.statistics()["dropped"] == taken.count(False)
 
 
 def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> None:
@@ -308,7 +308,7 @@ def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> Non
         for publish_ns in (-1, 2**64):
             assert writer.write("/x", cdr(9.0), START_NS + 10**9, publish_ns)
         assert not writer.write("/x", cdr(9.0), -1, START_NS)
-    assert writer.error is None and writer.statistics().dropped == 1
+    assert writer.error is None and writer.statistics()["dropped"] == 1
     with BagReader(tmp_path / "bag") as reader:
         assert [record.publish_time_ns for record in reader.records()][-2:] == [START_NS + 10**9] * 2
 
@@ -328,7 +328,7 @@ def test_any_failure_is_told_and_the_bag_is_left_whole(tmp_path: Path, monkeypat
     assert not writer.write("/x", cdr(11.0), START_NS + 10**9, START_NS)
     writer.close()
     assert "RuntimeError: nobody expected this" in str(writer.error)
-    assert writer.statistics().written == 10 and writer.statistics().dropped == 2
+    assert writer.statistics()["written"] == 10 and writer.statistics()["dropped"] == 2
     with Reader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 10
 
