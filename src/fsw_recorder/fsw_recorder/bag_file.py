@@ -51,26 +51,9 @@ class _Committed:
 
 
 class BagFile:
-    """One MCAP file that is being written.
+    """One MCAP file that is being written, in an open folder wherever that is moved.
 
-    Parameters
-    ----------
-    name : str
-        Must not exist in the folder.
-    folder_descriptor : int
-        Of the open folder, wherever it is moved.
-    compression : str
-        Key of `COMPRESSIONS`.
-
-    Attributes
-    ----------
-    added, committed : FileSummary
-        All messages, and those that no failure can take away.
-
-    Raises
-    ------
-    OSError
-        By any method: the file cannot be written. What was committed stays.
+    `added` tells of all messages, `committed` of those that no failure can take away: any method may raise an OSError.
     """
 
     def __init__(self, name: str, folder_descriptor: int, compression: str) -> None:

@@ -38,14 +38,8 @@ _PROGRESS_STEP = 8192
 class BagInfo:
     """Summary of a bag, counted from its messages, not believed from its metadata.
 
-    Attributes
-    ----------
-    topics : list of RecordedTopic
-        By name.
-    counts : dict of str to int
-        Messages by topic.
-    start_ns, end_ns : int
-        Log times of the first and the last message; 0 without messages.
+    `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first
+    and the last message (0 without messages).
     """
 
     path: Path
@@ -201,12 +195,7 @@ class BagReader:
     ) -> BagInfo:
         """Summary of the bag; reads it once.
 
-        Parameters
-        ----------
-        progress : callable, optional
-            Called now and then with the fraction read, 0 to 1.
-        note : callable, optional
-            Called with every message.
+        ``progress`` is called now and then with the fraction read, 0 to 1, and ``note`` with every message.
         """
         counts: Counter[str] = Counter()
         start, end = FOREVER_NS, 0
@@ -252,13 +241,7 @@ class BagReader:
         return list(found.values())
 
     def decode(self, record: BagRecord) -> Any:
-        """Message of a record, with its fields as attributes.
-
-        Raises
-        ------
-        BagError
-            The data is damaged, or no definition of its type can be found.
-        """
+        """Message of a record, with its fields as attributes; a `BagError` when it is damaged or not defined."""
         if record.topic not in self._definition_of:
             topics = self.topics().values()
             self._definition_of |= {one.name: one.definition for one in topics if one.definition_encoding == "ros2msg"}

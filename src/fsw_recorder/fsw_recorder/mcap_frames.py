@@ -35,14 +35,7 @@ _CHAIN = 3
 def frames(data: Buffer, at: int, stop: int, damaged: Callable[[int, int], None]) -> Iterator[tuple[int, int, int]]:
     """Records between two offsets: type, begin and end of the body; the last may end behind ``stop`` (cut off).
 
-    Parameters
-    ----------
-    data : bytes or mmap
-        Of a file or a chunk.
-    at, stop : int
-        Where to begin and end.
-    damaged : callable
-        Called with begin and end of what is passed over.
+    ``damaged`` is called with begin and end of what is passed over.
     """
     unpack = _FRAME.unpack_from
     while at + HEAD_BYTES <= stop:

@@ -16,12 +16,7 @@ _TRIES = 30
 class ParameterSnapshots:
     """Asks each node of the graph once for its parameters.
 
-    Parameters
-    ----------
-    node : Node
-        Through which is asked.
-    found : callable
-        Called with a node's full name and its parameters as the YAML of a ROS parameter file.
+    ``found`` is called with a node's full name and its parameters as the YAML of a ROS parameter file.
     """
 
     def __init__(self, node: Node, found: Callable[[str, str], None]) -> None:

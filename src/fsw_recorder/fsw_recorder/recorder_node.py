@@ -21,6 +21,7 @@ from rosbags.interfaces import Qos
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition, interface_hash, message_class
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.qos import is_latched, is_reliable
@@ -140,11 +141,11 @@ class RecorderNode(Node):  # type: ignore[misc]
         type_name = types[0]
         try:
             if len(types) != 1:
-                raise ValueError(f"publishers disagree about its type: {', '.join(types)}")
+                raise BagError(f"publishers disagree about its type: {', '.join(types)}")
             kind = message_class(type_name)
-        except (ImportError, AttributeError, ValueError, LookupError) as error:
-            self._left_out[name] = f"cannot be subscribed to as {type_name}: {error}"
-            self.get_logger().warning(f"{name} is not recorded: {self._left_out[name]}")
+        except BagError as error:
+            self._left_out[name] = str(error)
+            self.get_logger().warning(f"{name} is not recorded: {error}")
             return
         topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
         self.writer.add_topic(topic)

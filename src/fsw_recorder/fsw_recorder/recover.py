@@ -42,20 +42,14 @@ def recover(
 
     Parameters
     ----------
-    source : Path or str
-        Bag folder or file in any state.
-    target : Path
-        Folder of the new bag; must not exist.
+    source, target : Path or str
+        Bag folder or file in any state, and folder of the new bag; must not exist.
     options : WriterOptions, optional
         How it is written.
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
-    selection : TopicSelection, optional
-        Topics to copy; all by default.
-    keep_attachment : callable, optional
-        Says by name which attachments are copied; all by default.
-    stop_ns : int
-        Only messages received before.
+    selection, keep_attachment, stop_ns : TopicSelection, callable, int
+        Copy only these topics, attachments with these names, and messages received before [ns]; all by default.
 
     Raises
     ------

@@ -98,16 +98,12 @@ class ReplayNode(Node):  # type: ignore[misc]
         for topic in self.player.topics:
             try:
                 if topic.encoding != "cdr":
-                    raise ValueError(f"encoding '{topic.encoding}' is not CDR")
+                    raise BagError(f"its encoding '{topic.encoding}' is not CDR")
                 kind = message_class(topic.type_name)
-            except (ImportError, AttributeError, ValueError, LookupError) as error:
-                self.get_logger().warning(f"{topic.name} [{topic.type_name}] is not played: {error}")
-                continue
-            known = interface_hash(topic.type_name)
-            if topic.type_hash and known and topic.type_hash != known:
-                self.get_logger().warning(
-                    f"{topic.name} is not played: {topic.type_name} was another version when the bag was recorded"
-                )
+                if topic.type_hash and interface_hash(topic.type_name) not in ("", topic.type_hash):
+                    raise BagError(f"{topic.type_name} was another version when the bag was recorded")
+            except BagError as error:
+                self.get_logger().warning(f"{topic.name} is not played: {error}")
                 continue
             publishers[topic.name] = self.create_publisher(kind, topic.name, profile_of(replayed_qos(topic.qos)))
         if not publishers:

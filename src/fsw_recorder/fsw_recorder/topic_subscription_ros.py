@@ -42,25 +42,7 @@ class TopicSubscription:
     """One subscription per strength of QoS that the publishers offer, each message taken once.
 
     A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
-    when it comes first.
-
-    Parameters
-    ----------
-    node : Node
-        That subscribes.
-    name : str
-        Of the topic.
-    kind : type
-        Its message class.
-    depth : int
-        Of the queue.
-    write : callable
-        Gets every message.
-
-    Attributes
-    ----------
-    lost : int
-        Messages that the middleware reports as lost before they were received.
+    when it comes first. `lost` counts messages that the middleware reports as lost before they were received.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
