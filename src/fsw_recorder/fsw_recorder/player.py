@@ -15,27 +15,9 @@ MIN_RATE, MAX_RATE = 1e-3, 1e6
 class Player:
     """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
 
-    Parameters
-    ----------
-    reader : BagReader or WeldClockReader
-        The bag; owned by the caller. Its log times are the time that is played.
-    now_ns : int
-        Present time of the clock that drives the player, e.g. ``time.monotonic_ns()``.
-    topics : collection of str, optional
-        Only these.
-    rate : float
-        Bag time per clock time.
-    start_offset_s, duration_s : float
-        Part of the bag to play [s]; a duration of 0 means to the end.
-    loop : bool
-        Start again at the end.
-    paused : bool
-        Start paused.
-
-    Raises
-    ------
-    BagError
-        The bag has nothing to play, or an argument is out of range.
+    The reader stays the caller's; its log times are the time that is played. The other arguments are parameters of the
+    replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or for an argument that
+    is out of range.
     """
 
     def __init__(
