@@ -36,8 +36,6 @@ _MOST_WAITING = 1_000_000
 _RUN_BYTES = 1024 * 1024
 #: channel, sequence, log time, publish time
 _MESSAGE = struct.Struct("<HIQQ")
-_FOOTER_BYTES = 20
-_FOOTER_HEAD = struct.pack("<BQ", Opcode.FOOTER, _FOOTER_BYTES)
 _DAMAGE = (ValueError, struct.error, McapError, MemoryError, RuntimeError, zstandard.ZstdError)
 
 
@@ -79,43 +77,28 @@ class McapFile:
                 raise BagError(f"{name}: not an MCAP file (its first bytes are {magic.hex(' ')})")
             self._data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         self.close = self._data.close
-        self._is_whole = True
-        summary = self._summary_start()
-        if summary:
-            self._read_summary(summary)
-        self._scan(summary)
-        if not summary or not self._is_whole:  # there may be channels that only chunks define
+        if not self._scan() or not self._channels:  # there may be channels that only chunks define
             for piece in self._pieces:
                 self._read(piece, ())
 
     # ------------------------------------------------------------------ the whole file
 
-    def _damaged(self, begin: int, end: int) -> None:
-        self._is_whole = False
-        self._complain(f"damaged: bytes {begin} to {end} are left out")
+    def _scan(self) -> bool:
+        """Find chunks and runs of messages, take up all else; False when the file is damaged or not finished.
 
-    def _summary_start(self) -> int:
-        """Where the summary begins; 0 if the file has none (it was cut off, or never finished)."""
-        foot = len(self._data) - len(MAGIC) - _FOOTER_BYTES
-        if foot < HEAD_BYTES or self._data[foot - HEAD_BYTES : foot] != _FOOTER_HEAD:
-            return 0
-        start = int.from_bytes(self._data[foot : foot + 8], "little")
-        return start if len(MAGIC) <= start < foot else 0
-
-    def _read_summary(self, start: int) -> None:
-        """Take up the copies of schemas and channels; they stay where the originals are damaged."""
+        The summary is walked over, too: its copies of schemas and channels stand in for damaged originals.
+        """
         size = len(self._data)
-        for opcode, begin, end in frames(self._data, start, size, self._damaged):
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and end <= size:
-                self._take(opcode, self._data[begin:end])
+        is_whole, is_finished = True, False
 
-    def _scan(self, summary: int) -> None:
-        """Find chunks and runs of messages; take up all else."""
-        size = len(self._data)
-        is_finished = False
+        def damaged(begin: int, end: int) -> None:
+            nonlocal is_whole
+            is_whole = False
+            self._complain(f"damaged: bytes {begin} to {end} are left out")
+
         run: _Piece | None = None
         at = len(MAGIC)
-        for opcode, begin, end in frames(self._data, at, summary or size, self._damaged):
+        for opcode, begin, end in frames(self._data, at, size, damaged):
             at = min(end, size)
             if opcode == Opcode.CHUNK:
                 self._add_chunk(begin, end)
@@ -130,11 +113,11 @@ class McapFile:
                     run.start_ns, run.end_ns, run.end = min(run.start_ns, log_time), max(run.end_ns, log_time), end
             elif opcode == Opcode.DATA_END:
                 is_finished = self._data[-len(MAGIC) :] == MAGIC
-                break
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT):
                 self._take(opcode, self._data[begin:end])
-        if not is_finished and self._is_whole:
+        if not is_finished and is_whole:
             self._complain(f"not finished (recorder killed or disk full?); read up to byte {at}")
+        return is_whole and is_finished
 
     def _take(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
