@@ -30,7 +30,7 @@ FOREVER_NS = 2**64
 SUFFIXES = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd")
 _MOST_MESSAGE_BYTES = 256 * 1024 * 1024
 _WINDOW_BYTES = 2**27
-#: progress is told every so many messages
+#: progress is reported every so many messages
 _PROGRESS_STEP = 8192
 
 
@@ -113,7 +113,7 @@ class BagReader:
             raise BagError("; ".join(failures))
         self.problems += failures
 
-    def _complain(self, problem: str) -> None:
+    def _add_problem(self, problem: str) -> None:
         if problem not in self.problems:
             self.problems.append(problem)
 
@@ -131,10 +131,10 @@ class BagReader:
         try:
             self.metadata = read_metadata(self.path)
         except BagError as error:
-            self._complain(f"{error}; the files of the folder are read instead")
+            self._add_problem(f"{error}; the files of the folder are read instead")
         for name in self.metadata.files:
             if name not in present:
-                self._complain(f"{self.path}: {name} is missing")
+                self._add_problem(f"{self.path}: {name} is missing")
         for name in list(present):
             if f"{name}.zstd" in present and f"{name}.zstd" not in self.metadata.files:
                 del present[f"{name}.zstd"]  # compressing was stopped half-way
@@ -143,7 +143,7 @@ class BagReader:
     def _open_file(self, file: Path) -> McapFile | SqliteFile:
         source = self._decompressed(file) if file.suffix == ".zstd" else file
         kind = SqliteFile if file.name.endswith((".db3", ".db3.zstd")) else McapFile
-        part = kind(source, str(file), self._complain)
+        part = kind(source, str(file), self._add_problem)
         self._stack.callback(part.close)
         return part
 
@@ -157,7 +157,7 @@ class BagReader:
         except zstandard.ZstdError as error:
             if not target.tell():
                 raise BagError(f"{file}: not a zstd file, or damaged: {error}") from None
-            self._complain(f"{file}: zstd stream damaged after {target.tell()} bytes: {error}")
+            self._add_problem(f"{file}: zstd stream damaged after {target.tell()} bytes: {error}")
         target.flush()
         return Path(target.name)
 
@@ -193,10 +193,12 @@ class BagReader:
     def info(
         self, progress: Callable[[float], None] | None = None, note: Callable[[BagRecord], object] | None = None
     ) -> BagInfo:
-        """Summary of the bag; reads it once.
+        """Summary of the bag, which is read once, and again for ``note``.
 
         ``progress`` is called now and then with the fraction read, 0 to 1, and ``note`` with every message.
         """
+        if self._info is not None and note is None:
+            return self._info
         counts: Counter[str] = Counter()
         start, end = FOREVER_NS, 0
         for record in self.records(progress=progress):
@@ -219,10 +221,6 @@ class BagReader:
             problems=list(self.problems),
         )
         return self._info
-
-    def counts(self) -> dict[str, int]:
-        """Messages by topic (reads the bag once)."""
-        return (self._info or self.info()).counts
 
     def topics(self) -> dict[str, RecordedTopic]:
         """Topics by name; of several descriptions of one topic the first."""

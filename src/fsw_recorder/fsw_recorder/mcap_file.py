@@ -56,16 +56,16 @@ class _Piece:
 class McapFile:
     """One MCAP file, walked over when it is opened; chunks are decompressed only when they are read.
 
-    ``name`` is what it is called in problems, each of which is told to ``complain``, some more than once. `fraction` is
-    the part of the file that `records` has read. Raises a `BagError` when nothing of the file can be used.
+    ``name`` is what it is called in problems, which ``add_problem`` is called with, also repeatedly. `fraction` is the
+    part of the file that `records` has read. Raises a `BagError` when nothing of the file can be used.
     """
 
     storage = "mcap"
 
-    def __init__(self, path: Path, name: str, complain: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
         self.fraction = 0.0
-        self._complain: Callable[[str], None] = lambda text: complain(f"{name}: {text}")
+        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pieces: list[_Piece] = []
@@ -94,7 +94,7 @@ class McapFile:
         def damaged(begin: int, end: int) -> None:
             nonlocal is_whole
             is_whole = False
-            self._complain(f"damaged: bytes {begin} to {end} are left out")
+            self._add_problem(f"damaged: bytes {begin} to {end} are left out")
 
         run: _Piece | None = None
         at = len(MAGIC)
@@ -116,7 +116,7 @@ class McapFile:
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT):
                 self._take(opcode, self._data[begin:end])
         if not is_finished and is_whole:
-            self._complain(f"not finished (recorder killed or disk full?); read up to byte {at}")
+            self._add_problem(f"not finished (recorder killed or disk full?); read up to byte {at}")
         return is_whole and is_finished
 
     def _take(self, opcode: int, body: bytes) -> None:
@@ -134,7 +134,7 @@ class McapFile:
                     raise ValueError(f"attachment '{attachment.name}' has a wrong checksum")
                 self.attachments.append(attachment)
         except _DAMAGE as error:
-            self._complain(f"a record of kind {Opcode(opcode).name.lower()} is damaged and left out: {error}")
+            self._add_problem(f"a record of kind {Opcode(opcode).name.lower()} is damaged and left out: {error}")
 
     def _add_chunk(self, begin: int, end: int) -> None:
         size = len(self._data)
@@ -142,7 +142,7 @@ class McapFile:
         if data_begin > size:
             return  # cut off in its head
         if data_end > end:
-            self._complain(f"damaged: the chunk at byte {begin} is larger than its record")
+            self._add_problem(f"damaged: the chunk at byte {begin} is larger than its record")
             return
         start_ns, end_ns, content_size, crc = CHUNK_HEAD.unpack_from(self._data, begin)
         cut_end = min(data_end, size)
@@ -196,13 +196,13 @@ class McapFile:
             try:
                 data = _content(data[at:stop], piece)
             except _DAMAGE as error:
-                self._complain(f"the chunk at byte {piece.begin} is left out: {error}")
+                self._add_problem(f"the chunk at byte {piece.begin} is left out: {error}")
                 return []
             at, stop = 0, len(data)
 
         def damaged(begin: int, end: int) -> None:
             if not piece.is_cut:
-                self._complain(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
+                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
 
         records: list[BagRecord] = []
         wanted = self._wanted(topics)
@@ -215,7 +215,7 @@ class McapFile:
                     body = data[begin + _MESSAGE.size : end]
                     records.append(BagRecord(*wanted[channel], log_time, publish_time, body, sequence))
                 elif channel not in self._channels:
-                    self._complain(f"messages of channel {channel}, which is not defined, are left out")
+                    self._add_problem(f"messages of channel {channel}, which is not defined, are left out")
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._take(opcode, data[begin:end])
                 wanted = self._wanted(topics)

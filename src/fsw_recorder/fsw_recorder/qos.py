@@ -65,12 +65,12 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
     """
     requests = list(present)
     for offer in sorted(offers, key=lambda one: -is_reliable(one) - is_latched(one)):
-        if not any(_hears(request, offer) for request in requests):
+        if not any(_matches(request, offer) for request in requests):
             requests.append(profile(is_reliable(offer), is_latched(offer), max(depth, offer.depth)))
     return requests[len(present) :]
 
 
-def _hears(request: Qos, offer: Qos) -> bool:
+def _matches(request: Qos, offer: Qos) -> bool:
     return is_reliable(request) <= is_reliable(offer) and is_latched(request) <= is_latched(offer)
 
 

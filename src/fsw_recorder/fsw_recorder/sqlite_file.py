@@ -22,9 +22,9 @@ class SqliteFile:
 
     storage = "sqlite3"
 
-    def __init__(self, path: Path, name: str, complain: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
-        self._complain: Callable[[str], None] = lambda text: complain(f"{name}: {text}")
+        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
         self.fraction = 0.0
         if not path.stat().st_size:
             raise BagError(f"{name}: the file is empty")
@@ -70,6 +70,6 @@ class SqliteFile:
                 if isinstance(time_ns, int) and 0 <= time_ns <= _MOST and isinstance(data, bytes):
                     yield BagRecord(connection.topic, connection.msgtype, time_ns, time_ns, data, 0)
                 else:
-                    self._complain("damaged: rows that are no messages are left out")
+                    self._add_problem("damaged: rows that are no messages are left out")
         except Exception as error:  # apsw raises many kinds on damaged pages
-            self._complain(f"damaged after {count} messages: {error}")
+            self._add_problem(f"damaged after {count} messages: {error}")

@@ -1,4 +1,4 @@
-"""Hears all publishers of one topic, whatever QoS they offer and whenever they come."""
+"""Subscribes to all publishers of one topic, whatever QoS they offer and whenever they come."""
 
 from __future__ import annotations
 
