@@ -59,18 +59,7 @@ class BagMetadata:
 def metadata_text(
     files: Sequence[FileSummary], topics: Iterable[RecordedTopic], custom_data: Mapping[str, str], whole: bool = True
 ) -> str:
-    """YAML of ``metadata.yaml``.
-
-    Parameters
-    ----------
-    files : sequence of FileSummary
-        All files so far, in order.
-    topics : iterable of RecordedTopic
-        Of all files.
-    custom_data : mapping of str to str
-    whole : bool
-        Whether the whole document, or what stands below its root as in the MCAP record ``rosbag2``.
-    """
+    """Text of ``metadata.yaml`` or, not ``whole``, what stands below its root, as in the MCAP record ``rosbag2``."""
     bag = FileSummary("")
     for one in files:
         bag.counts += one.counts

@@ -8,16 +8,8 @@ from typing import NamedTuple
 class BagRecord(NamedTuple):
     """One recorded message.
 
-    Attributes
-    ----------
-    topic, type_name : str
-        E.g. ``/fsw/depth`` and ``fsw_msgs/msg/ShoulderDepth``.
-    log_time_ns, publish_time_ns : int
-        When it was received and when it was published (the former twice where the storage has only one).
-    data : bytes
-        Serialized message (CDR with its 4-byte header).
-    sequence : int
-        Of the publisher, where known; else 0.
+    `log_time_ns` is when it was received, `publish_time_ns` when it was published (the former, where the storage has
+    only one). `data` is CDR with its header of four bytes. `sequence` is the publisher's, where known; else 0.
     """
 
     topic: str

@@ -35,12 +35,13 @@ class ParameterSnapshots:
                 getter = self._node.create_client(GetParameters, f"{full_name}/get_parameters")
                 self._waiting[full_name] = (lister, getter, _TRIES)
         for full_name, (lister, getter, tries) in list(self._waiting.items()):
-            is_ready = lister.service_is_ready() and getter.service_is_ready()
-            if is_ready or tries == 0:
+            self._waiting[full_name] = (lister, getter, tries - 1)
+            if lister.service_is_ready() and getter.service_is_ready():
                 del self._waiting[full_name]
-                (self._ask if is_ready else self._forget)(full_name, lister, getter)
-            else:
-                self._waiting[full_name] = (lister, getter, tries - 1)
+                self._ask(full_name, lister, getter)
+            elif tries == 0:
+                del self._waiting[full_name]
+                self._forget(lister, getter)
 
     def _ask(self, full_name: str, lister: Any, getter: Any) -> None:
         def listed(future: Any) -> None:
@@ -49,18 +50,18 @@ class ParameterSnapshots:
                 answer = getter.call_async(GetParameters.Request(names=names))
                 answer.add_done_callback(lambda future: got(names, future))
             else:
-                self._forget(full_name, lister, getter)
+                self._forget(lister, getter)
 
         def got(names: list[str], future: Any) -> None:
             if future.exception() is None:
                 values = [_plain(parameter_value_to_python(value)) for value in future.result().values]
                 contents = {full_name: {"ros__parameters": dict(zip(names, values, strict=False))}}
                 self._found(full_name, yaml.safe_dump(contents, allow_unicode=True))
-            self._forget(full_name, lister, getter)
+            self._forget(lister, getter)
 
         lister.call_async(ListParameters.Request()).add_done_callback(listed)
 
-    def _forget(self, _: str, *clients: Any) -> None:
+    def _forget(self, *clients: Any) -> None:
         for client in clients:
             self._node.destroy_client(client)
 
