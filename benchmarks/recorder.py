@@ -72,7 +72,7 @@ def with_recorder(folder: Path, messages: Messages, compression: str = "") -> li
             writer.write(name, data, time_ns, time_ns)
             taken.append(clock() - start)
     statistics = writer.statistics()
-    assert statistics.written == len(messages), statistics
+    assert statistics["written"] == len(messages), statistics
     return taken
 
 

@@ -90,7 +90,7 @@ class WeldMessages:
                 # predictions are only counted
                 data = b"" if record.topic.endswith("/prediction") else record.data
                 raw.setdefault(record.topic, []).append((record.log_time_ns, record.publish_time_ns, data))
-            topics = reader.known_topics()
+            topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
             self.problems = list(reader.problems)
         if not raw:

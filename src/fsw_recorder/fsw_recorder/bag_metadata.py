@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,19 +17,33 @@ from fsw_recorder.topic import RecordedTopic
 METADATA_NAME = "metadata.yaml"
 #: what rosbag2 calls the start of a bag without messages
 NO_TIME_NS = 2**63 - 1
-_VERSION = 9
 _MOST_BYTES = 16 * 1024 * 1024
 _ROOT = "rosbag2_bagfile_information"
 
 
 @dataclass(slots=True)
 class FileSummary:
-    """What ``metadata.yaml`` says of one file of the bag."""
+    """What ``metadata.yaml`` says of one file of the bag; ``counts`` are messages by topic."""
 
     path: str
     start_ns: int = NO_TIME_NS
     end_ns: int = 0
-    message_count: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    size_bytes: int = 0
+
+    def note(self, topic: str, log_time_ns: int) -> None:
+        """Take up a message."""
+        self.counts[topic] += 1
+        self.start_ns, self.end_ns = min(self.start_ns, log_time_ns), max(self.end_ns, log_time_ns)
+
+    def values(self) -> dict[str, Any]:
+        """As ``metadata.yaml`` says it."""
+        return {
+            "path": self.path,
+            "starting_time": {"nanoseconds_since_epoch": self.start_ns},
+            "duration": {"nanoseconds": max(self.end_ns - self.start_ns, 0)},
+            "message_count": self.counts.total(),
+        }
 
 
 @dataclass(slots=True)
@@ -41,28 +56,21 @@ class BagMetadata:
     custom_data: dict[str, str] = field(default_factory=dict)
 
 
-def bag_information(
-    files: Sequence[FileSummary], topics: Iterable[tuple[RecordedTopic, int]], custom_data: Mapping[str, str]
-) -> dict[str, Any]:
-    """What ``metadata.yaml`` and the MCAP record ``rosbag2`` say of a bag.
-
-    Parameters
-    ----------
-    files : sequence of FileSummary
-        All files so far, in order.
-    topics : iterable of (RecordedTopic, int)
-        Every topic with its number of messages.
-    custom_data : mapping of str to str
-    """
-    used = [one for one in files if one.message_count]
-    start = min((one.start_ns for one in used), default=NO_TIME_NS)
-    duration = max((one.end_ns for one in used), default=start) - start
-    return {
-        "version": _VERSION,
+def metadata_text(
+    files: Sequence[FileSummary], topics: Iterable[RecordedTopic], custom_data: Mapping[str, str], whole: bool = True
+) -> str:
+    """Text of ``metadata.yaml`` or, not ``whole``, what stands below its root, as in the MCAP record ``rosbag2``."""
+    bag = FileSummary("")
+    for one in files:
+        bag.counts += one.counts
+        bag.start_ns, bag.end_ns = min(bag.start_ns, one.start_ns), max(bag.end_ns, one.end_ns)
+    totals = bag.values()
+    content = {
+        "version": 9,
         "storage_identifier": "mcap",
-        "duration": {"nanoseconds": duration},
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(one.message_count for one in files),
+        "duration": totals["duration"],
+        "starting_time": totals["starting_time"],
+        "message_count": totals["message_count"],
         "topics_with_message_count": [
             {
                 "topic_metadata": {
@@ -72,47 +80,28 @@ def bag_information(
                     "offered_qos_profiles": qos_values(topic.qos),
                     "type_description_hash": topic.type_hash,
                 },
-                "message_count": count,
+                "message_count": bag.counts[topic.name],
             }
-            for topic, count in topics
+            for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [one.path for one in files],
-        "files": [
-            {
-                "path": one.path,
-                "starting_time": {"nanoseconds_since_epoch": one.start_ns},
-                "duration": {"nanoseconds": one.end_ns - one.start_ns if one.message_count else 0},
-                "message_count": one.message_count,
-            }
-            for one in files
-        ],
+        "files": [one.values() for one in files],
         "custom_data": dict(custom_data) or None,
         "ros_distro": "jazzy",
     }
+    return str(yaml.safe_dump({_ROOT: content} if whole else content, sort_keys=False, allow_unicode=True))
 
 
-def information_text(information: Mapping[str, Any], whole: bool = True) -> str:
-    """YAML of `bag_information`: the whole document, or what stands below its root."""
-    content = {_ROOT: information} if whole else information
-    return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
-
-
-def read_metadata(folder: Path) -> BagMetadata | None:
-    """What ``metadata.yaml`` says; None when there is no such file.
-
-    Raises
-    ------
-    BagError
-        The file exists but is not rosbag2's metadata.
-    """
+def read_metadata(folder: Path) -> BagMetadata:
+    """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
         with path.open("rb") as stream:
             raw = stream.read(_MOST_BYTES + 1)
     except FileNotFoundError:
-        return None
+        raise BagError(f"{folder}: {METADATA_NAME} is missing") from None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
     if len(raw) > _MOST_BYTES:

@@ -17,13 +17,7 @@ class Definitions:
         self._stores: dict[tuple[str, str], Any] = {}
 
     def decode(self, type_name: str, definition: str, data: bytes) -> Any:
-        """Decode one message; the result has its fields as attributes.
-
-        Raises
-        ------
-        BagError
-            The definition cannot be parsed or the data does not follow it.
-        """
+        """One message, with its fields as attributes; a `BagError` when it does not follow its definition."""
         store = self.typestore(type_name, definition)
         try:
             return store.deserialize_cdr(data, type_name)
@@ -33,13 +27,7 @@ class Definitions:
             raise BagError(f"a message of type {type_name} is damaged: {error}") from None
 
     def typestore(self, type_name: str, definition: str) -> Any:
-        """Type store of ``rosbags`` that knows the definition (and nothing else).
-
-        Raises
-        ------
-        BagError
-            The definition cannot be parsed.
-        """
+        """Type store of ``rosbags`` that knows only this; a `BagError` when the definition cannot be parsed."""
         key = (type_name, definition)
         if key not in self._stores:
             store = get_typestore(Stores.EMPTY)

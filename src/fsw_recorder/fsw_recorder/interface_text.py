@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_recorder.definitions import Definitions
+from fsw_recorder.errors import BagError
 
 _SEPARATOR = "=" * 80
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+", re.MULTILINE)
@@ -19,13 +20,7 @@ _PRIMITIVES = frozenset(
 
 @cache
 def interface_definition(type_name: str) -> str:
-    """``ros2msg`` text of a message with all nested definitions, as rosbag2 writes it; empty when unknown.
-
-    Parameters
-    ----------
-    type_name : str
-        E.g. ``fsw_msgs/msg/ShoulderDepth``.
-    """
+    """``ros2msg`` text of a message type with all nested definitions, as rosbag2 writes it; empty when unknown."""
     return _definition(type_name) or ""
 
 
@@ -40,18 +35,15 @@ def interface_hash(type_name: str) -> str:
 
 
 def message_class(type_name: str) -> Any:
-    """Message class of a type.
-
-    Raises
-    ------
-    ImportError, AttributeError, ValueError, LookupError
-        It is not installed.
-    """
+    """Message class of a type; a `BagError` when it is not installed."""
     try:
         from rosidl_runtime_py.utilities import get_message
     except ImportError:
         from rosidl_embedded.typesupport import get_message
-    return get_message(type_name)
+    try:
+        return get_message(type_name)
+    except (ImportError, AttributeError, ValueError, LookupError) as error:
+        raise BagError(f"its type {type_name} is not installed here: {error}") from None
 
 
 def _definition(type_name: str) -> str | None:

@@ -16,12 +16,7 @@ _TRIES = 30
 class ParameterSnapshots:
     """Asks each node of the graph once for its parameters.
 
-    Parameters
-    ----------
-    node : Node
-        Through which is asked.
-    found : callable
-        Called with a node's full name and its parameters as the YAML of a ROS parameter file.
+    ``found`` is called with a node's full name and its parameters as the YAML of a ROS parameter file.
     """
 
     def __init__(self, node: Node, found: Callable[[str, str], None]) -> None:
@@ -40,22 +35,20 @@ class ParameterSnapshots:
                 getter = self._node.create_client(GetParameters, f"{full_name}/get_parameters")
                 self._waiting[full_name] = (lister, getter, _TRIES)
         for full_name, (lister, getter, tries) in list(self._waiting.items()):
+            self._waiting[full_name] = (lister, getter, tries - 1)
             if lister.service_is_ready() and getter.service_is_ready():
                 del self._waiting[full_name]
                 self._ask(full_name, lister, getter)
             elif tries == 0:
                 del self._waiting[full_name]
                 self._forget(lister, getter)
-            else:
-                self._waiting[full_name] = (lister, getter, tries - 1)
 
     def _ask(self, full_name: str, lister: Any, getter: Any) -> None:
         def listed(future: Any) -> None:
             names = list(future.result().result.names) if future.exception() is None else []
             if names:
-                getter.call_async(GetParameters.Request(names=names)).add_done_callback(
-                    lambda answer: got(names, answer)
-                )
+                answer = getter.call_async(GetParameters.Request(names=names))
+                answer.add_done_callback(lambda future: got(names, future))
             else:
                 self._forget(lister, getter)
 
@@ -77,6 +70,4 @@ def _plain(value: Any) -> Any:
     """Plain Python for YAML: arrays become lists, bytes numbers."""
     if value is None or isinstance(value, str | bool | int | float):
         return value
-    if isinstance(value, bytes):
-        return list(value)
     return [_plain(one) for one in value]

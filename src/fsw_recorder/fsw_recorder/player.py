@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
@@ -13,95 +12,60 @@ from fsw_recorder.weld_clock import WeldClockReader
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 
 
-@dataclass(frozen=True, slots=True)
-class PlayOptions:
-    """How a bag is played.
-
-    Attributes
-    ----------
-    topics : frozenset of str or None
-        Only these; None: all.
-    rate : float
-        1 plays as recorded, 2 twice as fast.
-    start_offset_s, duration_s : float
-        Part of the bag to play [s]; a duration of 0 means to the end.
-    loop : bool
-        Start again at the end.
-    paused : bool
-        Start paused.
-    """
-
-    topics: frozenset[str] | None = None
-    rate: float = 1.0
-    start_offset_s: float = 0.0
-    duration_s: float = 0.0
-    loop: bool = False
-    paused: bool = False
-
-
 class Player:
-    """Plays one bag; time is handed in, so it can be driven by any clock.
+    """Plays one bag; time is handed in as ``now_ns``, so it can be driven by any clock.
 
-    Parameters
-    ----------
-    reader : BagReader or WeldClockReader
-        The bag; owned by the caller. Its log times are the time that is played.
-    options : PlayOptions
-    now_ns : int
-        Present time of the clock that drives the player, e.g. ``time.monotonic_ns()``.
-
-    Raises
-    ------
-    BagError
-        The bag has nothing to play, or an option is out of range.
+    The reader stays the caller's; its log times are the time that is played. The other arguments are parameters of the
+    replayer, which ``replay.yaml`` describes. Raises a `BagError` when nothing is to be played, or for an argument that
+    is out of range.
     """
 
-    def __init__(self, reader: BagReader | WeldClockReader, options: PlayOptions, now_ns: int) -> None:
-        check_rate(options.rate)
+    def __init__(
+        self,
+        reader: BagReader | WeldClockReader,
+        now_ns: int,
+        topics: Collection[str] | None = None,
+        rate: float = 1.0,
+        start_offset_s: float = 0.0,
+        duration_s: float = 0.0,
+        loop: bool = False,
+        paused: bool = False,
+    ) -> None:
+        check_rate(rate)
         self._reader = reader
-        self._topics: Collection[str] | None = options.topics
+        self._wanted = topics
         info = reader.info()
-        taken = info.counts.keys() if options.topics is None else info.counts.keys() & options.topics
+        taken = info.counts.keys() if topics is None else info.counts.keys() & topics
         self.topics = [one for one in info.topics if one.name in taken]
         if not self.topics:
-            wanted = f" on {', '.join(sorted(options.topics))}" if options.topics else ""
+            wanted = f" on {', '.join(sorted(topics))}" if topics else ""
             raise BagError(f"{reader.path}: nothing to play: no messages{wanted}")
-        self.start_ns = info.start_ns + round(options.start_offset_s * 1e9)
-        self.end_ns = info.end_ns
+        self._bag_start_ns, self.end_ns = info.start_ns, info.end_ns
+        self.start_ns = info.start_ns + round(start_offset_s * 1e9)
         if not info.start_ns <= self.start_ns <= self.end_ns:
             raise BagError(
-                f"{reader.path}: start offset {options.start_offset_s:g} s is outside the bag, "
+                f"{reader.path}: start offset {start_offset_s:g} s is outside the bag, "
                 f"which is {info.duration_s:.3f} s long"
             )
-        if options.duration_s > 0.0:
-            self.end_ns = min(self.end_ns, self.start_ns + round(options.duration_s * 1e9))
-        self._bag_start_ns = info.start_ns
-        self._loop = options.loop
-        self._rate = options.rate
-        self.is_paused = options.paused
+        if duration_s > 0.0:
+            self.end_ns = min(self.end_ns, self.start_ns + round(duration_s * 1e9))
+        self._loop = loop
+        self.rate = rate
+        self.is_paused = paused
         self.finished = False
-        self._source: Iterator[BagRecord] = iter(())
         self._next: BagRecord | None = None
-        self._anchor_bag_ns = self._anchor_now_ns = 0
-        self._go_to(self.start_ns, now_ns)
-
-    @property
-    def rate(self) -> float:
-        """Bag time per clock time."""
-        return self._rate
+        self.seek(self.start_ns, now_ns)
 
     def latched_before_start(self) -> list[BagRecord]:
         """Last message before the start of every latched topic; to be published first."""
         names = {one.name for one in self.topics if any(map(is_latched, one.qos))}
-        last: dict[str, BagRecord] = {}
-        if names and self.start_ns > self._bag_start_ns:
-            for record in self._reader.records(names, stop_ns=self.start_ns):
-                last[record.topic] = record
-        return list(last.values())
+        if not names or self.start_ns == self._bag_start_ns:
+            return []
+        return list({one.topic: one for one in self._reader.records(names, stop_ns=self.start_ns)}.values())
 
     def bag_time_ns(self, now_ns: int) -> int:
         """Time in the bag at a time of the clock; never beyond the end."""
-        elapsed = 0 if self.is_paused else round((now_ns - self._anchor_now_ns) * self._rate)
+        elapsed = 0 if self.is_paused else round((now_ns - self._anchor_now_ns) * self.rate)
         return min(self._anchor_bag_ns + elapsed, self.end_ns)
 
     def take_due(self, now_ns: int, most: int = 1000) -> list[BagRecord]:
@@ -112,10 +76,10 @@ class Player:
         bag_time = self.bag_time_ns(now_ns)
         while self._next is not None and self._next.log_time_ns <= bag_time and len(due) < most:
             due.append(self._next)
-            self._advance()
+            self._next = next(self._source, None)
         if self._next is None:
             if self._loop:
-                self._go_to(self.start_ns, now_ns)
+                self.seek(self.start_ns, now_ns)
             else:
                 self.finished = True
         return due
@@ -130,7 +94,7 @@ class Player:
 
     def pause(self, now_ns: int) -> None:
         """Stand still."""
-        self._anchor(now_ns)
+        self._anchor(self.bag_time_ns(now_ns), now_ns)
         self.is_paused = True
 
     def resume(self, now_ns: int) -> None:
@@ -143,46 +107,33 @@ class Player:
         """Change the rate from now on; False when it is not positive or absurd."""
         if not MIN_RATE <= rate <= MAX_RATE:
             return False
-        self._anchor(now_ns)
-        self._rate = rate
+        self._anchor(self.bag_time_ns(now_ns), now_ns)
+        self.rate = rate
         return True
 
     def seek(self, bag_time_ns: int, now_ns: int) -> bool:
         """Go on from a time in the bag; False when it is outside the bag."""
         if not self._bag_start_ns <= bag_time_ns <= self.end_ns:
             return False
-        self._go_to(bag_time_ns, now_ns)
+        self._source: Iterator[BagRecord] = self._reader.records(self._wanted, bag_time_ns, self.end_ns + 1)
+        self._next = next(self._source, None)
+        self._anchor(bag_time_ns, now_ns)
         self.finished = False
         return True
 
     def step(self, now_ns: int) -> BagRecord | None:
         """While paused: take the next message at once; None at the end or when not paused."""
-        if not self.is_paused or self._next is None:
-            return None
-        record = self._next
-        self._anchor_bag_ns, self._anchor_now_ns = record.log_time_ns, now_ns
-        self._advance()
+        record = self._next if self.is_paused else None
+        if record is not None:
+            self._anchor(record.log_time_ns, now_ns)
+            self._next = next(self._source, None)
         return record
 
-    def _anchor(self, now_ns: int) -> None:
-        self._anchor_bag_ns, self._anchor_now_ns = self.bag_time_ns(now_ns), now_ns
-
-    def _go_to(self, bag_time_ns: int, now_ns: int) -> None:
-        self._source = self._reader.records(self._topics, start_ns=bag_time_ns, stop_ns=self.end_ns + 1)
+    def _anchor(self, bag_time_ns: int, now_ns: int) -> None:
         self._anchor_bag_ns, self._anchor_now_ns = bag_time_ns, now_ns
-        self._advance()
-
-    def _advance(self) -> None:
-        self._next = next(self._source, None)
 
 
 def check_rate(rate: float) -> None:
-    """Refuse a rate that makes no sense.
-
-    Raises
-    ------
-    BagError
-        It is not positive, or absurd.
-    """
+    """Raise a `BagError` for a rate that is not positive, or absurd."""
     if not MIN_RATE <= rate <= MAX_RATE:
         raise BagError(f"rate {rate:g} is outside {MIN_RATE:g} to {MAX_RATE:g}")

@@ -1,4 +1,4 @@
-"""Quality of service of recorded topics, in the types of ``rosbags``, and what is asked for to hear or replay them."""
+"""Quality of service of recorded topics, in the types of ``rosbags``."""
 
 from __future__ import annotations
 
@@ -49,44 +49,34 @@ def qos_text(profiles: Sequence[Qos]) -> str:
 
 
 def read_qos(text: Any) -> list[Qos]:
-    """Profiles from channel metadata (text) or ``metadata.yaml`` (list), of any age; empty where they are damaged."""
+    """Profiles from channel metadata of any age; empty where they are damaged."""
     try:
         return [qos for qos in parse_qos(text) if isinstance(qos.depth, int) and 0 <= qos.depth < 2**31]
     except Exception:  # rosbags lets whatever the damage causes through
         return []
 
 
-def requested_qos(offers: Sequence[Qos], depth: int) -> Qos:
-    """QoS of a subscription that hears all of the publishers: the strongest that each of them offers.
+def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) -> list[Qos]:
+    """QoS of the subscriptions that must be added to the present ones to hear every publisher as strongly as it offers.
 
-    Parameters
-    ----------
-    offers : sequence of Qos
-        Of the publishers.
-    depth : int
-        Of the subscription's queue; a publisher's larger depth wins, so that all latched messages are heard.
+    A reliable subscription does not hear a best-effort publisher, and a best-effort one loses messages of a reliable
+    one; in the same way a latched (transient local) one does not hear a volatile publisher. A publisher's larger depth
+    wins over ``depth``, so that all latched messages are heard.
     """
-    return profile(
-        reliable=bool(offers) and all(map(is_reliable, offers)),
-        latched=bool(offers) and all(map(is_latched, offers)),
-        depth=max([depth, *(one.depth for one in offers)]),
-    )
+    requests = list(present)
+    for offer in sorted(offers, key=lambda one: -is_reliable(one) - is_latched(one)):
+        if not any(_matches(request, offer) for request in requests):
+            requests.append(profile(is_reliable(offer), is_latched(offer), max(depth, offer.depth)))
+    return requests[len(present) :]
 
 
-def hears(request: Qos, offer: Qos) -> bool:
-    """Whether a subscription that asks for ``request`` is matched with a publisher that offers ``offer``."""
-    return (is_reliable(offer) or not is_reliable(request)) and (is_latched(offer) or not is_latched(request))
-
-
-def strongest_first(offers: Sequence[Qos]) -> list[Qos]:
-    """Offers in an order in which no later one is stronger than an earlier one."""
-    return sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), repr(one)))
+def _matches(request: Qos, offer: Qos) -> bool:
+    return is_reliable(request) <= is_reliable(offer) and is_latched(request) <= is_latched(offer)
 
 
 def replayed_qos(offers: Sequence[Qos]) -> Qos:
     """QoS of a publisher that every subscription of the recorded publishers also hears: the strongest of them."""
     if not offers:
         return profile()
-    return profile(
-        any(map(is_reliable, offers)), any(map(is_latched, offers)), max(1, *(one.depth for one in offers), 1)
-    )
+    depth = max(1, *(one.depth for one in offers))
+    return profile(any(map(is_reliable, offers)), any(map(is_latched, offers)), depth)

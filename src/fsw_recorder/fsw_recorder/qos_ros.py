@@ -3,42 +3,36 @@
 from __future__ import annotations
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from fsw_recorder.qos import INFINITE, is_latched, is_reliable
-
-_NS = 1_000_000_000
+from fsw_recorder.qos import INFINITE
 
 
 def profile_of(qos: Qos) -> QoSProfile:
-    """Profile to subscribe or publish with; deadlines and lifespans are not asked for."""
+    """Profile to subscribe or publish with, of what `fsw_recorder.qos.profile` makes."""
     return QoSProfile(
         depth=max(qos.depth, 1),
-        history=HistoryPolicy.KEEP_ALL if qos.history == QosHistory.KEEP_ALL else HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy.RELIABLE if is_reliable(qos) else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched(qos) else DurabilityPolicy.VOLATILE,
+        history=HistoryPolicy[qos.history.name],
+        reliability=ReliabilityPolicy[qos.reliability.name],
+        durability=DurabilityPolicy[qos.durability.name],
     )
 
 
 def offered_by(profile: QoSProfile) -> Qos:
     """What a publisher offers, as a bag says it."""
-    best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    histories = {HistoryPolicy.KEEP_ALL: QosHistory.KEEP_ALL, HistoryPolicy.KEEP_LAST: QosHistory.KEEP_LAST}
-    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     return Qos(
-        histories.get(profile.history, QosHistory.UNKNOWN),
+        QosHistory[profile.history.name],
         int(profile.depth),
-        QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        QosReliability[profile.reliability.name],
+        QosDurability[profile.durability.name],
         _time(profile.deadline),
         _time(profile.lifespan),
-        QosLiveliness.MANUAL_BY_TOPIC if manual else QosLiveliness.AUTOMATIC,
+        QosLiveliness[profile.liveliness.name],
         _time(profile.liveliness_lease_duration),
         False,
     )
 
 
 def _time(duration: Duration) -> QosTime:
-    return QosTime(*divmod(duration.nanoseconds, _NS)) if duration.nanoseconds > 0 else INFINITE
+    return QosTime(*divmod(duration.nanoseconds, 10**9)) if duration.nanoseconds > 0 else INFINITE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from datetime import datetime
 from typing import Any
 
@@ -57,44 +58,13 @@ class RecorderNode(Node):  # type: ignore[misc]
     def __init__(self, **arguments: Any) -> None:
         super().__init__("fsw_recorder", **arguments)
         values = declare(self, "fsw_recorder", "recorder.yaml").values
-        self._selection = TopicSelection(
-            topics=tuple(values["topics"]),
-            regex=values["regex"],
-            exclude=tuple(values["exclude"]),
-            exclude_regex=values["exclude_regex"],
-            include_hidden=values["include_hidden"],
-        )
+        self._selection = TopicSelection(**{field.name: values[field.name] for field in fields(TopicSelection)})
         self._depth: int = values["queue_depth"]
-        attachments = [("versions.json", versions_text())]
-        if values["scenario"]:
-            attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
-        attachments += [(path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]]
-        self._custom = custom_entries(values["custom_data"])
-        options = WriterOptions(
-            compression=values["compression"],
-            max_file_bytes=values["max_bag_size"],
-            max_file_s=values["max_bag_duration"],
-            chunk_period_s=values["chunk_period"],
-            sync_period_s=values["sync_period"],
-            max_pending_bytes=values["max_cache_size"],
-            snapshot=values["snapshot_mode"],
-        )
-        wanted = folder = output_folder(values["output"], datetime.now())
-        if values["number_if_taken"] or not values["output"]:
-            folder = free_sibling(wanted)
-        if folder != wanted:
-            self.get_logger().warning(f"{wanted} exists already and stays as it is: recording goes on beside it")
-            self._custom["continues"] = wanted.name
-        self.writer = BagWriter(folder, options, self._custom)
-        for name, data in attachments:
-            self.writer.attach(name, media_type(name), data)
-        if values["start_paused"]:
-            self.writer.pause()
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
+        self.writer = self._make_writer(values)
         self._files = 1
-        self.failure_told = False
-        self._make_services(options.snapshot)
+        self._make_services(values["snapshot_mode"])
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
@@ -103,22 +73,32 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._discover()
         self.get_logger().info(f"recording to {self.writer.folder}")
 
-    @property
-    def failed(self) -> bool:
-        """Whether writing has failed."""
-        return self.writer.error is not None
+    def _make_writer(self, values: dict[str, Any]) -> BagWriter:
+        attachments = [("versions.json", versions_text())]
+        if values["scenario"]:
+            attachments.append(("scenario.yaml", read_attachment(values["scenario"])))
+        attachments += [(path.rsplit("/", 1)[-1], read_attachment(path)) for path in values["attach"]]
+        custom = custom_entries(values["custom_data"])
+        options = WriterOptions(**{field.name: values[field.name] for field in fields(WriterOptions)})
+        wanted = folder = output_folder(values["output"], datetime.now())
+        if values["number_if_taken"] or not values["output"]:
+            folder = free_sibling(wanted)
+        if folder != wanted:
+            self.get_logger().warning(f"{wanted} exists already and stays as it is: recording goes on beside it")
+            custom["continues"] = wanted.name
+        writer = BagWriter(folder, options, custom)
+        writer.is_paused = values["start_paused"]
+        for name, data in attachments:
+            writer.attach(name, media_type(name), data)
+        return writer
 
     def _make_services(self, snapshot: bool) -> None:
-        writer, logger = self.writer, self.get_logger()
+        writer = self.writer
         self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
 
-        def pause(_: Any) -> None:
-            writer.pause()
-            logger.info("paused")
-
-        def resume(_: Any) -> None:
-            writer.resume()
-            logger.info("resumed")
+        def set_paused(is_paused: bool) -> None:
+            writer.is_paused = is_paused
+            self.get_logger().info("paused" if is_paused else "resumed")
 
         def split(_: Any) -> None:
             writer.split()
@@ -129,8 +109,8 @@ class RecorderNode(Node):  # type: ignore[misc]
             writer.take_snapshot()
             return {"success": writer.flush(_SNAPSHOT_S)}
 
-        serve(self, Pause, "~/pause", pause)
-        serve(self, Resume, "~/resume", resume)
+        serve(self, Pause, "~/pause", lambda _: set_paused(True))
+        serve(self, Resume, "~/resume", lambda _: set_paused(False))
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
         serve(self, SplitBagfile, "~/split_bagfile", split)
         if snapshot:
@@ -139,48 +119,39 @@ class RecorderNode(Node):  # type: ignore[misc]
     # ------------------------------------------------------------------ topics
 
     def _discover(self) -> None:
-        if self.failed:
-            self.get_logger().fatal(str(self.writer.error))
-            self.failure_told = True
+        if self.writer.error is not None:
             self._report()
             rclpy.try_shutdown()
             return
         for name, types in self.get_topic_names_and_types():
             if name in self._left_out or not self._selection.takes(name):
                 continue
-            publishers = self.get_publishers_info_by_topic(name)
-            offers = tuple(offered_by(one.qos_profile) for one in publishers)
+            offers = tuple(offered_by(one.qos_profile) for one in self.get_publishers_info_by_topic(name))
             known = self._subscriptions_by_topic.get(name)
-            if known is not None:
-                if known.update(offers):
-                    weaker = known.requests[-1]
+            if known is None and offers:
+                self._subscribe(name, types, offers)
+            elif known is not None:
+                for weaker in known.update(offers):
                     offered = "reliable" if is_reliable(weaker) else "best effort"
                     offered += ", transient local" if is_latched(weaker) else ", volatile"
                     self.get_logger().info(f"subscribed to {name} again, for a publisher that is only {offered}")
-            elif offers:
-                self._subscribe(name, types, offers)
         self._announce_split()
 
     def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Qos, ...]) -> None:
-        if len(types) != 1:
-            self._leave_out(name, f"publishers disagree about its type: {', '.join(types)}")
-            return
         type_name = types[0]
         try:
+            if len(types) != 1:
+                raise BagError(f"publishers disagree about its type: {', '.join(types)}")
             kind = message_class(type_name)
-        except (ImportError, AttributeError, ValueError, LookupError) as error:
-            self._leave_out(name, f"its type {type_name} is not installed here: {error}")
+        except BagError as error:
+            self._left_out[name] = str(error)
+            self.get_logger().warning(f"{name} is not recorded: {error}")
             return
         topic = RecordedTopic(name, type_name, interface_definition(type_name), interface_hash(type_name), offers)
         self.writer.add_topic(topic)
-        subscription = TopicSubscription(self, name, kind, self._depth, self.writer.write)
-        subscription.update(offers)
-        self._subscriptions_by_topic[name] = subscription
+        self._subscriptions_by_topic[name] = TopicSubscription(self, name, kind, self._depth, self.writer.write)
+        self._subscriptions_by_topic[name].update(offers)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
-
-    def _leave_out(self, name: str, reason: str) -> None:
-        self._left_out[name] = reason
-        self.get_logger().warning(f"{name} is not recorded: {reason}")
 
     # ------------------------------------------------------------------ reports
 
@@ -189,7 +160,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self.writer.attach(name, media_type(name), text.encode())
 
     def _announce_split(self) -> None:
-        files = self.writer.statistics().files
+        files = self.writer.statistics()["files"]
         while self._files < files:
             name = self.writer.folder.name
             closed, opened = (str(self.writer.folder / f"{name}_{n}.mcap") for n in (self._files - 1, self._files))
@@ -199,29 +170,25 @@ class RecorderNode(Node):  # type: ignore[misc]
             self._files += 1
 
     def _report(self) -> None:
-        if self._snapshots is not None and not self.failed:
+        error = self.writer.error
+        if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
         level, text = DiagnosticStatus.OK, "paused" if self.writer.is_paused else "recording"
-        if lost or counters.dropped or self._left_out:
+        if lost or counters["dropped"] or self._left_out:
             level, text = DiagnosticStatus.WARN, "recording, but not everything is in the bag"
-        if self.writer.error is not None:
-            level, text = DiagnosticStatus.ERROR, str(self.writer.error)
+        if error is not None:
+            level, text = DiagnosticStatus.ERROR, str(error)
         values = {
-            "bag": str(self.writer.folder),
-            "topics": str(len(self._subscriptions_by_topic)),
-            "received": str(counters.received),
-            "written": str(counters.written),
-            "dropped": str(counters.dropped),
-            "lost": str(sum(lost.values())),
-            "files": str(counters.files),
-            "bytes": str(counters.bytes),
-            "pending_bytes": str(counters.pending_bytes),
+            "bag": self.writer.folder,
+            "topics": len(self._subscriptions_by_topic),
+            **counters,
+            "lost": sum(lost.values()),
+            **{f"lost {topic}": count for topic, count in lost.items()},
+            **{f"left out {topic}": reason for topic, reason in self._left_out.items()},
         }
-        values |= {f"lost {topic}": str(count) for topic, count in lost.items()}
-        values |= {f"left out {topic}": reason for topic, reason in self._left_out.items()}
         status = DiagnosticStatus(level=level, name=f"{self.get_name()}: recording", message=text)
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -231,17 +198,19 @@ class RecorderNode(Node):  # type: ignore[misc]
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def destroy_node(self) -> None:
-        """Finish the bag and leave the graph."""
+        """Finish the bag, say what is in it or why it is not complete, and leave the graph."""
         lost = self._lost()
         self.writer.custom_data["lost_messages"] = str(sum(lost.values()))
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}
         self.writer.close()
         counters = self.writer.statistics()
-        if not self.failed:
-            missing = f"{sum(lost.values())} lost, {counters.dropped} dropped"
-            # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
-            logger = get_logger(f"{self.get_logger().name}.bag")
-            logger.info(f"{counters.written} messages in {self.writer.folder} ({missing})")
+        # a logger that does not publish to /rosout: when a signal ends the node, its context is no more
+        logger = get_logger(f"{self.get_logger().name}.bag")
+        if self.writer.error is not None:
+            logger.fatal(str(self.writer.error))
+        else:
+            missing = f"{sum(lost.values())} lost, {counters['dropped']} dropped"
+            logger.info(f"{counters['written']} messages in {self.writer.folder} ({missing})")
         super().destroy_node()
 
 
@@ -250,18 +219,11 @@ def main(args: Sequence[str] | None = None) -> int:
     nodes: list[RecorderNode] = []
 
     def make() -> RecorderNode:
-        try:
-            nodes.append(RecorderNode())
-        except BagError as error:
-            raise ValueError(str(error)) from None
+        nodes.append(RecorderNode())
         return nodes[0]
 
     code = run(make, args)
-    if code != 0 or not nodes or not nodes[0].failed:
-        return code
-    if not nodes[0].failure_told:  # it came with the end of the recording
-        print(f"error: {nodes[0].writer.error}", file=sys.stderr)
-    return 1
+    return 1 if code == 0 and nodes and nodes[0].writer.error is not None else code
 
 
 if __name__ == "__main__":

@@ -29,8 +29,8 @@ def free_sibling(folder: Path) -> Path:
     return next(one for one in chain([folder], siblings) if not os.path.lexists(one))
 
 
-def versions() -> dict[str, str]:
-    """Versions of what runs: Python, ROS distribution, packages."""
+def versions_text() -> bytes:
+    """Contents of the attachment ``versions.json``: Python, ROS distribution, packages."""
     found = {
         "python": platform.python_version(),
         "system": platform.system(),
@@ -41,22 +41,11 @@ def versions() -> dict[str, str]:
             found[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
-
-
-def versions_text() -> bytes:
-    """Contents of the attachment ``versions.json``."""
-    return json.dumps(versions(), indent=2).encode()
+    return json.dumps(found, indent=2).encode()
 
 
 def read_attachment(path: str) -> bytes:
-    """Contents of a file to attach.
-
-    Raises
-    ------
-    BagError
-        It cannot be read or is too large.
-    """
+    """Contents of a file to attach; a `BagError` when it cannot be read or is too large."""
     try:
         data = Path(path).expanduser().read_bytes()
     except OSError as error:
@@ -74,13 +63,7 @@ def media_type(name: str) -> str:
 
 
 def custom_entries(entries: Sequence[str]) -> dict[str, str]:
-    """Custom data of ``metadata.yaml`` from ``key=value`` texts.
-
-    Raises
-    ------
-    BagError
-        An entry has no ``=``.
-    """
+    """Custom data of ``metadata.yaml`` from ``key=value`` texts; a `BagError` for one without ``=``."""
     result: dict[str, str] = {}
     for entry in entries:
         key, separator, value = entry.partition("=")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from fsw_recorder.bag_reader import FOREVER_NS, BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_recorder.errors import BagError
 from fsw_recorder.topic import TopicSelection
 
-#: how often, in messages, the writer is given time to keep up
-_BATCH = 2000
+#: what is handed to the writer before the disk is waited for, counting this much for every message
+_BATCH_BYTES, _MESSAGE_BYTES = 16 * 1024 * 1024, 1000
+#: how long the disk may take for that
+_PATIENCE_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +42,14 @@ def recover(
 
     Parameters
     ----------
-    source : Path or str
-        Bag folder or file in any state.
-    target : Path
-        Folder of the new bag; must not exist.
+    source, target : Path or str
+        Bag folder or file in any state, and folder of the new bag; must not exist.
     options : WriterOptions, optional
         How it is written.
     progress : callable, optional
         Called now and then with the fraction done, 0 to 1.
-    selection : TopicSelection, optional
-        Topics to copy; all by default.
-    keep_attachment : callable, optional
-        Says by name which attachments are copied; all by default.
-    stop_ns : int
-        Only messages received before.
+    selection, keep_attachment, stop_ns : TopicSelection, callable, int
+        Copy only these topics, attachments with these names, and messages received before [ns]; all by default.
 
     Raises
     ------
@@ -65,7 +61,8 @@ def recover(
         custom = dict(reader.metadata.custom_data)
         if reader.problems:
             custom["recovered_from"] = str(source)
-        count = 0
+        copied: set[str] = set()
+        waiting = 0
         with BagWriter(target, options, custom) as writer:
             for topic in topics.values():
                 writer.add_topic(topic)
@@ -73,19 +70,18 @@ def recover(
                 if keep_attachment(attachment.name):
                     writer.attach(attachment.name, attachment.media_type, attachment.data)
             for record in reader.records(topics, stop_ns=stop_ns, progress=progress):
-                count += 1
-                if count % _BATCH == 0:
-                    _wait_for_disk(writer)
-                writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence)
-                if writer.error is not None:
+                copied.add(record.topic)
+                waiting += len(record.data) + _MESSAGE_BYTES
+                if waiting > _BATCH_BYTES:
+                    waiting = 0
+                    writer.flush(_PATIENCE_S)
+                if not writer.write(
+                    record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence
+                ):
                     break
         if writer.error is not None:
             raise writer.error
-        copied = sum(1 for name in topics if reader.counts().get(name))
-        return Recovery(count, copied, list(reader.problems))
-
-
-def _wait_for_disk(writer: BagWriter) -> None:
-    """Let the disk keep up, so that nothing is dropped however large the bag."""
-    while writer.error is None and writer.statistics().pending_bytes > writer.options.max_pending_bytes // 4:
-        time.sleep(0.001)
+        written = writer.statistics()
+        if written["dropped"]:
+            raise BagError(f"{target}: not complete: the disk did not take a message of {record.topic}")
+        return Recovery(written["written"], len(copied), list(reader.problems))

@@ -14,18 +14,8 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rosbag2_interfaces.srv import (
-    Burst,
-    GetRate,
-    IsPaused,
-    Pause,
-    PlayNext,
-    Resume,
-    Seek,
-    SetRate,
-    Stop,
-    TogglePaused,
-)
+from rclpy.time import Time
+from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from fsw_control.node_main_ros import run
@@ -33,7 +23,7 @@ from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_hash, message_class
-from fsw_recorder.player import Player, PlayOptions
+from fsw_recorder.player import Player
 from fsw_recorder.qos import replayed_qos
 from fsw_recorder.qos_ros import profile_of
 from fsw_recorder.services_ros import serve
@@ -64,13 +54,8 @@ class ReplayNode(Node):  # type: ignore[misc]
         values = declare(self, "fsw_recorder", "replay.yaml").values
         if not values["bag"]:
             raise BagError("no bag given; write its path behind the command, or set the parameter 'bag'")
-        selection = TopicSelection(
-            topics=tuple(values["topics"]),
-            regex=values["regex"],
-            exclude=tuple(values["exclude"]),
-            exclude_regex=values["exclude_regex"],
-            include_hidden=True,
-        )
+        rules = {name: values[name] for name in ("topics", "regex", "exclude", "exclude_regex")}
+        selection = TopicSelection(**rules, include_hidden=True)
         self._exit_at_end: bool = values["exit_at_end"]
         self._reader = BagReader(Path(values["bag"]).expanduser())
         for problem in self._reader.problems:
@@ -85,17 +70,17 @@ class ReplayNode(Node):  # type: ignore[misc]
             names.discard("/clock")
         elif recorded_clock:
             names.add("/clock")
-        options = PlayOptions(
-            topics=frozenset(names),
+        self.player = Player(
+            self._reader if values["pace"] == "received" else on_weld_clock(self._reader),
+            time.monotonic_ns(),
+            names,
             rate=values["rate"],
             start_offset_s=values["start_offset"],
             duration_s=values["duration"],
             loop=values["loop"],
             paused=values["start_paused"],
         )
-        played = self._reader if values["pace"] == "received" else on_weld_clock(self._reader)
-        self.player = Player(played, options, time.monotonic_ns())
-        self.published = 0
+        self._published = 0
         self._publishers_by_topic = self._make_publishers()
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
         self._clock_period_ns = round(1e9 / values["clock_frequency"])
@@ -113,16 +98,12 @@ class ReplayNode(Node):  # type: ignore[misc]
         for topic in self.player.topics:
             try:
                 if topic.encoding != "cdr":
-                    raise ValueError(f"encoding '{topic.encoding}' is not CDR")
+                    raise BagError(f"its encoding '{topic.encoding}' is not CDR")
                 kind = message_class(topic.type_name)
-            except (ImportError, AttributeError, ValueError, LookupError) as error:
-                self.get_logger().warning(f"{topic.name} [{topic.type_name}] is not played: {error}")
-                continue
-            known = interface_hash(topic.type_name)
-            if topic.type_hash and known and topic.type_hash != known:
-                self.get_logger().warning(
-                    f"{topic.name} is not played: {topic.type_name} was another version when the bag was recorded"
-                )
+                if topic.type_hash and interface_hash(topic.type_name) not in ("", topic.type_hash):
+                    raise BagError(f"{topic.type_name} was another version when the bag was recorded")
+            except BagError as error:
+                self.get_logger().warning(f"{topic.name} is not played: {error}")
                 continue
             publishers[topic.name] = self.create_publisher(kind, topic.name, profile_of(replayed_qos(topic.qos)))
         if not publishers:
@@ -147,11 +128,11 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._last_tick_ns = now_ns
         for record in self.player.take_due(now_ns):
             self._publish(record)
-        if self._clock_publisher is not None and now_ns - self._last_clock_ns >= self._clock_period_ns:
+        if now_ns - self._last_clock_ns >= self._clock_period_ns:
             self._publish_clock(self.player.bag_time_ns(now_ns))
             self._last_clock_ns = now_ns
         if self.player.finished and self._exit_at_end:
-            self.get_logger().info(f"played {self.published} messages")
+            self.get_logger().info(f"played {self._published} messages")
             for publisher in self._publishers_by_topic.values():
                 publisher.wait_for_all_acked(Duration(seconds=_DELIVERY_S))
             rclpy.try_shutdown()
@@ -175,18 +156,14 @@ class ReplayNode(Node):  # type: ignore[misc]
 
     def _publish(self, record: BagRecord) -> None:
         publisher = self._publishers_by_topic.get(record.topic)
-        if publisher is None:
-            return
-        if self._clock_publisher is not None:
+        if publisher is not None:
             self._publish_clock(record.log_time_ns)
-        publisher.publish(record.data)
-        self.published += 1
+            publisher.publish(record.data)
+            self._published += 1
 
     def _publish_clock(self, time_ns: int) -> None:
-        message = ClockMessage()
-        message.clock.sec, message.clock.nanosec = time_ns // 1_000_000_000, time_ns % 1_000_000_000
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(message)
+            self._clock_publisher.publish(ClockMessage(clock=Time(nanoseconds=time_ns).to_msg()))
 
     # ------------------------------------------------------------------ services
 
@@ -198,16 +175,14 @@ class ReplayNode(Node):  # type: ignore[misc]
             player.finished = True
 
         def seek(request: Any) -> dict[str, Any]:
-            return {"success": player.seek(request.time.sec * 1_000_000_000 + request.time.nanosec, now())}
+            return {"success": player.seek(request.time.sec * 10**9 + request.time.nanosec, now())}
+
+        def toggle(_: Any) -> None:
+            (player.resume if player.is_paused else player.pause)(now())
 
         serve(self, Pause, "~/pause", lambda _: player.pause(now()))
         serve(self, Resume, "~/resume", lambda _: player.resume(now()))
-        serve(
-            self,
-            TogglePaused,
-            "~/toggle_paused",
-            lambda _: (player.resume if player.is_paused else player.pause)(now()),
-        )
+        serve(self, TogglePaused, "~/toggle_paused", toggle)
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": player.is_paused})
         serve(self, GetRate, "~/get_rate", lambda _: {"rate": player.rate})
         serve(self, SetRate, "~/set_rate", lambda request: {"success": player.set_rate(request.rate, now())})
@@ -239,16 +214,7 @@ def main(args: Sequence[str] | None = None) -> int:
     overrides: list[Parameter] = []
     if len(argv) > 1 and not argv[1].startswith("-"):
         overrides.append(Parameter("bag", Parameter.Type.STRING, argv.pop(1)))
-    nodes: list[ReplayNode] = []
-
-    def make() -> ReplayNode:
-        try:
-            nodes.append(ReplayNode(parameter_overrides=overrides))
-        except BagError as error:
-            raise ValueError(str(error)) from None
-        return nodes[0]
-
-    return run(make, argv)
+    return run(lambda: ReplayNode(parameter_overrides=overrides), argv)
 
 
 if __name__ == "__main__":

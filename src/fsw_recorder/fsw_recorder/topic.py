@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rosbags.interfaces import Qos
 
@@ -40,20 +41,7 @@ class RecordedTopic:
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """Rule that takes or leaves topics.
-
-    Attributes
-    ----------
-    topics : tuple of str
-        Names to take; empty takes all that `regex` takes.
-    regex : str
-        Takes topics whose whole name matches; empty takes all.
-    exclude : tuple of str
-        Names to leave.
-    exclude_regex : str
-        Leaves topics in whose name it is found; empty leaves none.
-    include_hidden : bool
-        Whether to take topics of which a part of the name begins with an underscore.
+    """Rule that takes or leaves topics: the parameters of these names, which ``recorder.yaml`` describes.
 
     Raises
     ------
@@ -61,29 +49,27 @@ class TopicSelection:
         An expression is not valid.
     """
 
-    topics: tuple[str, ...] = ()
+    topics: Sequence[str] = ()
     regex: str = ""
-    exclude: tuple[str, ...] = ()
+    exclude: Sequence[str] = ()
     exclude_regex: str = ""
     include_hidden: bool = False
-    _take: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
-    _leave: re.Pattern[str] | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self) -> None:
-        for name, text in (("_take", self.regex), ("_leave", self.exclude_regex)):
+        for text in (self.regex, self.exclude_regex):
             try:
-                object.__setattr__(self, name, re.compile(text) if text else None)
+                re.compile(text)
             except re.error as error:
                 raise BagError(f"'{text}' is not a regular expression: {error}") from None
 
     def takes(self, topic: str) -> bool:
         """Whether the topic is taken."""
-        if topic in self.exclude or (self._leave is not None and self._leave.search(topic)):
+        if topic in self.exclude or (self.exclude_regex and re.search(self.exclude_regex, topic)):
             return False
         if topic in self.topics:
             return True
         if not self.include_hidden and any(part.startswith("_") for part in topic.split("/")):
             return False
-        if self.topics and not self.regex:
-            return False
-        return self._take is None or self._take.fullmatch(topic) is not None
+        if self.regex:
+            return re.fullmatch(self.regex, topic) is not None
+        return not self.topics

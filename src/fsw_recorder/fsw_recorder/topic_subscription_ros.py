@@ -1,9 +1,8 @@
-"""Hears all publishers of one topic, whatever QoS they offer and whenever they come."""
+"""Subscribes to all publishers of one topic, whatever QoS they offer and whenever they come."""
 
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rosbags.interfaces import Qos
 
-from fsw_recorder.qos import hears, requested_qos, strongest_first
+from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
 
 #: how many messages of a topic are remembered to recognise one that comes twice
@@ -22,17 +21,10 @@ Write = Callable[[str, bytes, int, int], bool]
 
 
 class Repeats:
-    """The latest messages of a topic by the time of their publication and their content.
-
-    Parameters
-    ----------
-    kept : int
-        How many are remembered.
-    """
+    """The latest ``kept`` messages of a topic by the time of their publication and their content."""
 
     def __init__(self, kept: int = _REMEMBERED) -> None:
-        self._order: deque[tuple[int, int]] = deque()
-        self._known: set[tuple[int, int]] = set()
+        self._known: dict[tuple[int, int], None] = {}
         self._kept = kept
 
     def seen(self, published_ns: int, data: bytes) -> bool:
@@ -40,65 +32,30 @@ class Repeats:
         key = (published_ns, hash(data))
         if key in self._known:
             return True
-        self._known.add(key)
-        self._order.append(key)
-        if len(self._order) > self._kept:
-            self._known.discard(self._order.popleft())
+        self._known[key] = None
+        if len(self._known) > self._kept:
+            del self._known[next(iter(self._known))]
         return False
 
 
 class TopicSubscription:
     """One subscription per strength of QoS that the publishers offer, each message taken once.
 
-    A reliable subscription does not hear a best-effort publisher, and a best-effort one loses messages of a reliable
-    one. So a weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is
-    written when it comes first.
-
-    Parameters
-    ----------
-    node : Node
-        That subscribes.
-    name : str
-        Of the topic.
-    kind : type
-        Its message class.
-    depth : int
-        Of the queue.
-    write : callable
-        Gets every message.
-
-    Attributes
-    ----------
-    lost : int
-        Messages that the middleware reports as lost before they were received.
+    A weaker publisher adds a weaker subscription and leaves the stronger one as it is; what both receive is written
+    when it comes first. `lost` counts messages that the middleware reports as lost before they were received.
     """
 
     def __init__(self, node: Node, name: str, kind: type, depth: int, write: Write) -> None:
         self._node, self._name, self._kind, self._depth = node, name, kind, depth
         self._write = write
-        self.requests: list[Qos] = []
+        self._requests: list[Qos] = []
+        self._repeats = Repeats()
         self.lost = 0
-        self._subscriptions: list[Any] = []
-        self._publishers: list[Qos] = []
-        self._repeats: Repeats | None = None
 
-    def update(self, publishers: Sequence[Qos]) -> bool:
-        """Subscribe to what the present publishers offer and no subscription hears; True when one was added."""
-        found = strongest_first(publishers)
-        if found == self._publishers:
-            return False
-        self._publishers = found
-        before = len(self.requests)
-        for offer in found:
-            if not any(hears(request, offer) for request in self.requests):
-                self._add(requested_qos([offer], self._depth))
-        return len(self.requests) > before
-
-    def _add(self, request: Qos) -> None:
-        self.requests.append(request)
-        if len(self.requests) > 1 and self._repeats is None:
-            self._repeats = Repeats()
-        self._subscriptions.append(
+    def update(self, publishers: Sequence[Qos]) -> list[Qos]:
+        """Subscribe to what the present publishers offer and no subscription hears; what was added."""
+        added = missing_requests(publishers, self._requests, self._depth)
+        for request in added:
             self._node.create_subscription(
                 self._kind,
                 self._name,
@@ -107,15 +64,16 @@ class TopicSubscription:
                 raw=True,
                 event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
             )
-        )
+        self._requests += added
+        return added
 
     def _receive(self, data: bytes, info: dict[str, Any]) -> None:
         received = info.get("received_timestamp") or time.time_ns()
         published = info.get("source_timestamp") or received
         content = bytes(data)
-        if self._repeats is not None and published != received and self._repeats.seen(published, content):
-            return
-        self._write(self._name, content, received, published)
+        may_repeat = len(self._requests) > 1 and published != received
+        if not (may_repeat and self._repeats.seen(published, content)):
+            self._write(self._name, content, received, published)
 
     def _on_lost(self, status: Any) -> None:
         self.lost += status.total_count_change

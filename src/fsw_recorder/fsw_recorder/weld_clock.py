@@ -7,7 +7,7 @@ message gets the simulated time at which it was received, so that a replay at ra
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,13 +50,12 @@ class WeldClockReader:
         topics: Collection[str] | None = None,
         start_ns: int = 0,
         stop_ns: int = FOREVER_NS,
-        progress: Callable[[float], None] | None = None,
     ) -> Iterator[BagRecord]:
         """Messages as of `BagReader.records`; all times are on the weld's clock."""
         needed = None if topics is None else {*topics, self._clock}
         waiting: list[tuple[int, int, BagRecord]] = []
         now, shift, last = self._first_ns, 0, 0
-        for count, record in enumerate(self._reader.records(needed, progress=progress)):
+        for count, record in enumerate(self._reader.records(needed)):
             stamp = stamp_ns(record.data) if record.topic == self._clock or is_ticking(record.topic) else None
             if record.topic == self._clock and stamp is not None:
                 shift += max(last - stamp, 0)
@@ -77,11 +76,13 @@ class WeldClockReader:
 
 def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
     """The bag on its weld's clock; unchanged where its stamps are the receive times anyway, or where it has none."""
-    counts = reader.counts()
+    counts = reader.info().counts
     clocks = (name for end in _CLOCKS for name in sorted(counts) if name.endswith(end) and counts[name] > 1)
     clock = next(clocks, None)
-    first = next(reader.records([clock]), None) if clock is not None else None
-    stamp = stamp_ns(first.data) if first is not None else None
-    if first is None or clock is None or stamp is None or abs(first.log_time_ns - stamp) < _OTHER_CLOCK_NS:
+    if clock is None:
+        return reader
+    first = next(reader.records([clock]))
+    stamp = stamp_ns(first.data)
+    if stamp is None or abs(first.log_time_ns - stamp) < _OTHER_CLOCK_NS:
         return reader
     return WeldClockReader(reader, clock, stamp)

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader, BagRecord
-from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.mcap_file import MAGIC
 from fsw_test_support.bags import GENUINE
 from fsw_test_support.sample_weld import write_sample_weld
@@ -30,7 +29,7 @@ SQLITE = (GENUINE / "sqlite3" / "sqlite3_0.db3").read_bytes()
 def split_weld(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Content of a bag of several chunks."""
     folder = tmp_path_factory.mktemp("chunks") / "weld"
-    write_sample_weld(folder, 60, WriterOptions(chunk_bytes=20_000))
+    write_sample_weld(folder, 60, in_chunk=100)
     return (folder / "weld_0.mcap").read_bytes()
 
 

@@ -30,11 +30,13 @@ def cdr(value: float) -> bytes:
     return b"\0\1\0\0" + struct.pack("<d", value)
 
 
-def fill(writer: BagWriter, count: int, first: int = 0, step_ns: int = 1_000_000) -> None:
+def fill(writer: BagWriter, count: int, first: int = 0, in_chunk: int = 10_000) -> None:
     writer.add_topic(TOPIC)
     for index in range(first, first + count):
-        time_ns = START_NS + index * step_ns
+        time_ns = START_NS + index * 1_000_000
         assert writer.write("/x", cdr(index), time_ns, time_ns - 7, index)
+        if index % in_chunk == in_chunk - 1:
+            assert writer.flush()
 
 
 def values_of(bag: Path) -> list[float]:
@@ -46,10 +48,10 @@ def values_of(bag: Path) -> list[float]:
 def test_other_tools_read_it(tmp_path: Path, compression: str) -> None:
     bag = tmp_path / "bag"
     latched = RecordedTopic("/latched", "std_msgs/msg/String", "string data\n", qos=(profile(latched=True, depth=1),))
-    with BagWriter(bag, WriterOptions(compression=compression, chunk_bytes=500), {"who": 'me: "x" \\ #1'}) as writer:
+    with BagWriter(bag, WriterOptions(compression=compression), {"who": 'me: "x" \\ #1'}) as writer:
         writer.add_topic(latched)
         writer.write("/latched", b"\0\1\0\0\3\0\0\0hi\0", START_NS, START_NS)
-        fill(writer, 100)
+        fill(writer, 100, in_chunk=15)
         writer.attach("scenario.yaml", "application/yaml", b"a: 1\n")
     with Reader(bag) as reader:
         assert reader.message_count == 101
@@ -115,9 +117,9 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
 
 
 def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "size", WriterOptions(max_file_bytes=5000, chunk_bytes=500)) as writer:
-        fill(writer, 1000)
-    with BagWriter(tmp_path / "time", WriterOptions(max_file_s=0.1)) as writer:
+    with BagWriter(tmp_path / "size", WriterOptions(max_bag_size=5000)) as writer:
+        fill(writer, 1000, in_chunk=10)
+    with BagWriter(tmp_path / "time", WriterOptions(max_bag_duration=0.1)) as writer:
         fill(writer, 1000)
     with BagWriter(tmp_path / "asked") as writer:
         fill(writer, 10)
@@ -142,31 +144,26 @@ def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
 def test_pause_and_resume(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         fill(writer, 5)
-        writer.pause()
+        writer.is_paused = True
         assert not writer.write("/x", cdr(-1.0), START_NS, START_NS)
-        writer.resume()
+        writer.is_paused = False
         fill(writer, 5, first=5)
     assert values_of(tmp_path / "bag") == list(range(10))
-    assert writer.statistics().dropped == 0
+    assert writer.statistics()["dropped"] == 0
 
 
 def test_snapshot_writes_only_the_latest(tmp_path: Path) -> None:
-    options = WriterOptions(snapshot=True, max_pending_bytes=12 * 50)
+    options = WriterOptions(snapshot_mode=True, max_cache_size=12 * 50)
     with BagWriter(tmp_path / "bag", options) as writer:
         writer.add_topic(TOPIC)
         for index in range(500):
             while not writer.write("/x", cdr(index), START_NS + index, START_NS + index):
                 assert writer.flush()
-        assert writer.flush() and writer.statistics().written == 0
+        assert writer.flush() and writer.statistics()["written"] == 0
         writer.take_snapshot()
         assert writer.flush()
-        assert writer.statistics().written == 50
+        assert writer.statistics()["written"] == 50
     assert values_of(tmp_path / "bag") == list(range(450, 500))
-
-
-def test_snapshot_needs_its_mode(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag") as writer, pytest.raises(BagError, match="snapshot mode"):
-        writer.take_snapshot()
 
 
 def test_empty_bag_is_a_bag(tmp_path: Path) -> None:
@@ -213,26 +210,17 @@ class FullDisk:
         return written
 
 
-def fail_while_writing(
-    bag: Path, options: WriterOptions, count: int = 3000, batch: int = 50
-) -> tuple[BagWriter, list[BagError]]:
-    errors: list[BagError] = []
-    failed = threading.Event()
-
-    def note(error: BagError) -> None:
-        errors.append(error)
-        failed.set()
-
-    writer = BagWriter(bag, options, on_error=note)
+def fail_while_writing(bag: Path, options: WriterOptions, count: int = 3000, in_chunk: int = 50) -> BagWriter:
+    writer = BagWriter(bag, options)
     writer.add_topic(TOPIC)
     for index in range(count):
         writer.write("/x", cdr(index), START_NS + index, START_NS + index)
-        if index % batch == 0:
+        if index % in_chunk == 0:
             writer.flush()
-    assert failed.wait(10.0)
+    assert not writer.flush() and writer.error is not None
     assert not writer.write("/x", cdr(0.0), START_NS, START_NS)
     writer.close()
-    return writer, errors
+    return writer
 
 
 @pytest.mark.parametrize("room", [700, 5_003, 20_011, 40_000])
@@ -240,30 +228,30 @@ def fail_while_writing(
 def test_full_disk_leaves_a_readable_bag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int, compression: str
 ) -> None:
-    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", FullDisk(room))
+    monkeypatch.setattr("fsw_recorder.bag_file.os.write", FullDisk(room))
     bag = tmp_path / "bag"
-    writer, errors = fail_while_writing(bag, WriterOptions(compression=compression, chunk_bytes=300))
+    writer = fail_while_writing(bag, WriterOptions(compression=compression))
     monkeypatch.undo()
-    assert len(errors) == 1 and "No space left" in str(errors[0]) and str(bag) in str(errors[0])
+    assert "No space left" in str(writer.error) and str(bag) in str(writer.error)
     values = values_of(bag)
     assert values == list(range(len(values)))
     counters = writer.statistics()
-    assert counters.written == len(values)
-    assert counters.received == counters.written + counters.dropped
+    assert counters["written"] == len(values)
+    assert counters["received"] == counters["written"] + counters["dropped"]
 
 
 def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The failed chunk is larger than the summary, so that there is room for the latter."""
     disk = FullDisk(70_000)
-    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", disk)
+    monkeypatch.setattr("fsw_recorder.bag_file.os.write", disk)
     original = os.ftruncate
 
     def truncate(descriptor: int, size: int) -> None:
         disk.room += os.fstat(descriptor).st_size - size
         original(descriptor, size)
 
-    monkeypatch.setattr("fsw_recorder.bag_writer.os.ftruncate", truncate)
-    fail_while_writing(tmp_path / "bag", WriterOptions(chunk_bytes=40_000, chunk_period_s=100.0), 5000, batch=500)
+    monkeypatch.setattr("fsw_recorder.bag_file.os.ftruncate", truncate)
+    fail_while_writing(tmp_path / "bag", WriterOptions(chunk_period=100.0), 5000, in_chunk=500)
     monkeypatch.undo()
     with Reader(tmp_path / "bag") as reader:
         assert reader.message_count == len(list(reader.messages())) > 500
@@ -271,15 +259,14 @@ def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeyp
 
 def test_vanished_folder_is_told(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    errors: list[BagError] = []
-    writer = BagWriter(bag, on_error=errors.append)
+    writer = BagWriter(bag)
     fill(writer, 10)
     assert writer.flush()
     shutil.rmtree(bag)
     writer.write("/x", cdr(10.0), START_NS, START_NS)
     assert not writer.flush()
     writer.close()
-    assert len(errors) == 1 and "moved or deleted" in str(errors[0])
+    assert "moved or deleted" in str(writer.error)
     assert not bag.exists()
 
 
@@ -293,7 +280,7 @@ def test_moved_folder_holds_a_finished_bag(tmp_path: Path) -> None:
     assert not writer.flush()
     writer.close()
     with Reader(tmp_path / "moved") as reader:
-        assert reader.message_count == 11
+        assert reader.message_count == len(list(reader.messages())) >= 10
 
 
 def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,15 +291,15 @@ def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatc
         release.wait(20.0)
         return original(descriptor, data)
 
-    writer = BagWriter(tmp_path / "bag", WriterOptions(max_pending_bytes=1200, chunk_bytes=100))
+    writer = BagWriter(tmp_path / "bag", WriterOptions(max_cache_size=1200))
     writer.add_topic(TOPIC)
-    monkeypatch.setattr("fsw_recorder.bag_writer.os.write", stuck)
+    monkeypatch.setattr("fsw_recorder.bag_file.os.write", stuck)
     taken = [writer.write("/x", cdr(index), START_NS + index, START_NS) for index in range(1000)]
     assert taken[0] and not taken[-1]
     release.set()
     writer.close()
     assert values_of(tmp_path / "bag") == [index for index, ok in enumerate(taken) if ok]
-    assert writer.statistics().dropped == taken.count(False)
+    assert writer.statistics()["dropped"] == taken.count(False)
 
 
 def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> None:
@@ -321,14 +308,13 @@ def test_a_publish_time_that_no_file_can_hold_is_replaced(tmp_path: Path) -> Non
         for publish_ns in (-1, 2**64):
             assert writer.write("/x", cdr(9.0), START_NS + 10**9, publish_ns)
         assert not writer.write("/x", cdr(9.0), -1, START_NS)
-    assert writer.error is None and writer.statistics().dropped == 1
+    assert writer.error is None and writer.statistics()["dropped"] == 1
     with BagReader(tmp_path / "bag") as reader:
         assert [record.publish_time_ns for record in reader.records()][-2:] == [START_NS + 10**9] * 2
 
 
 def test_any_failure_is_told_and_the_bag_is_left_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    errors: list[BagError] = []
-    writer = BagWriter(tmp_path / "bag", on_error=errors.append)
+    writer = BagWriter(tmp_path / "bag")
     fill(writer, 10)
     assert writer.flush()
 
@@ -341,8 +327,8 @@ def test_any_failure_is_told_and_the_bag_is_left_whole(tmp_path: Path, monkeypat
     monkeypatch.undo()
     assert not writer.write("/x", cdr(11.0), START_NS + 10**9, START_NS)
     writer.close()
-    assert len(errors) == 1 and "RuntimeError: nobody expected this" in str(errors[0])
-    assert writer.statistics().written == 10 and writer.statistics().dropped == 2
+    assert "RuntimeError: nobody expected this" in str(writer.error)
+    assert writer.statistics()["written"] == 10 and writer.statistics()["dropped"] == 2
     with Reader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 10
 

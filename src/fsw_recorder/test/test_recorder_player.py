@@ -7,7 +7,7 @@ import pytest
 
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
-from fsw_recorder.player import Player, PlayOptions
+from fsw_recorder.player import Player
 
 S = 1_000_000_000
 
@@ -29,7 +29,7 @@ def played(player: Player, until_ns: int, step_ns: int = 10_000_000, start_ns: i
 @pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
 def test_rate(reader: BagReader, rate: float) -> None:
     info = reader.info()
-    player = Player(reader, PlayOptions(rate=rate), 0)
+    player = Player(reader, 0, rate=rate)
     seen = played(player, round(info.duration_s / rate * S) + 20_000_000)
     assert len(seen) == 177 and player.finished
     for now, log_time in seen:
@@ -38,7 +38,7 @@ def test_rate(reader: BagReader, rate: float) -> None:
 
 
 def test_pause_resume_and_change_of_rate(reader: BagReader) -> None:
-    player = Player(reader, PlayOptions(), 0)
+    player = Player(reader, 0)
     first = played(player, S)
     player.pause(S)
     at = player.bag_time_ns(S)
@@ -51,7 +51,7 @@ def test_pause_resume_and_change_of_rate(reader: BagReader) -> None:
 
 def test_step(reader: BagReader) -> None:
     records = list(reader.records())
-    player = Player(reader, PlayOptions(paused=True), 0)
+    player = Player(reader, 0, paused=True)
     assert [player.step(0) for _ in range(3)] == records[:3]
     assert player.bag_time_ns(5 * S) == records[2].log_time_ns
     player.resume(5 * S)
@@ -63,7 +63,7 @@ def test_step(reader: BagReader) -> None:
 
 def test_seek(reader: BagReader) -> None:
     info = reader.info()
-    player = Player(reader, PlayOptions(), 0)
+    player = Player(reader, 0)
     assert player.seek(info.end_ns - S, 0)
     assert 40 <= len(played(player, 2 * S)) <= 50 and player.finished
     assert player.seek(info.start_ns, 2 * S) and not player.finished
@@ -72,26 +72,26 @@ def test_seek(reader: BagReader) -> None:
 
 
 def test_offset_duration_and_latched(reader: BagReader) -> None:
-    player = Player(reader, PlayOptions(start_offset_s=2.0, duration_s=1.0), 0)
+    player = Player(reader, 0, start_offset_s=2.0, duration_s=1.0)
     assert [record.topic for record in player.latched_before_start()] == ["/demo/latched"]
     assert 38 <= len(played(player, 2 * S)) <= 42
-    assert Player(reader, PlayOptions(), 0).latched_before_start() == []
+    assert Player(reader, 0).latched_before_start() == []
 
 
 def test_loop(reader: BagReader) -> None:
-    player = Player(reader, PlayOptions(loop=True, rate=100.0), 0)
+    player = Player(reader, 0, loop=True, rate=100.0)
     assert len(played(player, S // 2)) >= 3 * 177
     assert not player.finished
 
 
 def test_topics(reader: BagReader) -> None:
-    player = Player(reader, PlayOptions(topics=frozenset(["/demo/depth"]), rate=100.0), 0)
+    player = Player(reader, 0, topics=frozenset(["/demo/depth"]), rate=100.0)
     assert len(played(player, S)) == 44
     with pytest.raises(BagError, match="nothing to play"):
-        Player(reader, PlayOptions(topics=frozenset(["/none"])), 0)
+        Player(reader, 0, topics=frozenset(["/none"]))
 
 
-@pytest.mark.parametrize("options", [PlayOptions(rate=0.0), PlayOptions(rate=-1.0), PlayOptions(start_offset_s=99.0)])
-def test_refusals(reader: BagReader, options: PlayOptions) -> None:
+@pytest.mark.parametrize("options", [{"rate": 0.0}, {"rate": -1.0}, {"start_offset_s": 99.0}])
+def test_refusals(reader: BagReader, options: dict[str, float]) -> None:
     with pytest.raises(BagError, match="outside"):
-        Player(reader, options, 0)
+        Player(reader, 0, **options)  # type: ignore[arg-type]

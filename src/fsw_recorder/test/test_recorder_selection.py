@@ -1,5 +1,6 @@
 """Topic selection, QoS rules, repeated messages, attachments."""
 
+import json
 from datetime import datetime
 from pathlib import Path
 
@@ -10,18 +11,15 @@ from hypothesis import strategies as st
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fsw_recorder import BagError
-from fsw_recorder.qos import (
-    hears,
-    is_latched,
-    is_reliable,
-    profile,
-    qos_text,
-    read_qos,
-    replayed_qos,
-    requested_qos,
-    strongest_first,
+from fsw_recorder.qos import is_latched, is_reliable, missing_requests, profile, qos_text, read_qos, replayed_qos
+from fsw_recorder.recording import (
+    custom_entries,
+    free_sibling,
+    media_type,
+    output_folder,
+    read_attachment,
+    versions_text,
 )
-from fsw_recorder.recording import custom_entries, free_sibling, media_type, output_folder, read_attachment, versions
 from fsw_recorder.topic import TopicSelection
 from fsw_recorder.topic_subscription_ros import Repeats
 
@@ -65,29 +63,27 @@ def test_broken_expression() -> None:
         TopicSelection(regex="(")
 
 
-def test_request_hears_every_publisher() -> None:
-    assert requested_qos([profile()], 1000) == profile(depth=1000)
-    assert not is_reliable(requested_qos([profile(), BEST_EFFORT], 10))
-    assert requested_qos([LATCHED], 10) == profile(latched=True, depth=10)
-    assert not is_latched(requested_qos([LATCHED, profile()], 10))
-    assert requested_qos([profile(latched=True, depth=5000)], 10).depth == 5000
-    assert not is_reliable(requested_qos([], 10))
+@pytest.mark.parametrize(
+    ("offers", "present", "added"),
+    [
+        ([profile()], [], [profile(depth=1000)]),
+        ([BEST_EFFORT, profile()], [], [profile(depth=1000), profile(reliable=False, depth=1000)]),
+        ([profile()], [profile(reliable=False)], []),
+        ([BEST_EFFORT], [profile()], [profile(reliable=False, depth=1000)]),
+        ([LATCHED, profile()], [], [profile(latched=True, depth=1000), profile(depth=1000)]),
+        ([LATCHED], [profile()], []),
+        ([profile(latched=True, depth=5000)], [], [profile(latched=True, depth=5000)]),
+        ([], [], []),
+    ],
+)
+def test_subscriptions_that_are_missing(offers: list[Qos], present: list[Qos], added: list[Qos]) -> None:
+    assert missing_requests(offers, present, 1000) == added
 
 
-@given(profiles, profiles)
-def test_a_request_for_the_weakest_hears_both(first: Qos, second: Qos) -> None:
-    request = requested_qos([first, second], 10)
-    assert hears(request, first) and hears(request, second)
-
-
-def test_who_hears_whom() -> None:
-    reliable, unreliable = profile(), BEST_EFFORT
-    assert hears(unreliable, reliable) and not hears(reliable, unreliable)
-    assert hears(reliable, LATCHED) and not hears(LATCHED, reliable)
-    assert strongest_first([unreliable, LATCHED, reliable]) in (
-        [LATCHED, reliable, unreliable],
-        [LATCHED, unreliable, reliable],
-    )
+@given(st.lists(profiles, max_size=4))
+def test_once_every_publisher_is_heard_nothing_is_missing(offers: list[Qos]) -> None:
+    requests = missing_requests(offers, [], 10)
+    assert missing_requests(offers, requests, 10) == [] and bool(requests) == bool(offers)
 
 
 def test_repeats_are_recognised_as_long_as_they_are_kept() -> None:
@@ -148,7 +144,7 @@ def test_output_folder() -> None:
 
 
 def test_versions_name_python_and_packages() -> None:
-    assert {"python", "mcap", "numpy"} <= set(versions())
+    assert {"python", "mcap", "numpy"} <= set(json.loads(versions_text()))
 
 
 def test_free_sibling(tmp_path: Path) -> None:

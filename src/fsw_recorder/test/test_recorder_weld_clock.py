@@ -8,7 +8,7 @@ import pytest
 
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
-from fsw_recorder.player import Player, PlayOptions
+from fsw_recorder.player import Player
 from fsw_recorder.weld_clock import WeldClockReader, on_weld_clock
 
 BEGIN_NS = 1_700_000_000_000_000_000
@@ -54,7 +54,7 @@ def test_a_part_is_cut_on_the_weld_clock(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
         weld = paced(reader)
         part = [one.log_time_ns for one in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])]
-        player = Player(weld, PlayOptions(start_offset_s=2.0, duration_s=1.0), 0)
+        player = Player(weld, 0, start_offset_s=2.0, duration_s=1.0)
         played = [one.log_time_ns for one in player.take_due(10**12)]
     assert part == stamps[20:30]
     assert played[0] == stamps[20] and played[-1] == stamps[30]
@@ -81,7 +81,7 @@ def test_bag_of_something_else(genuine_bag: Path) -> None:
 def test_stall_is_not_caught_up(tmp_path: Path) -> None:
     stamps = [(tick + 1) * TICK_NS for tick in range(100)]
     with BagReader(write(tmp_path / "bag", stamps)) as reader:
-        player = Player(paced(reader), PlayOptions(topics=frozenset({"/fsw/depth"})), 0)
+        player = Player(paced(reader), 0, topics=frozenset({"/fsw/depth"}))
         assert len(player.take_due(TICK_NS)) == 2
         player.hold_back(20 * TICK_NS)
         assert len(player.take_due(22 * TICK_NS)) == 1

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.interface_text import interface_definition, interface_hash
 from fsw_recorder.qos import profile
@@ -161,19 +161,17 @@ def sample_topics() -> list[RecordedTopic]:
     ]
 
 
-def write_sample_weld(
-    folder: Path, ticks: int, options: WriterOptions | None = None, scenario: bytes = SCENARIO
-) -> int:
-    """Write a made-up weld of ``ticks`` samples to a bag; returns the number of messages."""
+def write_sample_weld(folder: Path, ticks: int, in_chunk: int = 5000, scenario: bytes = SCENARIO) -> int:
+    """Write a made-up weld to a bag, in chunks of ``in_chunk`` messages at most; returns the number of messages."""
     count = 0
-    with BagWriter(folder, options) as writer:
+    with BagWriter(folder) as writer:
         for topic in sample_topics():
             writer.add_topic(topic)
         writer.attach("scenario.yaml", "application/yaml", scenario)
         for topic_name, time_ns, data in sample_messages(ticks):
             writer.write(topic_name, data, time_ns, time_ns - 50_000)
             count += 1
-            if count % 5000 == 0:
+            if count % in_chunk == 0:
                 writer.flush()
     if writer.error is not None:
         raise writer.error

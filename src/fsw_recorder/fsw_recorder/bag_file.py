@@ -1,0 +1,137 @@
+"""One MCAP file of a bag while it is written."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import replace
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import DataEnd, Footer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from fsw_recorder.bag_metadata import FileSummary
+from fsw_recorder.qos import qos_text
+from fsw_recorder.topic import RecordedTopic
+
+COMPRESSIONS = {"": CompressionType.NONE, "zstd": CompressionType.ZSTD}
+#: size at which a chunk is committed before its time
+CHUNK_BYTES = 1024 * 1024
+
+
+class _Committed:
+    """The stream that ``mcap`` writes to: everything reaches the file in one write per `flush`, or not at all.
+
+    When a write fails (disk full, ...) the file is cut back to what was there before, so it never ends inside a record.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self.descriptor = descriptor
+        self.size = 0
+        self.waiting = bytearray()
+
+    def write(self, data: bytes) -> None:
+        self.waiting += data
+
+    def tell(self) -> int:
+        return self.size + len(self.waiting)
+
+    def flush(self) -> None:
+        view = memoryview(bytes(self.waiting))
+        self.waiting.clear()
+        total = len(view)
+        try:
+            while view:
+                view = view[os.write(self.descriptor, view) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self.descriptor, self.size)
+            raise
+        self.size += total
+
+
+class BagFile:
+    """One MCAP file that is being written, in an open folder wherever that is moved.
+
+    `added` tells of all messages, `committed` of those that no failure can take away: any method may raise an OSError.
+    """
+
+    def __init__(self, name: str, folder_descriptor: int, compression: str) -> None:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_APPEND
+        self._descriptor = os.open(name, flags, 0o644, dir_fd=folder_descriptor)
+        self._stream = _Committed(self._descriptor)
+        self._mcap = Writer(
+            self._stream,  # type: ignore[arg-type]  # it calls write, tell and flush
+            chunk_size=CHUNK_BYTES,
+            compression=COMPRESSIONS[compression],
+        )
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self.added, self.committed = FileSummary(name), FileSummary(name)
+        try:
+            self._mcap.start("ros2", "fsw_recorder")
+            self._stream.flush()
+        except OSError:
+            os.close(self._descriptor)
+            raise
+
+    def add_message(
+        self, topic: RecordedTopic, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int
+    ) -> bool:
+        """Add a message; True when there is a chunk to be committed."""
+        channel = self._channels.get(topic.name)
+        if channel is None:
+            channel = self._channels[topic.name] = self._add_channel(topic)
+        self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
+        self.added.note(topic.name, log_time_ns)
+        return bool(self._stream.waiting)
+
+    def _add_channel(self, topic: RecordedTopic) -> int:
+        key = (topic.type_name, topic.definition)
+        if key not in self._schemas:
+            encoding = topic.definition_encoding if topic.definition else ""
+            self._schemas[key] = self._mcap.register_schema(topic.type_name, encoding, topic.definition.encode())
+        metadata = {"offered_qos_profiles": qos_text(topic.qos), "topic_type_hash": topic.type_hash}
+        return int(self._mcap.register_channel(topic.name, topic.encoding, self._schemas[key], metadata))
+
+    def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
+        """Put a file into this one."""
+        self._mcap.add_attachment(time_ns, time_ns, name, media_type, data)
+        self._stream.flush()
+
+    def commit(self) -> None:
+        """Hand all messages to the operating system."""
+        self._mcap.flush()
+        self.added.size_bytes = self._stream.size
+        self.committed = replace(self.added, counts=self.added.counts.copy())
+
+    def sync(self) -> None:
+        """Force what is committed to the disk."""
+        os.fdatasync(self._descriptor)
+
+    def is_at(self, path: str | os.PathLike[str]) -> bool:
+        """Whether a path leads to this file."""
+        try:
+            return os.path.samestat(os.stat(path), os.fstat(self._descriptor))
+        except OSError:
+            return False
+
+    def finish(self, metadata: str) -> None:
+        """Write the file's index, with the metadata of the bag so far, and close it; everything must be committed."""
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata})
+        self._mcap.finish()
+        self._stream.flush()
+        os.fsync(self._descriptor)
+        self.committed.size_bytes = self._stream.size
+        os.close(self._descriptor)
+
+    def close_off(self) -> None:
+        """End the file behind what is committed, without an index, so that every reader takes it for whole."""
+        builder = RecordBuilder()
+        DataEnd(0).write(builder)
+        Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
+        self._stream.waiting[:] = builder.end() + MCAP0_MAGIC
+        try:
+            self._stream.flush()
+        finally:
+            os.close(self._descriptor)

@@ -1,0 +1,99 @@
+"""Finds the records of an MCAP file or chunk, also behind damage.
+
+The libraries cannot do that: ``mcap`` and ``rosbags`` give up at the first damaged record, and ``mcap`` takes ten times
+as long for a weld. So the frames of the records (one byte of type, eight of length) are walked here; what is inside a
+frame is left to ``mcap``. Where a frame's neighbour makes no sense, the next place is searched from which frames follow
+each other again, so that damage costs only the records it hits. Layout of the records: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from collections.abc import Callable, Iterator
+
+from mcap.opcode import Opcode
+
+Buffer = bytes | mmap.mmap
+
+#: largest chunk that is read, on the disk and in memory
+MAX_CHUNK_BYTES = 256 * 1024 * 1024
+_FRAME = struct.Struct("<BQ")
+HEAD_BYTES = _FRAME.size
+#: chunk up to its compression: first and last log time, size and checksum of its content
+CHUNK_HEAD = struct.Struct("<QQQI")
+#: least length of every type of record, with all texts empty
+_LEAST = {1: 8, 2: 20, 3: 14, 4: 16, 5: 22, 6: 40, 7: 6, 8: 64, 9: 36, 10: 48, 11: 46, 12: 8, 13: 20, 14: 17, 15: 4}
+_NEVER = 2**64
+#: a frame of the data section with a length that is possible
+_CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)
+#: consecutive frames that a place behind damage needs to count as good
+_CHAIN = 3
+
+
+def frames(data: Buffer, at: int, stop: int, damaged: Callable[[int, int], None]) -> Iterator[tuple[int, int, int]]:
+    """Records between two offsets: type, begin and end of the body; the last may end behind ``stop`` (cut off).
+
+    ``damaged`` is called with begin and end of what is passed over.
+    """
+    unpack = _FRAME.unpack_from
+    while at + HEAD_BYTES <= stop:
+        opcode, length = unpack(data, at)
+        end = at + HEAD_BYTES + length
+        possible = _LEAST.get(opcode, _NEVER) <= length
+        if possible and end <= stop and (end + HEAD_BYTES > stop or _is_frame(data, end, stop)):
+            yield opcode, at + HEAD_BYTES, end
+            at = end
+            continue
+        # The length of this frame, or the head of the next one, is damaged; or the file is cut off inside this frame.
+        trusted = possible and opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end
+        further = _next_frame(data, end if trusted else at + 1, stop)
+        if possible and (trusted or further is None or further >= end):
+            yield opcode, at + HEAD_BYTES, end
+            at = end
+        if further is None:
+            further = stop
+        if further > at:
+            damaged(at, further)
+            at = further
+
+
+def chunk_data(data: Buffer, begin: int) -> tuple[str, int, int]:
+    """Compression of a chunk, begin and end of its compressed data; ``begin`` is that of its record's body."""
+    name = begin + CHUNK_HEAD.size + 4
+    name_end = name + int.from_bytes(data[name - 4 : name], "little")
+    data_begin = name_end + 8
+    compression = bytes(data[name : min(name_end, name + 20)]).decode("ascii", "replace")
+    return compression, data_begin, data_begin + int.from_bytes(data[name_end:data_begin], "little")
+
+
+def _is_frame(data: Buffer, at: int, stop: int) -> bool:
+    """Whether a frame begins here; its length must make sense, for a damaged one before it may end anywhere."""
+    opcode, length = _FRAME.unpack_from(data, at)
+    if _LEAST.get(opcode, _NEVER) > length:
+        return False
+    end = at + HEAD_BYTES + length
+    if end <= stop or (opcode == Opcode.CHUNK and chunk_data(data, at + HEAD_BYTES)[2] == end):
+        return True
+    return _next_frame(data, at + 1, stop) is None  # cut off
+
+
+def _next_frame(data: Buffer, at: int, stop: int) -> int | None:
+    """First offset from ``at`` on where several frames follow each other; None if there is none."""
+    places = (match.start() for match in _CANDIDATE.finditer(data, min(at, stop), stop))
+    return next((place for place in places if _is_chain(data, place, stop)), None)
+
+
+def _is_chain(data: Buffer, at: int, stop: int) -> bool:
+    """Whether enough frames follow each other from ``at`` on, up to the very end if that is near."""
+    for link in range(_CHAIN):
+        if at + HEAD_BYTES > stop:
+            return at == stop or link > 1
+        opcode, length = _FRAME.unpack_from(data, at)
+        if not _LEAST.get(opcode, _NEVER) <= length <= MAX_CHUNK_BYTES:
+            return False
+        at += HEAD_BYTES + length
+        if at > stop:
+            return link > 1
+    return True

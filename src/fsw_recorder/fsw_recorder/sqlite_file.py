@@ -1,0 +1,75 @@
+"""Reads one sqlite3 file of a bag with ``rosbags``, up to its first damaged page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.records import Attachment
+from rosbags.rosbag2 import Reader
+
+from fsw_recorder.bag_record import BagRecord
+from fsw_recorder.errors import BagError
+from fsw_recorder.topic import RecordedTopic
+
+#: numbers of sqlite3 are signed
+_MOST = 2**63 - 1
+
+
+class SqliteFile:
+    """One sqlite3 file of a bag, with the methods, attributes and errors of `McapFile`."""
+
+    storage = "sqlite3"
+
+    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None]) -> None:
+        self.attachments: list[Attachment] = []
+        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
+        self.fraction = 0.0
+        if not path.stat().st_size:
+            raise BagError(f"{name}: the file is empty")
+        try:
+            self._reader: Any = Reader(path)
+            self._reader.open()
+            self._connections = list(self._reader.connections)
+            if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
+                raise ValueError("its table of topics holds something else")
+        except Exception as error:  # rosbags and apsw raise many kinds on damaged files
+            raise BagError(f"{name}: not a sqlite3 bag, or damaged: {error}") from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    def topics(self) -> list[RecordedTopic]:
+        """All topics."""
+        return [
+            RecordedTopic(
+                one.topic,
+                one.msgtype,
+                one.msgdef.data or "",
+                one.digest,
+                tuple(one.ext.offered_qos_profiles),
+                one.ext.serialization_format,
+                "ros2msg" if one.msgdef.data and one.msgdef.format.name == "MSG" else "",
+            )
+            for one in self._connections
+        ]
+
+    def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
+        """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time."""
+        wanted = [one for one in self._connections if topics is None or one.topic in topics]
+        if not wanted:
+            return
+        total = max(int(self._reader.message_count), 1)
+        count = 0
+        try:
+            for connection, time_ns, data in self._reader.messages(wanted, min(start_ns, _MOST), min(stop_ns, _MOST)):
+                count += 1
+                self.fraction = min(count / total, 1.0)
+                if isinstance(time_ns, int) and 0 <= time_ns <= _MOST and isinstance(data, bytes):
+                    yield BagRecord(connection.topic, connection.msgtype, time_ns, time_ns, data, 0)
+                else:
+                    self._add_problem("damaged: rows that are no messages are left out")
+        except Exception as error:  # apsw raises many kinds on damaged pages
+            self._add_problem(f"damaged after {count} messages: {error}")
