@@ -99,7 +99,7 @@ class World:
 
         def claim(member):
             if member.duty.on_claim(token, answered_ns):
-                member.arbiter.follow_wish(target, mode, {})
+                member.arbiter.follow_operator(target, mode, {})
 
         if teller.duty.role is Role.ACTIVE:
             self.later(None, claim)
@@ -316,6 +316,15 @@ def test_wild_commands_do_not_move_the_standby(world):
     b.duty.on_command("1.a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
     b.duty.on_command("", world.stamp_ns, "x", Command(61.0, 310.0))
     assert b.arbiter.applied == before
+
+
+def test_a_wild_command_of_a_later_term_does_not_move_the_leader(world):
+    a = world.members[0]
+    before = a.arbiter.applied
+    a.duty.on_command("9.z", world.stamp_ns, "decentral", Command(float("nan"), 400.0))
+    assert (a.arbiter.applied, a.duty.role) == (before, Role.ACTIVE)
+    world.tick(5)
+    assert (world.active, world.lost(5)) == (["a"], 0)
 
 
 def test_a_command_without_a_measurement_keeps_nobody_from_duty():
