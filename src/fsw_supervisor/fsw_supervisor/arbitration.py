@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from fsw_control.contract import SENSORS, Command
 from fsw_supervisor.command_watch import BumplessStart, CommandWatch
 from fsw_supervisor.controller_registry import ControllerRegistry
@@ -14,52 +16,28 @@ from fsw_supervisor.tick import Decision, ProposalInput, Tick, check, same
 _LOCKSTEP_GRACE_S = 0.1
 
 
+@dataclass(slots=True)
 class Arbitration:
-    """Decides the present tick as soon as it can be decided; what begins and ends ticks is the arbiter's.
+    """Decides the present tick as soon as it can be decided; the arbiter begins and ends ticks.
 
-    Parameters
-    ----------
-    machine : Machine
-        Mode, active controller, target, settings.
-    registry : ControllerRegistry
-        Who may be selected.
-    safety : SafetyMonitor
-        Judges sensors and process.
-    requests : OperatorRequests
-        Hear of failures.
-    watch : CommandWatch
-        Knows of foreign commands.
-    start : BumplessStart
-        Knows the command in force.
-    lockstep : bool
-        Whether the plant waits for the command, so that the wall clock only guards.
+    In lockstep the plant waits for the command, so that the wall clock only guards.
     """
 
-    def __init__(
-        self,
-        machine: Machine,
-        registry: ControllerRegistry,
-        safety: SafetyMonitor,
-        requests: OperatorRequests,
-        watch: CommandWatch,
-        start: BumplessStart,
-        lockstep: bool,
-    ) -> None:
-        self._machine = machine
-        self._registry = registry
-        self._safety = safety
-        self._requests = requests
-        self._watch = watch
-        self._start = start
-        self._lockstep = lockstep
-        self._now_s = 0.0
-        self._excused_tick = -10
+    machine: Machine
+    registry: ControllerRegistry
+    safety: SafetyMonitor
+    requests: OperatorRequests
+    watch: CommandWatch
+    start: BumplessStart
+    lockstep: bool
+    _now_s: float = 0.0
+    _excused_tick: int = -10
 
     @property
     def grace_s(self) -> float:
         """How long a decision waits for the rest of the tick's sensors."""
-        grace_s = self._machine.settings.sensor_grace_s
-        return max(grace_s, _LOCKSTEP_GRACE_S) if self._lockstep else grace_s
+        grace_s = self.machine.settings.sensor_grace_s
+        return max(grace_s, _LOCKSTEP_GRACE_S) if self.lockstep else grace_s
 
     def decide(self, tick: Tick, now_s: float, final: bool) -> None:
         """Decide a tick if that can be done now; ``final``: with what is there, as after the deadline."""
@@ -68,43 +46,43 @@ class Arbitration:
         if not final and not self._inputs_complete(tick):
             return
         if not tick.judged:
-            self._safety.judge(tick, self._start.acting(tick))
-            if not self._watch.seen_lately(now_s):
-                self._start.learn_offset(tick, self._machine.settings.limits)
+            self.safety.judge(tick, self.start.acting(tick))
+            if not self.watch.seen_lately(now_s):
+                self.start.learn_offset(tick, self.machine.settings.limits)
         if tick.answered:
             tick.decide()
             return
-        if self._start.applied is None and not self._find_applied(tick, final):
+        if self.start.applied is None and not self._find_applied(tick, final):
             if final:
-                self._machine.explain("starting: what is applied is not known yet")
+                self.machine.explain("starting: what is applied is not known yet")
                 tick.decide()
             return
-        if self._machine.mode is Mode.START:
+        if self.machine.mode is Mode.START:
             self._decide_start(tick, final)
-        if self._machine.mode is Mode.AUTO and not tick.decided:
+        if self.machine.mode is Mode.AUTO and not tick.decided:
             self._decide_auto(tick, final)
-        if self._machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.decided:
+        if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.decided:
             self._decide_alone(tick)
 
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all is here that the decision shall not depend on the timing of."""
-        mode, active = self._machine.mode, self._machine.active
+        mode, active = self.machine.mode, self.machine.active
         missing = () if tick.judged else tuple(name for name in SENSORS if name not in tick.samples)
         if missing:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self.grace_s
-            lost = all(self._safety.sensor_reasons[name] == "missing" for name in missing)
+            lost = all(self.safety.sensor_reasons[name] == "missing" for name in missing)
             # What is known to be lost is not waited for once the proposal is there; it may still come back. Before
             # that nothing can be decided, and a sample that is only late on a busy machine is not missing.
             if (in_grace and not (lost and proposed)) or (mode is Mode.AUTO and not proposed):
                 return False
             if mode is Mode.START and self._starting_with not in tick.candidates:
                 return False
-        if not self._lockstep or self._now_s >= tick.started_s + self._machine.settings.lockstep_shadow_wait_s:
+        if not self.lockstep or self._now_s >= tick.started_s + self.machine.settings.lockstep_shadow_wait_s:
             return True
         return not any(
             record.silent_ticks == 0 and record.last_stamp_ns >= 0 and record.name not in tick.candidates
-            for record in self._registry
+            for record in self.registry
             if record.name != active
         )
 
@@ -112,7 +90,7 @@ class Arbitration:
 
     def _find_applied(self, tick: Tick, final: bool) -> bool:
         """Find out what is applied at present, so that the first command is no bump; False: not known yet."""
-        machine, start = self._machine, self._start
+        machine, start = self.machine, self.start
         candidate = tick.candidates.get(machine.target)
         if tick.drives is not None:
             found, origin = start.commanded(tick.drives), "the drives' feedback"
@@ -122,31 +100,33 @@ class Arbitration:
             found, origin = start.seen, "the last command seen"
         elif candidate is not None and not candidate.refusal:
             found, origin = candidate.command, f"the proposal of {machine.target}"
-        elif machine.mode is Mode.MANUAL and self._requests.manual is not None:
-            found, origin = self._requests.manual, "the operator's values"
+        elif machine.mode is Mode.MANUAL and self.requests.manual is not None:
+            found, origin = self.requests.manual, "the operator's values"
         else:
             return False
         self._begin_from(tick, found, origin)
         return True
 
     def _begin_from(self, tick: Tick, found: Command, origin: str) -> Command:
-        applied = self._start.applied = tick.before = self._machine.settings.limits.clip(found, None)
+        applied = self.start.applied = tick.before = self.machine.settings.limits.clip(found, None)
         text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
-        self._machine.log(Level.INFO, "start", text)
+        self.machine.log(Level.INFO, "start", text)
         return applied
 
     def _informed(self) -> bool:
-        return self._start.informed(self._now_s, self._machine.settings.takeover_wait_s)
+        """Whether the controllers have had the time to tell who of them was selected."""
+        ends_s = self.start.listening_ends_s(self.machine.settings.takeover_wait_s)
+        return ends_s is None or self._now_s >= ends_s
 
     @property
     def _starting_with(self) -> str:
         """Who was active before, else who is configured."""
-        return self._start.was_active or self._machine.target
+        return self.start.was_active or self.machine.target
 
     def _decide_start(self, tick: Tick, final: bool) -> None:
         """Begin with the controller that was active before, else with the configured one."""
-        machine, start, name = self._machine, self._start, self._starting_with
-        informed = self._informed() or (final and self._registry.all_told())
+        machine, start, name = self.machine, self.start, self._starting_with
+        informed = self._informed() or (final and self.registry.all_told())
         if not final and (name not in tick.candidates or not informed):
             return
         if not informed:
@@ -155,10 +135,10 @@ class Arbitration:
             start.applied = None
             return
         self._believe_who_was_active(tick)
-        candidate, record = tick.candidates.get(name), self._registry.get(name)
+        candidate, record = tick.candidates.get(name), self.registry.get(name)
         why_not = "no proposal yet" if candidate is None else candidate.refusal
         if not why_not and record is not None:
-            why_not = record.blind_to(self._safety.invalid_sensors)
+            why_not = record.blind_to(self.safety.invalid_sensors)
         if not why_not:
             reason = f"{name} was active before" if start.was_active else f"{name} is configured to start with"
             machine.want(name)
@@ -184,12 +164,12 @@ class Arbitration:
         Who was active proposes at most one move away from the command in force. The plant by itself only lowers the
         force and keeps the speed; so where the drives report another speed or more force, something else pushes.
         """
-        start, applied = self._start, self._start.applied
+        start, applied = self.start, self.start.applied
         name = start.was_active
         candidate = tick.candidates.get(name)
         if not start.asking or candidate is None or not candidate.jump or applied is None:
             return
-        limits, proposed, force_kn = self._machine.settings.limits, candidate.command, applied.force_kn
+        limits, proposed, force_kn = self.machine.settings.limits, candidate.command, applied.force_kn
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
         applied = self._begin_from(tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}")
@@ -197,11 +177,11 @@ class Arbitration:
 
     def _patient_substitute(self) -> str:
         """Fallback that has proposed well for so long that the configured controller need not be waited for."""
-        settings = self._machine.settings
+        settings = self.machine.settings
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
-            record = self._registry.get(name)
-            if record is not None and record.consecutive_good > patience and not self._registry.why_not_ready(name):
+            record = self.registry.get(name)
+            if record is not None and record.consecutive_good > patience and not self.registry.why_not_ready(name):
                 return name
         return ""
 
@@ -209,20 +189,25 @@ class Arbitration:
 
     def _decide_auto(self, tick: Tick, final: bool) -> None:
         """Apply the active controller's proposal, or the first fallback's in the same tick."""
-        machine = self._machine
-        name = machine.active
-        candidate, record = tick.candidates.get(name), self._registry.get(name)
+        if not tick.failure:
+            self._apply_active(tick, final)
         if tick.failure:
-            pass
-        elif record is None:
+            self._fall_back(tick, final)
+
+    def _apply_active(self, tick: Tick, final: bool) -> None:
+        """Apply the active controller's proposal, hold where it is not to blame, or note its failure."""
+        machine = self.machine
+        name = machine.active
+        candidate, record = tick.candidates.get(name), self.registry.get(name)
+        if record is None:
             self._fail(tick, "it is unknown", inhibit=False)
         elif record.conflicts >= machine.settings.duplicate_ticks:
             self._fail(tick, "two controllers of this name propose", inhibit=True)
-        elif blind := record.blind_to(self._safety.invalid_sensors):
+        elif blind := record.blind_to(self.safety.invalid_sensors):
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
             self._follow(tick, candidate.command)
-        elif candidate is not None and candidate.jump and machine.tick - self._watch.foreign_tick <= 1:
+        elif candidate is not None and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
             # Controllers follow the command topic: the foreign command has misled them, for one tick.
             self._hold(tick, f"a foreign command has misled {name}")
         elif candidate is not None:
@@ -231,36 +216,34 @@ class Arbitration:
             self._hold(tick, excuse, excuse)
         elif final:
             self._fail(tick, "no proposal at the deadline", inhibit=True)
-        if tick.failure:
-            self._fall_back(tick, final)
 
     def _cut_short(self, tick: Tick) -> str:
         """Why a measurement that has come in part may not have reached the controllers; never two ticks in a row."""
-        if not tick.absent or self._machine.tick - self._excused_tick <= 1:
+        if not tick.absent or self.machine.tick - self._excused_tick <= 1:
             return ""
-        self._excused_tick = self._machine.tick
+        self._excused_tick = self.machine.tick
         return f"the measurement has come without {', '.join(tick.absent)}"
 
     def _fail(self, tick: Tick, reason: str, inhibit: bool) -> None:
-        name = self._machine.active
+        name = self.machine.active
         tick.failure = f"{name} failed: {reason}"
-        record = self._registry.get(name)
+        record = self.registry.get(name)
         if record is not None and inhibit:
             record.inhibit(reason)
-        self._machine.log(Level.ERROR, "failover", tick.failure)
-        self._requests.failed(name, tick.failure)
+        self.machine.log(Level.ERROR, "failover", tick.failure)
+        self.requests.failed(name, tick.failure)
 
     def _fall_back(self, tick: Tick, final: bool) -> None:
-        machine, settings = self._machine, self._machine.settings
+        machine, settings = self.machine, self.machine.settings
         if machine.storming():
             reason = f"too many swaps in {settings.storm_window_s:g} s; {tick.failure}"
             machine.fire(Trigger.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
-            if name == machine.active or self._registry.why_not_ready(name):
+            if name == machine.active or self.registry.why_not_ready(name):
                 continue
             candidate = tick.candidates.get(name)
-            if candidate is None and self._lockstep and final and not (tick.extended or tick.stalled):
+            if candidate is None and self.lockstep and final and not (tick.extended or tick.stalled):
                 # The plant waits: a slow fallback is given the time that the active controller had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s
@@ -275,7 +258,7 @@ class Arbitration:
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal; just after a swap within the transition limits."""
-        machine, settings, applied = self._machine, self._machine.settings, self._start.applied
+        machine, settings, applied = self.machine, self.machine.settings, self.start.applied
         assert applied is not None
         command, reason = proposed, ""
         if machine.slewing:
@@ -291,11 +274,11 @@ class Arbitration:
 
     def _decide_alone(self, tick: Tick) -> None:
         """Manual, hold and safe stop need no controller."""
-        machine, settings, applied = self._machine, self._machine.settings, self._start.applied
+        machine, settings, applied = self.machine, self.machine.settings, self.start.applied
         assert applied is not None
         wanted = applied
-        if machine.mode is Mode.MANUAL and self._requests.manual is not None:
-            wanted = self._requests.manual
+        if machine.mode is Mode.MANUAL and self.requests.manual is not None:
+            wanted = self.requests.manual
         elif machine.mode is Mode.SAFE_STOP:
             step_kn = settings.safe_rate_kn_per_s * settings.tick_period_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
@@ -303,13 +286,13 @@ class Arbitration:
         self._commit(tick, wanted, str(machine.mode), machine.reason)
 
     def _hold(self, tick: Tick, reason: str, excuse: str = "") -> None:
-        assert self._start.applied is not None
-        self._commit(tick, self._start.applied, "hold", reason, excuse)
+        assert self.start.applied is not None
+        self._commit(tick, self.start.applied, "hold", reason, excuse)
 
     def _commit(self, tick: Tick, wanted: Command, source: str, reason: str, excuse: str = "") -> None:
         """Make the tick's one command, in limits and in rate whoever wants it."""
         latency_s = max(0.0, self._now_s - tick.started_s)
-        command = self._machine.settings.limits.clip(wanted, self._start.applied)
+        command = self.machine.settings.limits.clip(wanted, self.start.applied)
         tick.decide(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
 
 

@@ -15,19 +15,11 @@ _DRIVES_HOLD_NS = 3 * NANOSECONDS // 10
 
 
 class CommandWatch:
-    """Tells the commands sent here from those of other writers.
-
-    Attributes
-    ----------
-    foreign_commands : int
-        Commands of other writers seen.
-    foreign_tick : int
-        Number of the tick in which the last of them came.
-    """
+    """Tells the commands sent here from those of other writers."""
 
     def __init__(self) -> None:
-        self.foreign_commands = 0
-        self.foreign_tick = -10
+        self.foreign_commands = 0  #: of other writers, seen since the start
+        self.foreign_tick = -10  #: number of the tick in which the last of them came
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_s: float | None = None
 
@@ -58,24 +50,15 @@ class CommandWatch:
 class BumplessStart:
     """The command in force, and after a start or a gap all that helps to find it out.
 
-    Attributes
-    ----------
-    applied : Command or None
-        Command in force; None until it is known.
-    asking : bool
-        Until the first command nobody can have seen one of this supervisor: a controller that says it is selected
-        means the one before it.
-    was_active : str
-        Controller that was active before; empty when unknown.
-    seen : Command or None
-        Last command known from before.
+    Until the first command (``asking``) nobody can have seen one of this supervisor: a controller that says it is
+    selected means the supervisor before.
     """
 
     def __init__(self) -> None:
-        self.applied: Command | None = None
+        self.applied: Command | None = None  #: command in force; None until it is known
         self.asking = True
-        self.was_active = ""
-        self.seen: Command | None = None
+        self.was_active = ""  #: controller that was active before; empty when unknown
+        self.seen: Command | None = None  #: last command known from before
         self._started_s: float | None = None
         self._drives: tuple[int, Command] | None = None
         self._offset = Command(0.0, 0.0)
@@ -116,12 +99,8 @@ class BumplessStart:
         return self._drives[1] if self._drives is not None and self._drives[0] == stamp_ns else None
 
     def listening_ends_s(self, wait_s: float) -> float | None:
-        """Steady time at which the controllers have had time to tell who was selected; None: it does not matter."""
+        """Steady time at which the controllers have had the time to tell who was selected; None: no matter any more."""
         return self._started_s + wait_s if self.asking and self._started_s is not None else None
-
-    def informed(self, now_s: float, wait_s: float) -> bool:
-        """Whether the controllers have had the time to tell who of them was selected."""
-        return not self.asking or (self._started_s is not None and now_s - self._started_s >= wait_s)
 
     def learn_offset(self, tick: Tick, limits: Limits) -> None:
         """Learn what pushes besides the command; up to one move it may as well be a command on its way."""

@@ -62,16 +62,8 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that a babbling graph cannot fill the memory.
-
-    Parameters
-    ----------
-    machine : Machine
-        For the settings and the log.
-    safety : SafetyMonitor
-        Knows which sensors may be used.
-    lockstep : bool
-        Whether the wall clock means nothing: then a shadow controller may lag behind without blame.
+    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock means nothing, a
+    shadow controller may lag behind without blame.
     """
 
     def __init__(self, machine: Machine, safety: SafetyMonitor, lockstep: bool) -> None:

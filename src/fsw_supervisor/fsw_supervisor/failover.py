@@ -40,31 +40,19 @@ class Failover:
     Parameters
     ----------
     arbiter : Arbiter
-        Whose decisions.
     identity : str
         Differs from that of every other supervisor.
     standby : bool
         Begin as standby; otherwise lead unless another one does.
     now_s : float
         Steady time.
-
-    Attributes
-    ----------
-    role : Role
-        What this supervisor is at present.
-    unanswered : int
-        Ticks in a row that nobody has answered, as seen on standby.
-    asserting : bool
-        Another one claims to lead and has to hear that this one does; cleared by who tells it.
-    rival_writer : bool
-        Somebody publishes commands who has not been heard yet; set by who sees the graph.
     """
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
-        self.unanswered = 0
-        self.asserting = False
-        self.rival_writer = False
+        self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
+        self.asserting = False  #: another one that leads, too, has to hear of this one; cleared by who tells it
+        self.rival_writer = False  #: somebody publishes commands who was not heard yet; set by who sees the graph
         self._arbiter = arbiter
         self._identity = identity
         self._term = self._heard_term = 0
@@ -143,14 +131,9 @@ class Failover:
             self._follow(stamp_ns, source, command)
 
     def on_claim(self, token: str, answered_ns: int) -> bool:
-        """Take the word of a supervisor that it leads; returns whether its state has to be followed.
+        """Take the word of a supervisor that it leads and has answered the tick ``answered_ns`` (0: none) last.
 
-        Parameters
-        ----------
-        token : str
-            Whose.
-        answered_ns : int
-            Stamp of the last tick that it has answered; 0: none.
+        Returns whether its state has to be followed.
         """
         term, identity = _parsed(token)
         if identity in (self._identity, ""):

@@ -36,34 +36,17 @@ class SwitchRequest:
             self.on_done()
 
 
+@dataclass(slots=True)
 class OperatorRequests:
-    """Takes requests, says why not, and serves them between two ticks.
+    """Takes requests, says why not, and serves them between two ticks; in lockstep time-outs count in ticks."""
 
-    Parameters
-    ----------
-    machine : Machine
-        Whose mode and controller are asked for.
-    registry : ControllerRegistry
-        Who is ready.
-    safety : SafetyMonitor
-        Auto is refused while an interlock is tripped.
-    lockstep : bool
-        Whether time-outs count in ticks.
-
-    Attributes
-    ----------
-    manual : Command or None
-        The values of the manual mode.
-    """
-
-    def __init__(self, machine: Machine, registry: ControllerRegistry, safety: SafetyMonitor, lockstep: bool) -> None:
-        self.manual: Command | None = None
-        self._machine = machine
-        self._registry = registry
-        self._safety = safety
-        self._lockstep = lockstep
-        self._pending: SwitchRequest | None = None
-        self._swapped_tick: int | None = None
+    machine: Machine
+    registry: ControllerRegistry
+    safety: SafetyMonitor
+    lockstep: bool
+    manual: Command | None = None  #: the values of the manual mode
+    _pending: SwitchRequest | None = None
+    _swapped_tick: int | None = None
 
     @property
     def waiting(self) -> bool:
@@ -73,25 +56,15 @@ class OperatorRequests:
     def ask_switch(self, name: str, strict: bool, timeout_s: float, who: str, now_s: float) -> SwitchRequest:
         """Ask for a controller; the answer is in the request returned, at once or later.
 
-        Parameters
-        ----------
-        name : str
-            The controller wanted.
-        strict : bool
-            Refuse unless it is ready now; otherwise wait up to ``timeout_s``.
-        timeout_s : float
-            0: answer at once.
-        who : str
-            Who asks, for the log.
-        now_s : float
-            Steady time.
+        A ``strict`` request is refused unless the controller is ready now; otherwise it is waited for up to
+        ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` asks, for the log.
         """
-        machine = self._machine
+        machine = self.machine
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
         last_tick = machine.tick + machine.settings.ticks(timeout_s)
         request = SwitchRequest(name, strict, now_s + timeout_s, last_tick, who)
-        if self._registry.get(name) is None:
-            known = ", ".join(record.name for record in self._registry) or "none"
+        if self.registry.get(name) is None:
+            known = ", ".join(record.name for record in self.registry) or "none"
             return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
         self.drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
@@ -113,11 +86,11 @@ class OperatorRequests:
         """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns whether, and why in words."""
         ok, message = self._ask_mode(mode, manual, who)
         if not ok:
-            self._machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
+            self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
         return ok, message
 
     def _ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        machine, controller = self._machine, ""
+        machine, controller = self.machine, ""
         if mode not in OPERATOR_TRIGGERS:
             return False, f"refused: unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
         wanted = Mode(mode)
@@ -128,12 +101,12 @@ class OperatorRequests:
                 return False, f"refused: {refused.words}"
             self.manual = manual
         if wanted is Mode.AUTO:
-            if self._safety.tripped:
-                return False, f"refused: interlock {', '.join(self._safety.tripped)} is tripped"
-            self._registry.readmit_all(who)
-            controller = machine.active or self._registry.first_ready()
+            if self.safety.tripped:
+                return False, f"refused: interlock {', '.join(self.safety.tripped)} is tripped"
+            self.registry.readmit_all(who)
+            controller = machine.active or self.registry.first_ready()
             if not controller:
-                return False, f"refused: {self._registry.why_not_ready(machine.target)}"
+                return False, f"refused: {self.registry.why_not_ready(machine.target)}"
         machine.want(mode=wanted)
         if wanted is machine.mode:
             return True, f"{wanted} already"
@@ -145,7 +118,7 @@ class OperatorRequests:
     def serve(self, now_s: float) -> None:
         """Make the swap that is asked for, if it can be made; to be called between two ticks."""
         self.expire(now_s)
-        request, machine = self._pending, self._machine
+        request, machine = self._pending, self.machine
         if request is None:
             return
         if machine.mode is not Mode.AUTO:
@@ -163,8 +136,8 @@ class OperatorRequests:
         request = self._pending
         if request is None or request.done:
             return
-        guard_s = self._machine.settings.lockstep_deadline_s if self._lockstep else 0.0
-        late = self._lockstep and self._machine.tick > request.last_tick
+        guard_s = self.machine.settings.lockstep_deadline_s if self.lockstep else 0.0
+        late = self.lockstep and self.machine.tick > request.last_tick
         if late or now_s > request.expires_s + guard_s:
             self.drop(f"timed out: {self._why_not(request.name) or 'no measurement came to swap at'}")
 
@@ -185,13 +158,13 @@ class OperatorRequests:
         request, self._pending = self._pending, None
         if request is None:
             return
-        if self._machine.target == request.name and self._machine.active:
-            self._machine.want(self._machine.active)
+        if self.machine.target == request.name and self.machine.active:
+            self.machine.want(self.machine.active)
         self._answer(request, False, message)
 
     def _why_not(self, name: str) -> str:
         """Why a swap to ``name`` cannot be made now; empty when it can."""
-        machine, why_not = self._machine, self._registry.why_not_ready(name)
+        machine, why_not = self.machine, self.registry.why_not_ready(name)
         if why_not or machine.mode is not Mode.AUTO or name == machine.active or self._swapped_tick is None:
             return why_not
         elapsed = machine.tick - self._swapped_tick
@@ -201,6 +174,6 @@ class OperatorRequests:
     def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:
         if not request.done or not ok:
             level = Level.INFO if ok else Level.WARN
-            self._machine.log(level, request.who, f"switch to {request.name[:40]}: {message}")
+            self.machine.log(level, request.who, f"switch to {request.name[:40]}: {message}")
         request.answer(ok, message)
         return request

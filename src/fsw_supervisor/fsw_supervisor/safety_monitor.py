@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite
+from math import isfinite, nan
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
+from fsw_control.parameters import defaults, load
 from fsw_control.units import kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.state_machine import Level, Machine, Trigger
@@ -23,8 +24,16 @@ class Severity(StrEnum):
     TRIP = "trip"
 
 
-_KEYS = ("warn", "trip", "hysteresis")
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
+#: by interlock, the value that it watches
+_QUANTITIES = {
+    "temperature_low": "temperature_c",
+    "temperature_high": "temperature_c",
+    "depth_high": "depth_mm",
+    "force_high": "force_kn",
+    "torque_high": "torque_nm",
+    "power_high": "power_kw",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +59,6 @@ class Interlock:
     hysteresis: float
 
     def __post_init__(self) -> None:
-        if not all(map(isfinite, (self.warn, self.trip, self.hysteresis))) or self.hysteresis < 0.0:
-            raise ValueError(
-                f"interlock {self.name}: warn, trip and hysteresis must be finite, hysteresis not negative"
-            )
         if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):
             raise ValueError(f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}")
 
@@ -68,49 +73,24 @@ class Interlock:
         return Severity.OK
 
 
-#: The defaults of the parameters ``interlocks.*``, where their sources are named.
-DEFAULT_INTERLOCKS = (
-    Interlock("temperature_low", "temperature_c", 800.0, 790.0, 2.0),
-    Interlock("temperature_high", "temperature_c", 900.0, 910.0, 2.0),
-    Interlock("depth_high", "depth_mm", 3.4, 3.7, 0.02),
-    Interlock("force_high", "force_kn", 95.5, 97.0, 0.5),
-    Interlock("torque_high", "torque_nm", 1400.0, 1600.0, 20.0),
-    Interlock("power_high", "power_kw", 60.0, 66.0, 1.0),
-)
-
-
 def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
     """Table of the interlocks from the parameters; ValueError when they contradict each other."""
     return tuple(
-        Interlock(item.name, item.quantity, *(values[f"interlocks.{item.name}.{key}"] for key in _KEYS))
-        for item in DEFAULT_INTERLOCKS
+        Interlock(name, quantity, *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")))
+        for name, quantity in _QUANTITIES.items()
     )
 
 
 class SafetyMonitor:
-    """Judges the process at every tick: sensors and interlocks.
+    """Judges the process at every tick: sensors and interlocks."""
 
-    Parameters
-    ----------
-    machine : Machine
-        For the log and the transition into a safe stop.
-    interlocks : tuple of Interlock, optional
-        What to watch.
-
-    Attributes
-    ----------
-    invalid_sensors : tuple of str
-        Sensors that may not be used at present.
-    """
-
-    def __init__(self, machine: Machine, interlocks: tuple[Interlock, ...] = DEFAULT_INTERLOCKS) -> None:
-        self.invalid_sensors: tuple[str, ...] = ()
+    def __init__(self, machine: Machine) -> None:
+        self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
         self._machine = machine
         self._guard = SensorGuard()
-        self._interlocks = interlocks
-        self._persistence_ticks = 3
-        self._levels = dict.fromkeys((item.name for item in interlocks), Severity.OK)
-        self._worse = dict.fromkeys(self._levels, 0)
+        self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
+        self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
+        self._worse = dict.fromkeys(_QUANTITIES, 0)
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Judge by the node's parameters from now on, without forgetting."""
@@ -138,15 +118,7 @@ class SafetyMonitor:
         return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick, and fire the interlocks that trip.
-
-        Parameters
-        ----------
-        tick : Tick
-            Is told which sensors are absent that were good before.
-        acting : Command or None
-            Force and speed that act, as far as known.
-        """
+        """Judge the samples of a tick, and fire the interlocks that trip; ``acting``: force and speed that act."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = True
         tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
@@ -169,13 +141,13 @@ class SafetyMonitor:
         )
 
     def watch(self, values: Mapping[str, float]) -> None:
-        """Hold the tick's values against the interlocks; one that is not finite leaves its interlocks as they are.
+        """Hold values by quantity against the interlocks; one that is absent or not finite changes nothing.
 
         A worse level must last ``interlocks.persistence_ticks`` before it is believed: a spike is no trip.
         """
         order = list(Severity)
         for item in self._interlocks:
-            value, present = values[item.quantity], self._levels[item.name]
+            value, present = values.get(item.quantity, nan), self._levels[item.name]
             if not isfinite(value):
                 continue
             level = item.level(value, present)

@@ -101,46 +101,25 @@ class Event(NamedTuple):
 
 
 class Machine:
-    """State of the arbiter as an operator sees it; changes only by the table above and by swaps.
+    """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    Attributes
-    ----------
-    settings : ArbiterSettings
-        May be replaced at any time.
-    mode, target_mode : Mode
-        Actual mode and the one that is wanted.
-    active, target : str
-        Controller whose proposals are applied (empty unless in auto) and the one that is wanted.
-    reason, requested_by : str
-        Why the present state was entered and who asked for it.
-    since_ns : int
-        Stamp of the tick at which it was entered.
-    transitions : int
-        Changes of mode or controller since the start.
-    revision : int
-        Changes whenever something that an operator sees has changed.
-    tick : int
-        Number of the present tick.
-    slewing : int
-        Ticks left in which the transition limits hold after a swap.
-    events : deque of Event
-        The latest events; who publishes them takes them out.
+    Mode and controller are the actual ones beside those that are wanted (``target``).
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:
-        self.settings = settings
+        self.settings = settings  #: may be replaced at any time
         self.mode = Mode.START
         self.target_mode = Mode.AUTO
-        self.active = ""
+        self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
-        self.reason = "starting: waiting for measurements"
-        self.requested_by = "start"
-        self.since_ns = 0
-        self.transitions = 0
-        self.revision = 0
-        self.tick = 0
-        self.slewing = 0
-        self.events: deque[Event] = deque(maxlen=200)
+        self.reason = "starting: waiting for measurements"  #: why the present state was entered or lasts
+        self.requested_by = "start"  #: who asked for it
+        self.since_ns = 0  #: stamp of the tick at which it was entered
+        self.transitions = 0  #: changes of mode or controller since the start
+        self.revision = 0  #: changes whenever something that an operator sees has changed
+        self.tick = 0  #: number of the present tick
+        self.slewing = 0  #: ticks left in which the transition limits hold after a swap
+        self.events: deque[Event] = deque(maxlen=200)  #: the latest; who publishes them takes them out
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)

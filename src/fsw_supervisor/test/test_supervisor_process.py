@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from fsw_supervisor.safety_monitor import DEFAULT_INTERLOCKS, Interlock, SafetyMonitor, Severity
+from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Machine, Mode
 
@@ -144,10 +144,8 @@ def test_a_spike_trips_nothing(rig):
 
 @pytest.fixture
 def monitor():
-    """A monitor of one interlock, which believes a level after 3 ticks."""
-    return SafetyMonitor(
-        Machine(ArbiterSettings()), (Interlock("temperature_high", "temperature_c", 900.0, 910.0, 2.0),)
-    )
+    """A monitor with the default limits, which believes a level after 3 ticks."""
+    return SafetyMonitor(Machine(ArbiterSettings()))
 
 
 def test_hysteresis_of_warning_and_trip(monitor):
@@ -172,24 +170,12 @@ def test_a_value_that_is_not_finite_leaves_the_level(monitor):
     assert monitor.active == ("temperature_high:warn",)
 
 
-def test_the_default_table_covers_what_the_weld_needs():
-    assert [item.name for item in DEFAULT_INTERLOCKS] == [
-        "temperature_low",
-        "temperature_high",
-        "depth_high",
-        "force_high",
-        "torque_high",
-        "power_high",
-    ]
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
         ("temperature_high", "temperature_c", 910.0, 900.0, 2.0),
         ("temperature_low", "temperature_c", 790.0, 800.0, 2.0),
         ("depth_high", "depth_mm", 3.0, NAN, 0.0),
-        ("depth_high", "depth_mm", 3.0, 3.5, -1.0),
     ],
 )
 def test_wrong_interlocks_are_refused(wrong):
