@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import StampFilter
+from fsw_control.message_synchronizer import NANOSECONDS, StampFilter
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.command_watch import BumplessStart, CommandWatch
@@ -19,11 +19,11 @@ from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
-from fsw_supervisor.tick import NANOSECONDS, Decision, ProposalInput, Tick
+from fsw_supervisor.tick import Decision, ProposalInput, Tick
 
 #: name under which the drives' feedback of force and speed takes part in the making of ticks
 DRIVES = "drives"
-#: without measurements for so long, what is applied must be found out anew [s]
+#: without measurements for so long, what is applied must be found out again [s]
 _GAP_S = 1.0
 #: in real time a stamp far away is believed after so many tick periods in which nothing else has come
 _SILENT_TICKS = 2.5
@@ -298,7 +298,7 @@ class Arbiter:
         self.registry.close(tick)
 
     def _interrupt(self, reason: str) -> None:
-        """The plant or this process was away: whatever acts now must be found out anew."""
+        """The plant or this process was away: whatever acts now must be found out again."""
         self._start.interrupt(self.machine.active)
         if self.tick is not None:
             self.tick.before = None

@@ -135,10 +135,8 @@ class Arbitration:
             start.applied = None
             return
         self._believe_who_was_active(tick)
-        candidate, record = tick.candidates.get(name), self.registry.get(name)
-        why_not = "no proposal yet" if candidate is None else candidate.refusal
-        if not why_not and record is not None:
-            why_not = record.blind_to(self.safety.invalid_sensors)
+        candidate = tick.candidates.get(name)
+        why_not = "no proposal yet" if candidate is None else candidate.refusal or self.registry.blind(name)
         if not why_not:
             reason = f"{name} was active before" if start.was_active else f"{name} is configured to start with"
             machine.want(name)
@@ -203,7 +201,7 @@ class Arbitration:
             self._fail(tick, "it is unknown", inhibit=False)
         elif record.conflicts >= machine.settings.duplicate_ticks:
             self._fail(tick, "two controllers of this name propose", inhibit=True)
-        elif blind := record.blind_to(self.safety.invalid_sensors):
+        elif blind := self.registry.blind(name):
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
             self._follow(tick, candidate.command)

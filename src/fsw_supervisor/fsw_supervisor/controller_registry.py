@@ -53,11 +53,6 @@ class ControllerRecord:
         self.inhibited = reason
         self.bad(reason)
 
-    def blind_to(self, invalid_sensors: tuple[str, ...]) -> str:
-        """Which invalid sensor the controller does not cope with, in words; empty when it copes."""
-        needed = [sensor for sensor in invalid_sensors if sensor not in self.tolerated_sensors]
-        return f"{self.name} cannot do without the sensor {', '.join(needed)}" if needed else ""
-
 
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
@@ -101,7 +96,13 @@ class ControllerRegistry:
             return f"{name} has left the graph"
         if record.consecutive_good < settings.warm_ticks:
             return f"{name} is not warm yet: {record.consecutive_good} of {settings.warm_ticks} good proposals in a row"
-        return record.blind_to(self._safety.invalid_sensors)
+        return self.blind(name)
+
+    def blind(self, name: str) -> str:
+        """Which invalid sensor controller ``name`` does not cope with, in words; empty when it copes."""
+        tolerated = self._records[name].tolerated_sensors
+        needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
+        return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
 
     def first_ready(self) -> str:
         """First controller that may be selected: the target, then the fallback list; empty if none."""

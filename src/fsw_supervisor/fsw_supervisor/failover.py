@@ -6,8 +6,9 @@ from enum import StrEnum
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
+from fsw_control.message_synchronizer import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
+from fsw_supervisor.tick import Decision, Tick
 
 #: after a start: listening so long for a leader [s]
 LISTEN_S = 0.25

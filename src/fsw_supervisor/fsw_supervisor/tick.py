@@ -8,8 +8,6 @@ from math import isclose
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
 
-NANOSECONDS = 1_000_000_000
-
 
 @dataclass(frozen=True, slots=True)
 class ProposalInput:
