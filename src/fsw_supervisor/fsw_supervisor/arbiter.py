@@ -21,8 +21,6 @@ from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Decision, ProposalInput, Tick
 
-#: name under which the drives' feedback of force and speed takes part in the making of ticks
-DRIVES = "drives"
 #: without measurements for so long, what is applied must be found out again [s]
 _GAP_S = 1.0
 #: in real time a stamp far away is believed after so many tick periods in which nothing else has come
@@ -132,7 +130,7 @@ class Arbiter:
     def on_drives(self, stamp_ns: int, feedback: Command, now_s: float) -> list[Decision]:
         """Take the drives' feedback of the force and speed that act."""
         repeated = self._start.hear_drives(stamp_ns, feedback)
-        self._see(DRIVES, stamp_ns, feedback.force_kn, now_s)
+        self._see("drives", stamp_ns, feedback.force_kn, now_s)
         decisions = self._decide()
         again = repeated and self.lockstep and self.leading
         if again and self.last is not None and self.last.stamp_ns == stamp_ns:
@@ -144,9 +142,7 @@ class Arbiter:
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that came on the topic of controller ``name``."""
         self._pass_time(now_s)
-        record = self.registry.join(name)
-        if record is not None:
-            self.registry.take(record, proposal, self.tick, now_s)
+        self.registry.take(name, proposal, self.tick, now_s)
         return self._decide()
 
     def on_status(self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float) -> list[Decision]:
@@ -231,7 +227,7 @@ class Arbiter:
     # ---------------------------------------------------------------- ticks
 
     def _see(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
-        """Let a stamp begin a tick, or enter the sample in the tick that it belongs to."""
+        """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to."""
         self._pass_time(now_s)
         newest_ns = self._stamps.newest_ns
         believed = self._stamps.offer(source, stamp_ns, value, now_s)

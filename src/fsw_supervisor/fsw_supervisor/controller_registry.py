@@ -26,7 +26,7 @@ class ControllerRecord:
     """What the arbiter knows of one controller."""
 
     name: str
-    present: bool = True  #: in the graph
+    present: bool = False  #: in the graph
     inhibited: str = ""  #: why it failed while active; empty when it may be selected
     problem: str = ""  #: why its last tick was not good; empty when it was
     consecutive_good: int = 0  #: good proposals in a row
@@ -111,17 +111,14 @@ class ControllerRegistry:
 
     # ---------------------------------------------------------------- who is there
 
-    def join(self, name: str) -> ControllerRecord | None:
-        """Record of ``name``, which is in the graph; None when there are too many controllers."""
-        known = self.get(name)
-        if known is not None and known.present:
-            return known
-        if known is None and len(self._records) >= _CAPACITY:
-            return None
-        record = self._records.setdefault(name, ControllerRecord(name))
-        record.present = True
-        self._machine.log(Level.INFO, name, f"controller {name} has joined")
-        return record
+    def join(self, name: str) -> None:
+        """Note that ``name`` is in the graph; without effect when there are too many controllers."""
+        record = self.get(name)
+        if record is None and len(self._records) < _CAPACITY:
+            record = self._records[name] = ControllerRecord(name)
+        if record is not None and not record.present:
+            record.present = True
+            self._machine.log(Level.INFO, name, f"controller {name} has joined")
 
     def leave(self, name: str) -> None:
         """Note that ``name`` is no longer in the graph."""
@@ -159,8 +156,12 @@ class ControllerRegistry:
             record.last_stamp_ns = -1
             record.early.clear()
 
-    def take(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
-        """Take a proposal: to the present tick, to one that is over, or to one that has not begun here yet."""
+    def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
+        """Take a proposal of ``name``: to the present tick, to one that is over, or to one that has not begun here."""
+        self.join(name)
+        record = self.get(name)
+        if record is None:
+            return
         if tick is None or proposal.stamp_ns > tick.stamp_ns:
             record.early.setdefault(proposal.stamp_ns, proposal)
             if len(record.early) > _KEPT_EARLY:

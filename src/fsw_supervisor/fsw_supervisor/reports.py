@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from math import ceil, sqrt
 from statistics import fmean
 
@@ -31,6 +31,7 @@ def command(decision: Decision, token: str) -> WeldCommand:
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
     """What is known of one controller."""
     latencies_s = record.latencies_s or (0.0,)
+    mean_s = fmean(latencies_s)
     return ControllerHealth(
         name=record.name,
         healthy=record.present and record.consecutive_good > 0,
@@ -42,15 +43,10 @@ def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
         missed=record.missed,
         late=record.late,
         rejected=record.rejected,
-        latency_mean=fmean(latencies_s),
+        latency_mean=mean_s,
         latency_max=max(latencies_s),
-        jitter=_jitter(latencies_s),
+        jitter=sqrt(fmean((value - mean_s) ** 2 for value in latencies_s)),
     )
-
-
-def _jitter(latencies_s: Collection[float]) -> float:
-    mean_s = fmean(latencies_s)
-    return sqrt(fmean((value - mean_s) ** 2 for value in latencies_s))
 
 
 def mode(arbiter: Arbiter) -> str:
@@ -171,11 +167,11 @@ def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
 def _controller_status(
     arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
 ) -> DiagnosticStatus:
-    why_not = arbiter.registry.why_not_ready(record.name)
+    known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
-    level = WARN if why_not else OK
-    text = why_not or ("active" if record.name == arbiter.machine.active else "ready")
+    level = WARN if known.reason else OK
+    text = known.reason or ("active" if record.name == arbiter.machine.active else "ready")
     if not arbiter.lockstep and p99_s >= limits[0]:
         level = ERROR if p99_s >= limits[1] else WARN
         text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
@@ -192,9 +188,9 @@ def _controller_status(
         "late": record.late,
         "rejected": record.rejected,
         "duplicates": record.duplicates,
-        "latency mean [ms]": f"{fmean(latencies_s) * 1e3:.3f}",
+        "latency mean [ms]": f"{known.latency_mean * 1e3:.3f}",
         "latency 99 % [ms]": f"{p99_s * 1e3:.3f}",
-        "latency max [ms]": f"{latencies_s[-1] * 1e3:.3f}",
-        "jitter [ms]": f"{_jitter(latencies_s) * 1e3:.3f}",
+        "latency max [ms]": f"{known.latency_max * 1e3:.3f}",
+        "jitter [ms]": f"{known.jitter * 1e3:.3f}",
     }
     return _status(f"controller {record.name}", level, text, values)
