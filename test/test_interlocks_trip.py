@@ -3,7 +3,6 @@
 import pytest
 
 from fsw_control import weld
-from fsw_control.validity import SensorGuard
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_supervisor import Arbiter, ArbiterSettings, ProposalInput
 from fsw_supervisor.state_machine import Mode
@@ -24,7 +23,7 @@ class Loop:
 
     def __init__(self):
         self.plant = PlantEmulator(PlantConfig.from_values({"noise": False}))
-        self.arbiter = Arbiter(ArbiterSettings(), guard=SensorGuard())
+        self.arbiter = Arbiter(ArbiterSettings())
         self.start = self.plant.applied
         self.now_s = 100.0
 
@@ -64,7 +63,7 @@ def test_interlock_trips_into_a_safe_stop(interlock):
             loop.plant.set_disturbance(target, "step", amplitude)
     assert loop.run(10) is Mode.SAFE_STOP
     assert f"interlock: {interlock} is trip" in "\n".join(
-        f"{event.who}: {event.text}" for event in loop.arbiter.machine.events.history
+        f"{event.who}: {event.text}" for event in loop.arbiter.machine.events
     )
     assert loop.arbiter.machine.reason.startswith(f"{interlock} is trip"), "by this one and no other"
 

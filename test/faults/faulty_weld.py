@@ -173,7 +173,7 @@ class Weld:
             else:
                 self.start(name)
         roles = sorted(("active", "standby")[: len(self.supervisors)])
-        self.until(lambda: sorted(map(self.role, self.supervisors)) == roles, what="one supervisor on duty")
+        self.until(lambda: sorted(map(self.role, self.supervisors)) == roles, what="one leading supervisor")
         self.until(lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"), 60.0, "the weld to run")
         self.switch("decentral")
         self.ticks(3)

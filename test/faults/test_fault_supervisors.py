@@ -56,11 +56,11 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
     assert outcome.sources == ["nmpc"], "who was active goes on"
-    assert weld.roles(other) == [*roles, "active"], "it has stayed on duty"
+    assert weld.roles(other) == [*roles, "active"], "it still leads"
     assert weld.states[-1].requested_by == "takeover"
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     reaction = "takes over in the second, under the same controller"
-    table.add(f"supervisor on duty {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)
+    table.add(f"leading supervisor {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])

@@ -1,4 +1,4 @@
-"""Who of two supervisors commands: one is on duty, the other follows it and takes over when it falls silent."""
+"""Which of two supervisors leads: the other one stands by, follows it and takes over when it falls silent."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from enum import StrEnum
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
+from fsw_control.message_synchronizer import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
-from fsw_supervisor.tick import NANOSECONDS, Decision, Tick
+from fsw_supervisor.tick import Decision, Tick
 
-#: after a start: listening so long for a supervisor that is on duty already [s]
+#: after a start: listening so long for a leader [s]
 LISTEN_S = 0.25
 #: the same while somebody publishes commands who has not been heard yet [s]
 _LISTEN_LONG_S = 1.0
-#: on duty, after a hold-up: commands wait so long for word of another one that has taken over, in tick periods
+#: leading, after a hold-up: commands wait so long for word of another leader, in tick periods
 _FENCE_TICKS = 1.0
-#: off duty, after a hold-up: so long the queues may take to drain, in tick periods
+#: on standby, after a hold-up: so long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 
 
@@ -30,54 +31,42 @@ class Role(StrEnum):
 class Failover:
     """Stands between the arbiter and the command topic.
 
-    Off duty the arbiter rehearses: it decides every tick, sends nothing and takes over what the one on duty has
-    commanded. When ``takeover_ticks`` ticks in a row went unanswered its rehearsed decision is sent, in the last of
-    these ticks. A supervisor on duty that was held up for so long that another one may have taken over keeps its
-    commands back for a tick, to hear what went on meanwhile. Every takeover begins a new term. Of two on duty the one
-    of the greater term stays, so never the one that was held up; in the same term (they started together) the one
-    that has answered the newer tick, at a draw the greater identity.
+    On standby the arbiter decides every tick, sends nothing and takes over what the leader has commanded. When
+    ``takeover_ticks`` ticks in a row went unanswered, the decision on the last of them is sent. A leader that was held
+    up for so long that another one may have taken over keeps its commands back for a tick, to hear what went on
+    meanwhile. Every failover begins a new term. Of two leaders the one of the greater term stays, so never the one
+    that was held up; in the same term (they started together) the one that has answered the newer tick, at a draw the
+    greater identity.
 
     Parameters
     ----------
     arbiter : Arbiter
-        Whose decisions.
     identity : str
         Differs from that of every other supervisor.
     standby : bool
-        Begin as standby; otherwise become active unless another one is.
+        Begin as standby; otherwise lead unless another one does.
     now_s : float
         Steady time.
-
-    Attributes
-    ----------
-    role : Role
-        What this supervisor is at present.
-    unanswered : int
-        Ticks in a row that nobody has answered, as seen off duty.
-    asserting : bool
-        Another one claims duty and has to hear that this one has it; cleared by who tells it.
-    rival_writer : bool
-        Somebody publishes commands who has not been heard yet; set by who sees the graph.
     """
 
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
-        self.unanswered = 0
-        self.asserting = False
-        self.rival_writer = False
+        self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
+        self.asserting = False  #: another one that leads, too, has to hear of this one; cleared by who tells it
+        self.rival_writer = False  #: somebody publishes commands who was not heard yet; set by who sees the graph
         self._arbiter = arbiter
         self._identity = identity
         self._term = self._heard_term = 0
         self._started_s = self._called_s = now_s
         self._tick: Tick | None = None
         self._due_s = 0.0
-        self._patient = False
+        self._drained = False
         self._early: tuple[int, str, Command] | None = None
         self._last_ns = 0
         self._believed: Command | None = None
         self._fence_s: float | None = None
         self._held: list[Decision] = []
-        arbiter.rehearse()
+        arbiter.leading = False
 
     @property
     def token(self) -> str:
@@ -86,21 +75,22 @@ class Failover:
 
     @property
     def commanding(self) -> bool:
-        """Whether this supervisor sends what it decides: it is on duty and does not keep its commands back."""
+        """Whether this supervisor sends what it decides: it leads and does not keep its commands back."""
         return self.role is Role.ACTIVE and self._fence_s is None
 
-    # ---------------------------------------------------------------- inputs
+    @property
+    def wakeup_s(self) -> float | None:
+        """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
+        times = [time for time in (self._arbiter.wakeup_s, self._fence_s) if time is not None]
+        if self.role is Role.LISTENING:
+            times.append(self._listening_ends_s)
+        waiting = self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered
+        if waiting and self._due_s > self._called_s:
+            times.append(self._due_s)
+        return min(times, default=None)
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
-        """Return what may be published now; to be called after every call of the arbiter.
-
-        Parameters
-        ----------
-        decisions : list of Decision
-            What the arbiter has decided.
-        now_s : float
-            Steady time.
-        """
+        """Return what may be published now; to be called with the decisions of every call of the arbiter."""
         gap_s, self._called_s = now_s - self._called_s, now_s
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
@@ -108,7 +98,7 @@ class Failover:
             why = f"took over: {self.unanswered + 1} ticks went unanswered" if self.role is Role.STANDBY else ""
             self.role = Role.ACTIVE
             self._term = max(self._term, self._heard_term) + 1
-            decisions = self._arbiter.take_duty(why)
+            decisions = self._arbiter.lead(why)
         elif gap_s > self._lease_s and self._fence_s is None:
             self._fence_s = now_s + _FENCE_TICKS * self._arbiter.settings.tick_period_s
         if self._fence_s is not None:
@@ -123,39 +113,28 @@ class Failover:
 
     def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
         """Take a message seen on the command topic; ``token`` is that of its writer, a stranger has none."""
+        if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command):
+            return
+        term, identity = _parsed(token)
+        if not identity or refusal(command) is not None:
+            return
+        tick = self._arbiter.tick
+        age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if self.role is Role.ACTIVE:
-            own = self._arbiter.on_command(stamp_ns, source, command)
-            tick = self._arbiter.tick
-            of_now = tick is not None and 0 <= tick.stamp_ns - stamp_ns <= NANOSECONDS
-            if not own and of_now and self.on_claim(token, stamp_ns):
+            if 0 <= age_ns <= NANOSECONDS and self.on_claim(token, stamp_ns):
                 self._follow(stamp_ns, source, command)
             return
-        if not _parsed(token)[1] or refusal(command) is not None:
-            return
-        self._heard_term = max(self._heard_term, _parsed(token)[0])
-        tick = self._arbiter.tick
-        if tick is None or stamp_ns > tick.stamp_ns:
+        self._heard_term = max(self._heard_term, term)
+        if age_ns < 0:
             # Its measurement has not come here yet.
             self._early = (stamp_ns, source, command)
-            return
-        if tick.stamp_ns - stamp_ns > NANOSECONDS:
-            return
-        self._follow(stamp_ns, source, command)
+        elif age_ns <= NANOSECONDS:
+            self._follow(stamp_ns, source, command)
 
     def on_claim(self, token: str, answered_ns: int) -> bool:
-        """Take the word of a supervisor that it is on duty.
+        """Take the word of a supervisor that it leads and has answered the tick ``answered_ns`` (0: none) last.
 
-        Parameters
-        ----------
-        token : str
-            Whose.
-        answered_ns : int
-            Stamp of the last tick that it has answered; 0: none.
-
-        Returns
-        -------
-        bool
-            Whether its state has to be followed.
+        Returns whether its state has to be followed.
         """
         term, identity = _parsed(token)
         if identity in (self._identity, ""):
@@ -167,20 +146,10 @@ class Failover:
             if (term, answered_ns, identity) <= (self._term, self._last_ns, self._identity):
                 self.asserting = True
                 return False
-            self._yield("another supervisor is on duty")
+            self._step_down("another supervisor leads")
         return True
 
-    @property
-    def wakeup_s(self) -> float | None:
-        """Steady time at which the arbiter's ``on_time`` must be called at the latest; None: nothing is waited for."""
-        times = [time for time in (self._arbiter.wakeup_s, self._fence_s) if time is not None]
-        if self.role is Role.LISTENING:
-            times.append(self._listening_ends_s)
-        if self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered:
-            times += [self._due_s] if self._due_s > self._called_s else []
-        return min(times, default=None)
-
-    # ---------------------------------------------------------------- off duty
+    # ---------------------------------------------------------------- standby
 
     @property
     def _listening_ends_s(self) -> float:
@@ -199,9 +168,9 @@ class Failover:
             return True
         if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
             return False
-        if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._patient:
+        if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
             # It is this process that was held up: what is in the queues is heard first.
-            self._patient = True
+            self._drained = True
             self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
         return True
@@ -211,12 +180,12 @@ class Failover:
         before, self._tick = self._tick, tick
         if before is not None and not before.answered and not before.stalled:
             self.unanswered += 1
-        self._due_s, self._patient = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep), False
-        early, self._early = self._early, None
-        if early is not None and early[0] == tick.stamp_ns:
-            self._follow(*early)
-        elif early is not None and early[0] > tick.stamp_ns:
-            self._early = early
+        self._due_s = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
+        self._drained = False
+        if self._early is not None and self._early[0] <= tick.stamp_ns:
+            early, self._early = self._early, None
+            if early[0] == tick.stamp_ns:
+                self._follow(*early)
 
     def _follow(self, stamp_ns: int, source: str, command: Command) -> None:
         if self.role is Role.LISTENING:
@@ -225,7 +194,7 @@ class Failover:
         self._last_ns = stamp_ns
         self._arbiter.follow(stamp_ns, source, command)
 
-    # ---------------------------------------------------------------- on duty
+    # ---------------------------------------------------------------- leader
 
     @property
     def _lease_s(self) -> float:
@@ -236,6 +205,7 @@ class Failover:
         return max(1.5, self._needed - 0.5) * settings.tick_period_s
 
     def _leave_fence(self) -> list[Decision]:
+        """Commands that were kept back; none when something else has moved the drives meanwhile."""
         self._fence_s = None
         held, self._held = self._held, []
         tick, believed = self._arbiter.tick, self._believed
@@ -247,16 +217,16 @@ class Failover:
             and abs(acting.speed_rpm - believed.speed_rpm) <= limits.speed_step_rpm / 2.0
         ):
             return held
-        # Something else has moved the drives meanwhile: going on from there is no bump.
-        self._arbiter.start_anew(held)
+        # Going on from what acts now is no bump.
+        self._arbiter.start_again(held)
         return []
 
-    def _yield(self, reason: str) -> None:
+    def _step_down(self, reason: str) -> None:
         self.role, self.asserting = Role.STANDBY, False
         self._fence_s, self.unanswered = None, 0
         held, self._held = self._held, []
         self._tick = self._arbiter.tick
-        self._arbiter.leave_duty(held, reason)
+        self._arbiter.step_down(held, reason)
 
 
 def _parsed(token: str) -> tuple[int, str]:

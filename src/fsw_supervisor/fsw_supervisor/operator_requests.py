@@ -3,101 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from math import isfinite
+from dataclasses import dataclass
+from math import isfinite, nan
 
+from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_supervisor.controller_registry import ControllerRegistry
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import OPERATOR_TRIGGERS, Level, Machine, Mode
-from fsw_supervisor.tick import ProposalInput, check
 
 
 @dataclass(slots=True)
 class SwitchRequest:
-    """A wish to change the active controller.
+    """A request to change the active controller."""
 
-    Attributes
-    ----------
-    name : str
-        The controller wanted.
-    strict : bool
-        Refuse unless it is ready now.
-    expires_s : float
-        Steady time at which a best-effort request gives up.
-    last_tick : int
-        Likewise as the number of a tick (in lockstep, where the steady clock means nothing).
-    who : str
-        Who asked.
-    accepted : bool
-        Whether it was ready once, so that the swap follows at the next tick.
-    done, ok : bool
-        Whether it is answered, and how.
-    message : str
-        The answer in words.
-    """
-
-    name: str
-    strict: bool
-    expires_s: float
-    last_tick: int
-    who: str
-    accepted: bool = False
-    done: bool = False
+    name: str  #: of the controller
+    strict: bool  #: refuse unless it is ready now
+    expires_s: float  #: steady time at which a best-effort request gives up
+    last_tick: int  #: likewise as the number of a tick (in lockstep, where the steady clock means nothing)
+    who: str  #: asked
+    done: bool = False  #: answered
     ok: bool = False
-    message: str = ""
-    _listeners: list[Callable[[SwitchRequest], None]] = field(default_factory=list)
+    message: str = ""  #: the answer in words
+    on_done: Callable[[], object] | None = None  #: called with the answer
 
     def answer(self, ok: bool, message: str) -> None:
         """Answer the request; only the first answer counts."""
         if self.done:
             return
         self.done, self.ok, self.message = True, ok, message
-        for listener in self._listeners:
-            listener(self)
-
-    def when_done(self, listener: Callable[[SwitchRequest], None]) -> None:
-        """Call ``listener`` with the request as soon as it is answered (now, if it is)."""
-        if self.done:
-            listener(self)
-        else:
-            self._listeners.append(listener)
+        if self.on_done is not None:
+            self.on_done()
 
 
-_NOTHING = Command(float("nan"), float("nan"))
-
-
+@dataclass(slots=True)
 class OperatorRequests:
-    """Takes requests, says why not, and serves them between two ticks.
+    """Takes requests, says why not, and serves them between two ticks; in lockstep time-outs count in ticks."""
 
-    Parameters
-    ----------
-    machine : Machine
-        Whose mode and controller are asked for.
-    registry : ControllerRegistry
-        Who is ready.
-    safety : SafetyMonitor
-        Auto is refused while an interlock is tripped.
-    lockstep : bool
-        Whether time-outs count in ticks.
-
-    Attributes
-    ----------
-    manual : Command or None
-        The operator's values for manual.
-    """
-
-    def __init__(self, machine: Machine, registry: ControllerRegistry, safety: SafetyMonitor, lockstep: bool) -> None:
-        self.manual: Command | None = None
-        self._machine = machine
-        self._registry = registry
-        self._safety = safety
-        self._lockstep = lockstep
-        self._pending: SwitchRequest | None = None
-
-    def begin_manual_at(self, values: Command | None) -> None:
-        """Let manual begin with these values, until the operator gives others."""
-        self.manual = values
+    machine: Machine
+    registry: ControllerRegistry
+    safety: SafetyMonitor
+    lockstep: bool
+    manual: Command | None = None  #: the values of the manual mode
+    _pending: SwitchRequest | None = None
+    _swapped_tick: int | None = None
 
     @property
     def waiting(self) -> bool:
@@ -107,39 +56,27 @@ class OperatorRequests:
     def ask_switch(self, name: str, strict: bool, timeout_s: float, who: str, now_s: float) -> SwitchRequest:
         """Ask for a controller; the answer is in the request returned, at once or later.
 
-        Parameters
-        ----------
-        name : str
-            The controller wanted.
-        strict : bool
-            Refuse unless it is ready now; otherwise wait up to ``timeout_s``.
-        timeout_s : float
-            0: answer at once.
-        who : str
-            Who asks, for the log.
-        now_s : float
-            Steady time.
+        A ``strict`` request is refused unless the controller is ready now; otherwise it is waited for up to
+        ``timeout_s``. With a time-out of 0 the answer comes at once. ``who`` asks, for the log.
         """
-        machine = self._machine
+        machine = self.machine
         timeout_s = timeout_s if isfinite(timeout_s) and timeout_s > 0.0 else 0.0
         last_tick = machine.tick + machine.settings.ticks(timeout_s)
         request = SwitchRequest(name, strict, now_s + timeout_s, last_tick, who)
-        if self._registry.get(name) is None:
-            known = ", ".join(record.name for record in self._registry) or "none"
+        if self.registry.get(name) is None:
+            known = ", ".join(record.name for record in self.registry) or "none"
             return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
-        if self._pending is not None:
-            self._drop(f"superseded by a request for {name}")
+        self.drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
             machine.want(name)
             return self._answer(request, True, f"{name} is active already")
-        obstacle = self._obstacle(name)
-        if obstacle and (strict or timeout_s == 0.0):
-            return self._answer(request, False, f"refused: {obstacle}")
+        why_not = self._why_not(name)
+        if why_not and (strict or timeout_s == 0.0):
+            return self._answer(request, False, f"refused: {why_not}")
         machine.want(name)
         if machine.mode is not Mode.AUTO:
             text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
             return self._answer(request, True, text)
-        request.accepted = not obstacle
         self._pending = request
         if timeout_s == 0.0:
             self._answer(request, True, f"accepted: {name} is applied from the next tick on")
@@ -149,64 +86,60 @@ class OperatorRequests:
         """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns whether, and why in words."""
         ok, message = self._ask_mode(mode, manual, who)
         if not ok:
-            self._machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
+            self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
         return ok, message
 
     def _ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        machine = self._machine
-        wanted = next((item for item in OPERATOR_TRIGGERS if item == mode), None)
-        if wanted is None:
+        machine, controller = self.machine, ""
+        if mode not in OPERATOR_TRIGGERS:
             return False, f"refused: unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
-        controller = ""
+        wanted = Mode(mode)
         if wanted is Mode.MANUAL:
-            proposal = ProposalInput(0, "manual", manual if manual is not None else _NOTHING)
-            verdict = check("manual", proposal, None, machine.settings.limits)
-            if not verdict.ok:
-                return False, f"refused: {verdict.reason}"
-            self.manual = verdict.command
+            manual = manual or Command(nan, nan)
+            refused = refusal(manual, machine.settings.limits)
+            if refused is not None:
+                return False, f"refused: {refused.words}"
+            self.manual = manual
         if wanted is Mode.AUTO:
-            if self._safety.tripped:
-                return False, f"refused: interlock {', '.join(self._safety.tripped)} is tripped"
-            self._registry.readmit_all(who)
-            controller = machine.active or self._registry.first_ready()
+            if self.safety.tripped:
+                return False, f"refused: interlock {', '.join(self.safety.tripped)} is tripped"
+            self.registry.readmit_all(who)
+            controller = machine.active or self.registry.first_ready()
             if not controller:
-                return False, f"refused: {self._registry.obstacle(machine.target)}"
+                return False, f"refused: {self.registry.why_not_ready(machine.target)}"
         machine.want(mode=wanted)
         if wanted is machine.mode:
             return True, f"{wanted} already"
-        if wanted is not Mode.AUTO and self._pending is not None:
-            self._drop(f"refused: the mode has become {wanted}")
+        if wanted is not Mode.AUTO:
+            self.drop(f"refused: the mode has become {wanted}")
         machine.fire(OPERATOR_TRIGGERS[wanted], f"{who} asked for {wanted}", who, controller)
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
 
     def serve(self, now_s: float) -> None:
         """Make the swap that is asked for, if it can be made; to be called between two ticks."""
         self.expire(now_s)
-        request = self._pending
+        request, machine = self._pending, self.machine
         if request is None:
             return
-        if self._machine.mode is not Mode.AUTO:
-            self._drop(f"refused: the mode has become {self._machine.mode}")
+        if machine.mode is not Mode.AUTO:
+            self.drop(f"refused: the mode has become {machine.mode}")
             return
-        obstacle = self._obstacle(request.name)
-        if not obstacle:
-            request.accepted = True
-            if request.name != self._machine.active:
-                self._machine.swap(
-                    request.name, f"{request.who} asked for {request.name}", request.who, automatic=False
-                )
-        elif request.strict or request.done:
-            self._drop(f"refused: {obstacle}")
+        why_not = self._why_not(request.name)
+        if why_not and (request.strict or request.done):
+            self.drop(f"refused: {why_not}")
+        elif not why_not and request.name != machine.active:
+            machine.swap(request.name, f"{request.who} asked for {request.name}", request.who, automatic=False)
+            self._swapped_tick = machine.tick
 
     def expire(self, now_s: float) -> None:
         """Give up a request that has waited long enough."""
         request = self._pending
         if request is None or request.done:
             return
-        guard_s = self._machine.settings.lockstep_deadline_s if self._lockstep else 0.0
-        late = self._lockstep and self._machine.tick > request.last_tick
+        guard_s = self.machine.settings.lockstep_deadline_s if self.lockstep else 0.0
+        late = self.lockstep and self.machine.tick > request.last_tick
         if late or now_s > request.expires_s + guard_s:
-            self._drop(f"timed out: {self._obstacle(request.name) or 'no measurement came to swap at'}")
+            self.drop(f"timed out: {self._why_not(request.name) or 'no measurement came to swap at'}")
 
     def applied(self, source: str, stamp_s: float) -> None:
         """Note whose command has been sent."""
@@ -215,34 +148,32 @@ class OperatorRequests:
             self._pending = None
             self._answer(request, True, f"{source} is applied from {stamp_s:.3f} s on")
 
-    def dismiss(self, message: str) -> None:
-        """Refuse what is waiting."""
-        self._drop(message)
-
     def failed(self, name: str, reason: str) -> None:
         """Note that ``name`` has failed while active."""
         if self._pending is not None and self._pending.name == name:
-            self._drop(f"swapped, but {reason}")
+            self.drop(f"swapped, but {reason}")
 
-    def _obstacle(self, name: str) -> str:
-        obstacle = self._registry.obstacle(name)
-        elapsed = self._machine.ticks_since_asked
-        interval = self._machine.settings.ticks(self._machine.settings.switch_interval_s)
-        if not obstacle and self._machine.mode is Mode.AUTO and elapsed < interval and name != self._machine.active:
-            return f"the last swap was only {elapsed} ticks ago"
-        return obstacle
-
-    def _drop(self, message: str) -> None:
+    def drop(self, message: str) -> None:
+        """Refuse the request that is waiting, if any."""
         request, self._pending = self._pending, None
         if request is None:
             return
-        if self._machine.target == request.name and self._machine.active:
-            self._machine.want(self._machine.active)
+        if self.machine.target == request.name and self.machine.active:
+            self.machine.want(self.machine.active)
         self._answer(request, False, message)
+
+    def _why_not(self, name: str) -> str:
+        """Why a swap to ``name`` cannot be made now; empty when it can."""
+        machine, why_not = self.machine, self.registry.why_not_ready(name)
+        if why_not or machine.mode is not Mode.AUTO or name == machine.active or self._swapped_tick is None:
+            return why_not
+        elapsed = machine.tick - self._swapped_tick
+        recent = elapsed < machine.settings.ticks(machine.settings.switch_interval_s)
+        return f"the last swap was only {elapsed} ticks ago" if recent else ""
 
     def _answer(self, request: SwitchRequest, ok: bool, message: str) -> SwitchRequest:
         if not request.done or not ok:
             level = Level.INFO if ok else Level.WARN
-            self._machine.log(level, request.who, f"switch to {request.name[:40]}: {message}")
+            self.machine.log(level, request.who, f"switch to {request.name[:40]}: {message}")
         request.answer(ok, message)
         return request

@@ -1,8 +1,10 @@
-"""The arbiter's state as messages: supervisor state, list of controllers, diagnostics."""
+"""The arbiter's state as messages: commands, supervisor state, health of controllers, diagnostics."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil, sqrt
+from statistics import fmean
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,8 +16,7 @@ from fsw_supervisor.controller_registry import ControllerRecord
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
-#: on the wire there is no mode "start": nothing changes then, as in hold
-_WIRE_MODE = {Mode.START: Mode.HOLD}
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 def command(decision: Decision, token: str) -> WeldCommand:
@@ -29,39 +30,42 @@ def command(decision: Decision, token: str) -> WeldCommand:
 
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
     """What is known of one controller."""
+    latencies_s = record.latencies_s or (0.0,)
+    mean_s = fmean(latencies_s)
     return ControllerHealth(
         name=record.name,
         healthy=record.present and record.consecutive_good > 0,
         warm=record.consecutive_good >= arbiter.settings.warm_ticks,
         latched_out=bool(record.inhibited),
         tolerated_sensors=list(record.tolerated_sensors),
-        reason=arbiter.registry.obstacle(record.name),
-        consecutive_good=min(record.consecutive_good, 2**32 - 1),
-        missed=min(record.missed, 2**32 - 1),
-        late=min(record.late, 2**32 - 1),
-        rejected=min(record.rejected, 2**32 - 1),
-        latency_mean=record.latency.mean_s,
-        latency_max=record.latency.max_s,
-        jitter=record.latency.jitter_s,
+        reason=arbiter.registry.why_not_ready(record.name),
+        consecutive_good=record.consecutive_good,
+        missed=record.missed,
+        late=record.late,
+        rejected=record.rejected,
+        latency_mean=mean_s,
+        latency_max=max(latencies_s),
+        jitter=sqrt(fmean((value - mean_s) ** 2 for value in latencies_s)),
     )
 
 
 def mode(arbiter: Arbiter) -> str:
-    """Actual mode as the messages name it."""
-    return str(_WIRE_MODE.get(arbiter.machine.mode, arbiter.machine.mode))
+    """Actual mode as the messages name it; in ``start`` nothing changes, as in hold."""
+    return str(Mode.HOLD if arbiter.machine.mode is Mode.START else arbiter.machine.mode)
 
 
 def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
     """The latched state; ``token`` as for :func:`command`."""
+    machine = arbiter.machine
     message = SupervisorState(
-        target_controller=arbiter.machine.target,
-        actual_controller=arbiter.machine.active,
-        target_mode=str(arbiter.machine.target_mode),
+        target_controller=machine.target,
+        actual_controller=machine.active,
+        target_mode=str(machine.target_mode),
         actual_mode=mode(arbiter),
-        reason=arbiter.machine.reason,
-        requested_by=arbiter.machine.requested_by,
-        since=convert.stamp_from_ns(arbiter.machine.since_ns),
-        transitions=arbiter.machine.transitions,
+        reason=machine.reason,
+        requested_by=machine.requested_by,
+        since=convert.stamp_from_ns(machine.since_ns),
+        transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
         interlocks=list(arbiter.safety.active),
     )
@@ -72,25 +76,11 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
 
 
 def standby(now: Time, name: str, role: str, unanswered: int) -> DiagnosticArray:
-    """Diagnostics of a supervisor that is not on duty.
-
-    Parameters
-    ----------
-    now : Time
-        Stamp.
-    name : str
-        Name of its node.
-    role : str
-        What it is at present.
-    unanswered : int
-        Ticks in a row that nobody has answered.
-    """
-    level = DiagnosticStatus.WARN if unanswered else DiagnosticStatus.OK
-    message = DiagnosticArray()
-    message.header.stamp = now
-    message.status = [_status(role, level, f"{role}: follows the supervisor on duty", {"unanswered ticks": unanswered})]
-    message.status[0].hardware_id = name
-    return message
+    """Diagnostics of node ``name`` that does not lead, and has seen ``unanswered`` ticks in a row."""
+    level = WARN if unanswered else OK
+    status = _status(role, level, f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered})
+    status.hardware_id = name
+    return _array(now, [status])
 
 
 def diagnostics(
@@ -111,12 +101,17 @@ def diagnostics(
     limits : (float, float)
         99 % latencies [s] to warn of and to call an error.
     """
-    message = DiagnosticArray()
-    message.header.stamp = now
-    message.status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)]
-    message.status += [
+    controllers = [
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry
     ]
+    return _array(
+        now, [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
+    )
+
+
+def _array(now: Time, status: list[DiagnosticStatus]) -> DiagnosticArray:
+    message = DiagnosticArray(status=status)
+    message.header.stamp = now
     return message
 
 
@@ -127,82 +122,75 @@ def _status(name: str, level: bytes, text: str, values: Mapping[str, object]) ->
 
 def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
     machine = arbiter.machine
-    level, text = DiagnosticStatus.OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
+    level, text = OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
     if machine.mode is not machine.target_mode or (machine.active and machine.active != machine.target):
-        level, text = DiagnosticStatus.WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
+        level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
     if machine.mode is Mode.SAFE_STOP:
-        level = DiagnosticStatus.ERROR
+        level = ERROR
     latency_ms = arbiter.last.latency_s * 1e3 if arbiter.last is not None else 0.0
-    return _status(
-        "arbiter",
-        level,
-        f"{text}: {machine.reason}",
-        {
-            "ticks": arbiter.machine.tick,
-            "commands": arbiter.commands,
-            "ticks without a command": arbiter.lost_ticks,
-            "own stalls": arbiter.stalls,
-            "transitions": arbiter.machine.transitions,
-            "last latency [ms]": f"{latency_ms:.3f}",
-        },
-    )
+    values = {
+        "ticks": machine.tick,
+        "commands": arbiter.commands,
+        "ticks without a command": arbiter.lost_ticks,
+        "own stalls": arbiter.stalls,
+        "transitions": machine.transitions,
+        "last latency [ms]": f"{latency_ms:.3f}",
+    }
+    return _status("arbiter", level, f"{text}: {machine.reason}", values)
 
 
 def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
-    level, text = DiagnosticStatus.OK, "only writer of the command topic"
+    level, text = OK, "only writer of the command topic"
     if writers > 1:
-        level, text = DiagnosticStatus.WARN, f"{writers} publishers on the command topic"
+        level, text = WARN, f"{writers} publishers on the command topic"
     if arbiter.foreign_writer:
-        level, text = DiagnosticStatus.ERROR, "a foreign writer sends commands"
+        level, text = ERROR, "a foreign writer sends commands"
     foreign = arbiter.watch.foreign_commands
     return _status("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
 
 
 def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
-    level, parts = DiagnosticStatus.OK, list[str]()
+    safety, level, parts = arbiter.safety, OK, list[str]()
     if not arbiter.measuring:
-        level = DiagnosticStatus.WARN
+        level = WARN
         parts.append("no measurements")
-    if arbiter.safety.invalid_sensors:
-        level = DiagnosticStatus.WARN
-        parts.append(f"invalid sensors: {', '.join(arbiter.safety.invalid_sensors)}")
-    if arbiter.safety.active:
-        level = DiagnosticStatus.ERROR if arbiter.safety.tripped else DiagnosticStatus.WARN
-        parts.append(", ".join(arbiter.safety.active))
-    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in arbiter.safety.sensor_reasons.items()}
+    if safety.invalid_sensors:
+        level = WARN
+        parts.append(f"invalid sensors: {', '.join(safety.invalid_sensors)}")
+    if safety.active:
+        level = ERROR if safety.tripped else WARN
+        parts.append(", ".join(safety.active))
+    reasons = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
     return _status("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
 
 
 def _controller_status(
     arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
 ) -> DiagnosticStatus:
-    obstacle = arbiter.registry.obstacle(record.name)
-    p99_s = record.latency.quantile_s(0.99)
-    level = DiagnosticStatus.WARN if obstacle else DiagnosticStatus.OK
-    text = obstacle or ("active" if record.name == arbiter.machine.active else "ready")
+    known = health(arbiter, record)
+    latencies_s = sorted(record.latencies_s) or [0.0]
+    p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
+    level = WARN if known.reason else OK
+    text = known.reason or ("active" if record.name == arbiter.machine.active else "ready")
     if not arbiter.lockstep and p99_s >= limits[0]:
-        level = DiagnosticStatus.ERROR if p99_s >= limits[1] else max(level, DiagnosticStatus.WARN)
+        level = ERROR if p99_s >= limits[1] else WARN
         text = f"{text}; slow: 99 % within {p99_s * 1e3:.1f} ms"
     if record.doubled:
-        level, text = DiagnosticStatus.ERROR, f"proposes more than once per tick: two controllers called {record.name}?"
+        level, text = ERROR, f"proposes more than once per tick: two controllers called {record.name}?"
     elif publishers > 1:
-        level = max(level, DiagnosticStatus.WARN)
+        level = max(level, WARN)
         text = f"{text}; {publishers} publishers of its proposals"
     if record.inhibited:
-        level = DiagnosticStatus.ERROR
-    return _status(
-        f"controller {record.name}",
-        level,
-        text,
-        {
-            "good in a row": record.consecutive_good,
-            "missed": record.missed,
-            "late": record.late,
-            "rejected": record.rejected,
-            "duplicates": record.duplicates,
-            "latency mean [ms]": f"{record.latency.mean_s * 1e3:.3f}",
-            "latency 99 % [ms]": f"{p99_s * 1e3:.3f}",
-            "latency max [ms]": f"{record.latency.max_s * 1e3:.3f}",
-            "jitter [ms]": f"{record.latency.jitter_s * 1e3:.3f}",
-        },
-    )
+        level = ERROR
+    values = {
+        "good in a row": record.consecutive_good,
+        "missed": record.missed,
+        "late": record.late,
+        "rejected": record.rejected,
+        "duplicates": record.duplicates,
+        "latency mean [ms]": f"{known.latency_mean * 1e3:.3f}",
+        "latency 99 % [ms]": f"{p99_s * 1e3:.3f}",
+        "latency max [ms]": f"{known.latency_max * 1e3:.3f}",
+        "jitter [ms]": f"{known.jitter * 1e3:.3f}",
+    }
+    return _status(f"controller {record.name}", level, text, values)

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isfinite
+from math import isfinite, nan
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
+from fsw_control.message_synchronizer import NANOSECONDS
+from fsw_control.parameters import defaults, load
 from fsw_control.units import kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
-from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Machine, Trigger
-from fsw_supervisor.tick import NANOSECONDS, Tick
-
-_INTERLOCK_KEYS = ("warn", "trip", "hysteresis")
+from fsw_supervisor.tick import Tick
 
 
 class Severity(StrEnum):
@@ -24,6 +23,18 @@ class Severity(StrEnum):
     OK = "ok"
     WARN = "warn"
     TRIP = "trip"
+
+
+_LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
+#: by interlock, the value that it watches
+_QUANTITIES = {
+    "temperature_low": "temperature_c",
+    "temperature_high": "temperature_c",
+    "depth_high": "depth_mm",
+    "force_high": "force_kn",
+    "torque_high": "torque_nm",
+    "power_high": "power_kw",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +60,6 @@ class Interlock:
     hysteresis: float
 
     def __post_init__(self) -> None:
-        if not all(map(isfinite, (self.warn, self.trip, self.hysteresis))) or self.hysteresis < 0.0:
-            raise ValueError(
-                f"interlock {self.name}: warn, trip and hysteresis must be finite, hysteresis not negative"
-            )
         if not (self.warn > self.trip if self.name.endswith("_low") else self.warn < self.trip):
             raise ValueError(f"interlock {self.name}: warn {self.warn} must come before trip {self.trip}")
 
@@ -67,125 +74,30 @@ class Interlock:
         return Severity.OK
 
 
-#: Chosen: the temperature window is the weld's, the ceilings leave room for the paper's experiments.
-DEFAULT_INTERLOCKS = (
-    Interlock("temperature_low", "temperature_c", 800.0, 790.0, 2.0),
-    Interlock("temperature_high", "temperature_c", 900.0, 910.0, 2.0),
-    Interlock("depth_high", "depth_mm", 3.4, 3.7, 0.02),
-    Interlock("force_high", "force_kn", 95.5, 97.0, 0.5),
-    Interlock("torque_high", "torque_nm", 1400.0, 1600.0, 20.0),
-    Interlock("power_high", "power_kw", 60.0, 66.0, 1.0),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """One interlock changed its level."""
-
-    interlock: Interlock
-    level: Severity
-    value: float
-
-    def text(self) -> str:
-        """In words."""
-        return f"{self.interlock.name} is {self.level}: {self.interlock.quantity} {self.value:.4g}"
-
-
-class Interlocks:
-    """All interlocks with their levels.
-
-    Parameters
-    ----------
-    table : tuple of Interlock
-        What to watch.
-    persistence : int
-        Ticks in a row that a worse level must last before it is believed (a spike is no trip).
-    """
-
-    def __init__(self, table: tuple[Interlock, ...] = DEFAULT_INTERLOCKS, persistence: int = 3) -> None:
-        if persistence < 1:
-            raise ValueError(f"interlock persistence is {persistence}; it must be at least 1 tick")
-        self.table = table
-        self._persistence = persistence
-        self._levels = dict.fromkeys((item.name for item in table), Severity.OK)
-        self._worse = dict.fromkeys((item.name for item in table), 0)
-
-    def configure(self, table: tuple[Interlock, ...], persistence: int) -> None:
-        """Judge by other limits (of the same names) from now on; the levels stay until the next value."""
-        self.table, self._persistence = table, persistence
-
-    def update(self, values: Mapping[str, float]) -> list[Change]:
-        """Take the tick's values; a quantity that is absent or not finite leaves its interlocks as they are."""
-        changes: list[Change] = []
-        order = list(Severity)
-        for item in self.table:
-            value = values.get(item.quantity)
-            if value is None or not isfinite(value):
-                continue
-            present = self._levels[item.name]
-            level = item.level(value, present)
-            if order.index(level) > order.index(present):
-                self._worse[item.name] += 1
-                if self._worse[item.name] < self._persistence:
-                    continue
-            self._worse[item.name] = 0
-            if level is not present:
-                self._levels[item.name] = level
-                changes.append(Change(item, level, value))
-        return changes
-
-    @property
-    def active(self) -> tuple[str, ...]:
-        """Active warnings and trips, e.g. ``temperature_high:warn``."""
-        return tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
-
-    @property
-    def tripped(self) -> tuple[str, ...]:
-        """Names of the tripped interlocks."""
-        return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
-
-
-_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
-
-
 def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
     """Table of the interlocks from the parameters; ValueError when they contradict each other."""
     return tuple(
-        Interlock(item.name, item.quantity, *(values[f"interlocks.{item.name}.{key}"] for key in _INTERLOCK_KEYS))
-        for item in DEFAULT_INTERLOCKS
+        Interlock(name, quantity, *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")))
+        for name, quantity in _QUANTITIES.items()
     )
 
 
 class SafetyMonitor:
-    """Judges the process at every tick: sensors and interlocks.
+    """Judges the process at every tick: sensors and interlocks."""
 
-    Parameters
-    ----------
-    machine : Machine
-        For the log and the transition into a safe stop.
-    guard : SensorGuard, optional
-        Judge of the sensors.
-    interlocks : Interlocks, optional
-        Judge of the process.
-
-    Attributes
-    ----------
-    invalid_sensors : tuple of str
-        Sensors that may not be used at present.
-    """
-
-    def __init__(
-        self, machine: Machine, guard: SensorGuard | None = None, interlocks: Interlocks | None = None
-    ) -> None:
-        self.invalid_sensors: tuple[str, ...] = ()
+    def __init__(self, machine: Machine) -> None:
+        self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
         self._machine = machine
-        self._guard = guard if guard is not None else SensorGuard()
-        self._interlocks = interlocks if interlocks is not None else Interlocks()
+        self._guard = SensorGuard()
+        self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
+        self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
+        self._worse = dict.fromkeys(_QUANTITIES, 0)
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Judge by the node's parameters from now on, without forgetting."""
         self._guard.configure(sensor_limits(values))
-        self._interlocks.configure(interlocks_from(values), values["interlocks.persistence_ticks"])
+        self._interlocks = interlocks_from(values)
+        self._persistence_ticks = values["interlocks.persistence_ticks"]
 
     def forget_time(self) -> None:
         """The clock went back: what the sensors showed before means nothing any more."""
@@ -199,53 +111,56 @@ class SafetyMonitor:
     @property
     def active(self) -> tuple[str, ...]:
         """Active warnings and trips, e.g. ``temperature_high:warn``."""
-        return self._interlocks.active
+        return tuple(f"{name}:{level}" for name, level in self._levels.items() if level is not Severity.OK)
 
     @property
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks."""
-        return self._interlocks.tripped
+        return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick, and fire the interlocks that trip.
-
-        Parameters
-        ----------
-        tick : Tick
-            Is told which sensors are missing that were good before.
-        acting : Command or None
-            Force and speed that act, as far as known.
-        """
-        machine, before, reasons = self._machine, self.invalid_sensors, self._guard.reasons
-        tick.surprised = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
-        measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples)
+        """Judge the samples of a tick, and fire the interlocks that trip; ``acting``: force and speed that act."""
+        before, reasons = self.invalid_sensors, self._guard.reasons
+        tick.judged = True
+        tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
+        measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         for name in self.invalid_sensors:
             if name not in before:
-                machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
+                self._machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
         for name in before:
             if name not in self.invalid_sensors:
-                machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
-        values = {
-            "depth_mm": measurement.depth_mm,
-            "torque_nm": measurement.torque_nm,
-            "temperature_c": measurement.temperature_c,
-        }
-        if acting is not None:
-            values["force_kn"] = acting.force_kn
-            values["power_kw"] = kw_from_w(measurement.torque_nm * rad_s_from_rpm(acting.speed_rpm))
-        for change in self._interlocks.update(values):
-            machine.log(_LEVELS[change.level], "interlock", change.text())
-            if change.level is Severity.TRIP:
-                machine.fire(Trigger.INTERLOCK_TRIP, change.text(), "interlock")
+                self._machine.log(Level.INFO, "sensors", f"sensor {name} is valid again")
+        self.watch(
+            {
+                "depth_mm": measurement.depth_mm,
+                "torque_nm": measurement.torque_nm,
+                "temperature_c": measurement.temperature_c,
+                "force_kn": measurement.force_kn,
+                "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
+            }
+        )
 
+    def watch(self, values: Mapping[str, float]) -> None:
+        """Hold values by quantity against the interlocks; one that is absent or not finite changes nothing.
 
-def problem(values: Mapping[str, Any]) -> str | None:
-    """Why the parameters of ``supervisor.yaml`` do not go together, or None."""
-    try:
-        ArbiterSettings.from_values(values)
-        interlocks_from(values)
-        sensor_limits(values)
-    except ValueError as error:
-        return str(error)
-    return None
+        A worse level must last ``interlocks.persistence_ticks`` before it is believed: a spike is no trip.
+        """
+        order = list(Severity)
+        for item in self._interlocks:
+            value, present = values.get(item.quantity, nan), self._levels[item.name]
+            if not isfinite(value):
+                continue
+            level = item.level(value, present)
+            if order.index(level) > order.index(present):
+                self._worse[item.name] += 1
+                if self._worse[item.name] < self._persistence_ticks:
+                    continue
+            self._worse[item.name] = 0
+            if level is present:
+                continue
+            self._levels[item.name] = level
+            text = f"{item.name} is {level}: {item.quantity} {value:.4g}"
+            self._machine.log(_LOG_LEVELS[level], "interlock", text)
+            if level is Severity.TRIP:
+                self._machine.fire(Trigger.INTERLOCK_TRIP, text, "interlock")

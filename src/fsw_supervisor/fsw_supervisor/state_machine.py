@@ -6,12 +6,10 @@ A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scr
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from fsw_supervisor.settings import ArbiterSettings
-
-_LONG_AGO = -(10**9)
 
 
 class Mode(StrEnum):
@@ -50,19 +48,8 @@ OPERATOR_TRIGGERS: dict[Mode, Trigger] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Transition:
-    """One row of the table.
-
-    Attributes
-    ----------
-    source, target : Mode
-        From where to where.
-    trigger : Trigger
-        What makes it happen.
-    meaning : str
-        When the trigger is fired, in words (shown in the diagram).
-    """
+class Transition(NamedTuple):
+    """One row of the table: in mode ``source``, ``trigger`` leads to ``target``; ``meaning`` says when it is fired."""
 
     source: Mode
     trigger: Trigger
@@ -98,102 +85,44 @@ def next_mode(mode: Mode, trigger: Trigger) -> Mode | None:
 
 
 class Level(StrEnum):
-    """How loud an event is."""
+    """Severity of an event."""
 
     INFO = "info"
     WARN = "warn"
     ERROR = "error"
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """One line of the log.
+class Event(NamedTuple):
+    """One line of the log: who (``operator``, ``failover``, ``start``, a controller ...) and what happened, and why."""
 
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the tick during which it happened.
-    level : Level
-        Severity.
-    who : str
-        ``operator``, ``failover``, ``interlock``, ``start`` or the name of a controller.
-    text : str
-        What happened and why, in words.
-    """
-
-    stamp_ns: int
     level: Level
     who: str
     text: str
 
 
-class EventLog:
-    """The latest events; ``take`` hands over those not yet seen."""
-
-    def __init__(self, length: int = 200) -> None:
-        self._history: deque[Event] = deque(maxlen=length)
-        self._new: deque[Event] = deque(maxlen=length)
-
-    def add(self, event: Event) -> None:
-        """Record one event."""
-        self._history.append(event)
-        self._new.append(event)
-
-    def take(self) -> list[Event]:
-        """Events since the last call."""
-        events = list(self._new)
-        self._new.clear()
-        return events
-
-    @property
-    def history(self) -> tuple[Event, ...]:
-        """The latest events, oldest first."""
-        return tuple(self._history)
-
-
 class Machine:
-    """State of the arbiter as an operator sees it; changes only by the table above and by swaps.
+    """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    Attributes
-    ----------
-    settings : ArbiterSettings
-        May be replaced at any time.
-    mode, target_mode : Mode
-        Actual mode and the one that is wanted.
-    active, target : str
-        Controller whose proposals are applied (empty unless in auto) and the one that is wanted.
-    reason, requested_by : str
-        Why the present state was entered and who asked for it.
-    since_ns : int
-        Stamp of the tick at which it was entered.
-    transitions : int
-        Changes of mode or controller since the start.
-    revision : int
-        Changes whenever something that an operator sees has changed.
-    tick : int
-        Number of the present tick.
-    slewing : int
-        Ticks left in which the transition limits hold after a swap.
+    Mode and controller are the actual ones beside those that are wanted (``target``).
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:
-        self.settings = settings
+        self.settings = settings  #: may be replaced at any time
         self.mode = Mode.START
         self.target_mode = Mode.AUTO
-        self.active = ""
+        self.active = ""  #: controller whose proposals are applied; empty unless in auto
         self.target = settings.controller
-        self.reason = "starting: waiting for measurements"
-        self.requested_by = "start"
-        self.since_ns = 0
-        self.transitions = 0
-        self.revision = 0
-        self.tick = 0
-        self.slewing = 0
-        self.events = EventLog()
+        self.reason = "starting: waiting for measurements"  #: why the present state was entered or lasts
+        self.requested_by = "start"  #: who asked for it
+        self.since_ns = 0  #: stamp of the tick at which it was entered
+        self.transitions = 0  #: changes of mode or controller since the start
+        self.revision = 0  #: changes whenever something that an operator sees has changed
+        self.tick = 0  #: number of the present tick
+        self.slewing = 0  #: ticks left in which the transition limits hold after a swap
+        self.events: deque[Event] = deque(maxlen=200)  #: the latest; who publishes them takes them out
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)
-        self._asked_tick = _LONG_AGO
 
     def advance(self, stamp_ns: int) -> None:
         """Go on to the next tick."""
@@ -205,25 +134,20 @@ class Machine:
         """Ticks since the mode was entered."""
         return self.tick - self._mode_tick
 
-    @property
-    def ticks_since_asked(self) -> int:
-        """Ticks since the operator's last swap."""
-        return self.tick - self._asked_tick
-
     def storming(self) -> bool:
         """Whether there were too many automatic swaps lately."""
         window = self.settings.ticks(self.settings.storm_window_s)
         recent = sum(1 for tick in self._automatic if self.tick - tick < window)
         return recent >= self.settings.storm_swaps > 0
 
-    def fire(self, trigger: Trigger, reason: str, who: str, controller: str = "") -> bool:
-        """Make the transition that the table has for ``trigger``; False when it has none.
+    def fire(self, trigger: Trigger, reason: str, who: str, controller: str = "") -> None:
+        """Make the transition that the table has for ``trigger``, if any.
 
         ``controller`` becomes the active one where the transition leads to auto.
         """
         target = next_mode(self.mode, trigger)
         if target is None:
-            return False
+            return
         before, self.mode = self.mode, target
         self._mode_tick = self.tick
         self.active = controller if target is Mode.AUTO else ""
@@ -231,7 +155,6 @@ class Machine:
         if trigger is Trigger.CONTROLLER_BACK:
             self._automatic.append(self.tick)
         self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
-        return True
 
     def swap(self, name: str, reason: str, who: str, automatic: bool) -> None:
         """Make ``name`` the active controller; only in auto."""
@@ -239,8 +162,6 @@ class Machine:
         self.slewing = self.settings.transition_ticks
         if automatic:
             self._automatic.append(self.tick)
-        else:
-            self._asked_tick = self.tick
         self._note(reason, who, f"{before} -> {name}")
 
     def want(self, controller: str = "", mode: Mode | None = None) -> None:
@@ -255,13 +176,18 @@ class Machine:
         self.slewing = 0 if arrived else self.slewing - 1
 
     def mirror(self, source: str) -> None:
-        """Be in the mode in which a command of ``source`` is sent: off duty the one on duty is copied."""
-        mode = next((mode for mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) if mode == source), Mode.AUTO)
+        """On standby: be in the mode in which the leader sends a command of ``source``."""
+        mode = Mode(source) if source in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) else Mode.AUTO
         active = source if mode is Mode.AUTO else ""
         if (mode, active) != (self.mode, self.active):
             self.mode, self.active = mode, active
             self._mode_tick = self.tick
-            self.reason = f"as the supervisor on duty: {source}"
+            self.reason = f"as the leading supervisor: {source}"
+
+    def lead(self, reason: str) -> None:
+        """Record that a standby leads from now on, in the state that it has."""
+        self.slewing = self.settings.transition_ticks
+        self._note(f"{reason} ({self.reason})", "takeover", f"leads in {self.mode}")
 
     def explain(self, reason: str) -> None:
         """Say why the present state lasts."""
@@ -269,15 +195,10 @@ class Machine:
             self.reason = reason
             self.revision += 1
 
-    def note_takeover(self, reason: str) -> None:
-        """Record that this machine is on duty from now on, in the state that it has."""
-        self.slewing = self.settings.transition_ticks
-        self._note(f"{reason} ({self.reason})", "takeover", f"on duty in {self.mode}")
-
     def log(self, level: Level, who: str, text: str) -> None:
         """Record an event."""
         self.revision += 1
-        self.events.add(Event(self._stamp_ns, level, who, text))
+        self.events.append(Event(level, who, text))
 
     def _note(self, reason: str, who: str, text: str) -> None:
         self.reason, self.requested_by, self.since_ns = reason, who, self._stamp_ns

@@ -1,4 +1,4 @@
-"""The arbiter as a node: converts messages, asks the arbiter, publishes."""
+"""The supervisor as a node: converts messages, asks the arbiter, publishes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import time
 import uuid
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -26,22 +25,20 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports
-from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.arbiter import Arbiter, problem
 from fsw_supervisor.failover import Failover, Role
-from fsw_supervisor.operator_requests import SwitchRequest
-from fsw_supervisor.safety_monitor import Interlocks, interlocks_from, problem
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
 #: no controller may be called so: sources that are none, and whose topics would be mistaken
 RESERVED = ("manual", "hold", "safe_stop", "supervisor")
-_DISCOVERY_S = 0.2
+_HOUSEKEEPING_S = 0.2
 _REPORT_S = 1.0
+_ON_STANDBY = "refused: this supervisor is on standby now; ask again"
 
 
 class SupervisorNode(Node):
@@ -49,30 +46,26 @@ class SupervisorNode(Node):
 
     Every message is handed to the pure :class:`Arbiter` at once; what it decides is published from the same
     callback, so the hop costs no wait. A timer on the steady clock, armed for the arbiter's next wake-up, does the
-    deadlines. The publishers and services of the one on duty exist only while this node is on duty.
+    deadlines. The leader's publishers and services exist only while this node leads.
     """
 
     def __init__(self) -> None:
         super().__init__("fsw_supervisor")
         self._values = declare(self, "fsw_supervisor", "supervisor.yaml")
         values = self._values.values
-        wrong = problem(values)
-        if wrong is not None:
-            raise ValueError(wrong)
         lockstep = values["lockstep"]
         self._arbiter = Arbiter(
             ArbiterSettings.from_values(values),
             lockstep=bool(self.get_parameter("use_sim_time").value) if lockstep == "auto" else lockstep == "on",
-            guard=SensorGuard(sensor_limits(values)),
-            interlocks=Interlocks(interlocks_from(values), values["interlocks.persistence_ticks"]),
         )
+        self._arbiter.configure(values)
         self._values.add_check(problem)
-        self._values.on_change(self._configure)
+        self._values.on_change(self._arbiter.configure)
         self._failover = Failover(self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic())
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
-        self._duty_services: list[Service] = []
+        self._services_of_leader: list[Service] = []
         self._service_group = ReentrantCallbackGroup()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._prefix = self.resolve_topic_name("fsw/command").removesuffix("command")
@@ -82,58 +75,19 @@ class SupervisorNode(Node):
         self._published_revision = -1
         self._next_report_s = 0.0
         self._kept_reference = KeptReference(self)
-        self._open_topics()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
-        self._wakeup.cancel()
-        self._armed_s: float | None = None
-        self._housekeeping = self.create_timer(_DISCOVERY_S, self._on_housekeeping, clock=steady)
-        self._on_housekeeping()
-
-    def _open_topics(self) -> None:
         subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATEST)
-        for name in dict.fromkeys((self._arbiter.settings.controller, *self._arbiter.settings.fallbacks)):
+        for name in (values["controller"], *values["fallbacks"]):
             self._subscribe(name)
-
-    def _open_commands(self) -> Publisher:
-        if self._commands is None:
-            self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
-        return self._commands
-
-    def _go_on_duty(self) -> None:
-        self._open_commands()
-        if self._states is None:
-            self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
-        self._kept_reference.open()
-        if not self._duty_services:
-            # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
-            group = self._service_group
-            self._duty_services = [
-                self.create_service(SwitchController, "fsw/switch_controller", self._on_switch, callback_group=group),
-                self.create_service(ListControllers, "fsw/list_controllers", self._on_list, callback_group=group),
-                self.create_service(SetMode, "fsw/set_mode", self._on_set_mode, callback_group=group),
-            ]
-
-    def _leave_duty(self) -> None:
-        """Close what only the one on duty has; later than the change itself, so that open requests are answered."""
-        for service in self._duty_services:
-            self.destroy_service(service)
-        self._duty_services = []
-        self._kept_reference.close()
-        if self._states is not None:
-            self.destroy_publisher(self._states)
-            self._states = None
-        if self._commands is not None and not self._failover.unanswered:
-            self.destroy_publisher(self._commands)
-            self._commands = None
-
-    def _configure(self, values: dict[str, Any]) -> None:
-        self._arbiter.settings = ArbiterSettings.from_values(values)
-        self._arbiter.safety.configure(values)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
+        self._wakeup.cancel()
+        self._armed_s: float | None = None
+        self._housekeeping = self.create_timer(_HOUSEKEEPING_S, self._on_housekeeping, clock=steady)
+        self._on_housekeeping()
 
     # ---------------------------------------------------------------- topics
 
@@ -159,16 +113,15 @@ class SupervisorNode(Node):
 
     def _on_claim(self, message: SupervisorState) -> None:
         if self._failover.on_claim(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
-            latched = {item.name: item.reason for item in message.controllers if item.latched_out}
-            self._arbiter.follow_wish(message.target_controller, message.target_mode, latched)
+            inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
+            self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited)
         self._publish([])
 
     def _on_switch_topic(self, message: String) -> None:
-        if self._role is not Role.ACTIVE:
-            return
-        timeout_s = self._values["switch_request_timeout_s"]
-        self._arbiter.operator.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
-        self._publish([])
+        if self._role is Role.ACTIVE:
+            timeout_s = self._values["switch_request_timeout_s"]
+            self._arbiter.operator.ask_switch(message.data, False, timeout_s, "operator (topic)", time.monotonic())
+            self._publish([])
 
     def _on_wakeup(self) -> None:
         self._wakeup.cancel()
@@ -177,55 +130,6 @@ class SupervisorNode(Node):
             # Who is in the graph decides whose word on who was active has to be waited for.
             self._look_for_controllers()
         self._publish(self._arbiter.on_time(time.monotonic()))
-
-    def _publish(self, decisions: list[Decision]) -> None:
-        permitted = self._failover.pass_on(decisions, time.monotonic())
-        if self._role is not self._failover.role:
-            self._change_role()
-        elif self._failover.unanswered:
-            # The publisher needs some time to be known before its first command.
-            self._open_commands()
-        for decision in permitted:
-            self._open_commands().publish(reports.command(decision, self._failover.token))
-        if self._arbiter.tick is not None:
-            self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
-        wakeup_s = self._failover.wakeup_s
-        if wakeup_s != self._armed_s:
-            self._arm(wakeup_s)
-        if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
-            self._tell()
-
-    def _change_role(self) -> None:
-        self._role = self._failover.role
-        if self._role is Role.ACTIVE:
-            self._go_on_duty()
-        self.get_logger().info(f"role: {self._role}")
-        self._tell()
-
-    def _arm(self, wakeup_s: float | None) -> None:
-        self._armed_s = wakeup_s
-        if wakeup_s is None:
-            self._wakeup.cancel()
-            return
-        self._wakeup.timer_period_ns = max(100_000, round((wakeup_s - time.monotonic()) * 1e9))
-        self._wakeup.reset()
-
-    def _tell(self) -> None:
-        """Publish the state and log what has happened."""
-        self._published_revision = self._arbiter.machine.revision
-        self._failover.asserting = False
-        for event in self._arbiter.machine.events.take():
-            logger, text = self.get_logger(), f"[{event.who}] {event.text}"
-            if self._role is not Role.ACTIVE:
-                logger.debug(text)
-            elif event.level is Level.ERROR:
-                logger.error(text)
-            elif event.level is Level.WARN:
-                logger.warning(text)
-            else:
-                logger.info(text)
-        if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
 
     # ---------------------------------------------------------------- services
 
@@ -237,17 +141,17 @@ class SupervisorNode(Node):
             response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
             return response
         if self._role is not Role.ACTIVE:
-            response.ok, response.message = False, "refused: this supervisor is on standby now; ask again"
+            response.ok, response.message = False, _ON_STANDBY
             return response
         timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
         strict = request.strictness == SwitchController.Request.STRICT
-        wish = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        switch = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
         self._publish([])
-        if not wish.done:
+        if not switch.done:
             answered: Future = Future(executor=self.executor)
-            wish.when_done(partial(_complete, answered))
+            switch.on_done = partial(answered.set_result, True)
             await answered
-        response.ok, response.message = wish.ok, wish.message
+        response.ok, response.message = switch.ok, switch.message
         return response
 
     def _on_list(
@@ -260,23 +164,106 @@ class SupervisorNode(Node):
 
     def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
         if self._role is not Role.ACTIVE:
-            response.ok, response.message = False, "refused: this supervisor is on standby now; ask again"
+            response.ok, response.message = False, _ON_STANDBY
             return response
         manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
         response.ok, response.message = self._arbiter.operator.ask_mode(request.mode, manual, "operator")
         self._publish([])
         return response
 
-    # ---------------------------------------------------------------- graph and reports
+    # ---------------------------------------------------------------- leader and standby
+
+    def _publish(self, decisions: list[Decision]) -> None:
+        """Send what may be sent, arm the timer, and tell what has changed; after every call of the arbiter."""
+        permitted = self._failover.pass_on(decisions, time.monotonic())
+        if self._role is not self._failover.role:
+            self._role = self._failover.role
+            if self._role is Role.ACTIVE:
+                self._open()
+            self.get_logger().info(f"role: {self._role}")
+            self._tell()
+        elif self._failover.unanswered:
+            # The publisher needs some time to be known before its first command.
+            self._open_commands()
+        for decision in permitted:
+            self._open_commands().publish(reports.command(decision, self._failover.token))
+        if self._arbiter.tick is not None:
+            self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
+        self._arm(self._failover.wakeup_s)
+        if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
+            self._tell()
+
+    def _arm(self, wakeup_s: float | None) -> None:
+        if wakeup_s == self._armed_s:
+            return
+        self._armed_s = wakeup_s
+        if wakeup_s is None:
+            self._wakeup.cancel()
+            return
+        self._wakeup.timer_period_ns = max(100_000, round((wakeup_s - time.monotonic()) * 1e9))
+        self._wakeup.reset()
+
+    def _open_commands(self) -> Publisher:
+        if self._commands is None:
+            self._commands = self.create_publisher(WeldCommand, "fsw/command", STREAM)
+        return self._commands
+
+    def _open(self) -> None:
+        """Open what only the leader has."""
+        self._open_commands()
+        self._kept_reference.open()
+        if self._states is None:
+            self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
+        if not self._services_of_leader:
+            # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
+            create = partial(self.create_service, callback_group=self._service_group)
+            self._services_of_leader = [
+                create(SwitchController, "fsw/switch_controller", self._on_switch),
+                create(ListControllers, "fsw/list_controllers", self._on_list),
+                create(SetMode, "fsw/set_mode", self._on_set_mode),
+            ]
+
+    def _close(self) -> None:
+        """Close what only the leader has; some time after it has stepped down, so that open requests are answered."""
+        for service in self._services_of_leader:
+            self.destroy_service(service)
+        self._services_of_leader = []
+        self._kept_reference.close()
+        if self._states is not None:
+            self.destroy_publisher(self._states)
+            self._states = None
+        if self._commands is not None and not self._failover.unanswered:
+            self.destroy_publisher(self._commands)
+            self._commands = None
+
+    def _tell(self) -> None:
+        """Publish the state and log what has happened."""
+        machine, logger = self._arbiter.machine, self.get_logger()
+        self._published_revision = machine.revision
+        self._failover.asserting = False
+        while machine.events:
+            event = machine.events.popleft()
+            text = f"[{event.who}] {event.text}"
+            if self._role is not Role.ACTIVE:
+                logger.debug(text)
+            elif event.level is Level.ERROR:
+                logger.error(text)
+            elif event.level is Level.WARN:
+                logger.warning(text)
+            else:
+                logger.info(text)
+        if self._states is not None and self._role is Role.ACTIVE:
+            self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
+
+    # ---------------------------------------------------------------- graph
 
     def _on_housekeeping(self) -> None:
         now_s = time.monotonic()
         self._look_for_controllers()
-        writers = self.count_publishers(f"{self._prefix}command")
-        self._failover.rival_writer = writers > (self._commands is not None)
+        self._failover.rival_writer = self.count_publishers(f"{self._prefix}command") > (self._commands is not None)
         self._publish(self._arbiter.on_time(now_s))
         if self._role is not Role.ACTIVE:
-            self._leave_duty()
+            self._close()
         if now_s >= self._next_report_s:
             self._next_report_s = now_s + _REPORT_S
             self._tell()
@@ -294,8 +281,7 @@ class SupervisorNode(Node):
                     self.get_logger().error(
                         f"{topic} is ignored: reserved name or not of type fsw_msgs/msg/WeldCommand"
                     )
-                continue
-            if self.count_publishers(topic):
+            elif self.count_publishers(topic):
                 self._subscribe(name)
                 self._arbiter.registry.join(name)
             else:
@@ -312,20 +298,14 @@ class SupervisorNode(Node):
     def _diagnose(self) -> None:
         now = self.get_clock().now().to_msg()
         if self._role is not Role.ACTIVE:
-            role = str(self._failover.role)
-            self._diagnostics.publish(reports.standby(now, self.get_name(), role, self._failover.unanswered))
-            return
-        namesakes = {
-            record.name: self.count_publishers(f"{self._prefix}{record.name}/proposal")
-            for record in self._arbiter.registry
-        }
-        writers = self.count_publishers(f"{self._prefix}command")
-        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
-        self._diagnostics.publish(reports.diagnostics(self._arbiter, now, writers, namesakes, limits))
-
-
-def _complete(future: Future, request: SwitchRequest) -> None:
-    future.set_result(request.ok)
+            report = reports.standby(now, self.get_name(), str(self._role), self._failover.unanswered)
+        else:
+            names = [record.name for record in self._arbiter.registry]
+            namesakes = {name: self.count_publishers(f"{self._prefix}{name}/proposal") for name in names}
+            limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
+            writers = self.count_publishers(f"{self._prefix}command")
+            report = reports.diagnostics(self._arbiter, now, writers, namesakes, limits)
+        self._diagnostics.publish(report)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -118,7 +118,7 @@ class Rig:
 
     def events(self) -> str:
         """All events as text."""
-        return "\n".join(f"{e.level} {e.who}: {e.text}" for e in self.arbiter.machine.events.history)
+        return "\n".join(f"{e.level} {e.who}: {e.text}" for e in self.arbiter.machine.events)
 
 
 @pytest.fixture

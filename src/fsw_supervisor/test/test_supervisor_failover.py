@@ -123,9 +123,9 @@ def test_the_failed_one_is_readmitted_after_good_shadow_ticks_and_not_before(rig
     rig.run(1)
     rig.silent.clear()
     rig.run(settings.readmit_ticks - 1)
-    assert rig.arbiter.registry.obstacle("decentral").startswith("decentral is inhibited")
+    assert rig.arbiter.registry.why_not_ready("decentral").startswith("decentral is inhibited")
     rig.run(1)
-    assert rig.arbiter.registry.obstacle("decentral") == ""
+    assert rig.arbiter.registry.why_not_ready("decentral") == ""
     assert rig.last.source == "nmpc", "coming back is no reason to swap"
 
 
@@ -144,7 +144,7 @@ def test_the_operator_readmits_with_auto(rig):
     rig.edit.clear()
     rig.run(6)
     assert rig.arbiter.operator.ask_mode("auto", None, "operator")[0]
-    assert rig.arbiter.registry.obstacle("decentral") == ""
+    assert rig.arbiter.registry.why_not_ready("decentral") == ""
 
 
 def test_a_fallback_that_is_not_warm_is_not_taken(make_rig):

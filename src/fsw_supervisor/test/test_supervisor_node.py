@@ -261,7 +261,7 @@ def test_modes_by_service(bench):
 
 def test_a_third_controller_appears_by_itself_and_leaves(bench):
     bench.peer.add("third")
-    bench.until(lambda: (bench.supervisor._arbiter.registry.obstacle("third")) == "")
+    bench.until(lambda: (bench.supervisor._arbiter.registry.why_not_ready("third")) == "")
     assert bench.switch("third").ok
     assert bench.switch("decentral", BEST_EFFORT).ok
     bench.peer.remove("third")
@@ -310,7 +310,7 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
     bench = make_bench(remap="__ns:=/cell")
     bench.run("decentral", "third")
     assert bench.supervisor.count_publishers("/cell/fsw/command") == 1
-    bench.until(lambda: bench.supervisor._arbiter.registry.obstacle("third") == "")
+    bench.until(lambda: bench.supervisor._arbiter.registry.why_not_ready("third") == "")
     assert bench.switch("third").ok
 
 

@@ -1,4 +1,4 @@
-"""Two supervisors, one on duty: each may stop and go on at any moment."""
+"""Two supervisors, one of which leads: each may stop and go on at any moment."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Member:
     def __init__(self, world, identity, standby, settings):
         self.world, self.identity = world, identity
         self.arbiter = Arbiter(settings)
-        self.duty = Failover(self.arbiter, identity, standby, world.now_s)
+        self.failover = Failover(self.arbiter, identity, standby, world.now_s)
         self.running, self.queue, self.told, self.tell_s = True, [], None, 0.0
         self.lag_s = 0.001  # until it hears another supervisor
 
@@ -41,11 +41,11 @@ class Member:
         self.publish(call(self) or [])
 
     def publish(self, decisions):
-        for decision in self.duty.pass_on(decisions, self.world.now_s):
-            self.world.command(self.duty.token, decision)
-        seen = (self.duty.role, self.arbiter.machine.revision)
-        if seen != self.told or self.duty.asserting or self.world.now_s >= self.tell_s:
-            self.told, self.duty.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
+        for decision in self.failover.pass_on(decisions, self.world.now_s):
+            self.world.command(self.failover.token, decision)
+        seen = (self.failover.role, self.arbiter.machine.revision)
+        if seen != self.told or self.failover.asserting or self.world.now_s >= self.tell_s:
+            self.told, self.failover.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
             self.world.tell(self)
 
     def go_on(self):
@@ -71,7 +71,7 @@ class World:
         self.accepted = {}
         self.refused = 0
         self.stamps = []
-        self.together_s = 0.0  # how long two that run have believed to be on duty, at the most
+        self.together_s = 0.0  # how long two that run have both commanded, at the most
 
     def add(self, identity, standby=False):
         self.members.append(Member(self, identity, standby, self.settings))
@@ -90,18 +90,18 @@ class World:
             self.acting, self.source = decision.command, decision.source
         else:
             self.refused += 1
-        self.later(None, lambda member: member.duty.on_command(*sent))
+        self.later(None, lambda member: member.failover.on_command(*sent))
 
     def tell(self, teller):
         answered_ns = teller.arbiter.last.stamp_ns if teller.arbiter.last is not None else 0
-        token, target = teller.duty.token, teller.arbiter.machine.target
+        token, target = teller.failover.token, teller.arbiter.machine.target
         mode = str(teller.arbiter.machine.target_mode)
 
         def claim(member):
-            if member.duty.on_claim(token, answered_ns):
-                member.arbiter.follow_wish(target, mode, {})
+            if member.failover.on_claim(token, answered_ns):
+                member.arbiter.follow_operator(target, mode, {})
 
-        if teller.duty.role is Role.ACTIVE:
+        if teller.failover.role is Role.ACTIVE:
             self.later(None, claim)
 
     def tick(self, count=1):
@@ -126,11 +126,11 @@ class World:
         for step in range(100):
             self.now_s = start_s + step * 1e-3
             self._wires()
-            commanding = [member for member in self.members if member.running and member.duty.commanding]
+            commanding = [member for member in self.members if member.running and member.failover.commanding]
             together = together + 1 if len(commanding) > 1 else 0
             self.together_s = max(self.together_s, together * 1e-3)
             for member in self.members:
-                wakeup_s = member.duty.wakeup_s
+                wakeup_s = member.failover.wakeup_s
                 if member.running and (step % 50 == 49 or (wakeup_s is not None and wakeup_s <= self.now_s)):
                     member.hear(lambda member: member.arbiter.on_time(self.now_s))
         self.now_s = start_s + 0.1
@@ -143,7 +143,7 @@ class World:
 
     @property
     def active(self):
-        return [member.identity for member in self.members if member.duty.role is Role.ACTIVE]
+        return [member.identity for member in self.members if member.failover.role is Role.ACTIVE]
 
     def lost(self, last):
         return sum(stamp not in self.accepted for stamp in self.stamps[-last:])
@@ -218,20 +218,20 @@ def test_the_one_that_was_stopped_never_wins_however_late_it_hears_of_the_other(
     world.tick(15)
     a.running, a.lag_s = False, lag_s
     world.tick(ticks)
-    assert b.duty.role is Role.ACTIVE
+    assert b.failover.role is Role.ACTIVE
     a.go_on()
     for _ in range(20):
         world.tick()
-        assert b.duty.role is Role.ACTIVE
-        if a.duty.role is Role.STANDBY:
+        assert b.failover.role is Role.ACTIVE
+        if a.failover.role is Role.STANDBY:
             a.lag_s = 0.001
-    assert a.duty.role is Role.STANDBY
+    assert a.failover.role is Role.STANDBY
     assert world.lost(ticks + 20) == 1
     if lag_s < 0.1:
         assert (world.together_s, world.refused) == (0.0, 0), "it has kept its commands back until it heard"
 
 
-def test_of_two_on_duty_each_command_settles_it():
+def test_of_two_leaders_each_command_settles_it():
     world = World()
     a, b = world.add("a"), world.add("b")
     a.lag_s = b.lag_s = 0.5
@@ -245,10 +245,10 @@ def test_of_two_on_duty_each_command_settles_it():
 @pytest.mark.parametrize("token", ["", "stranger", ".x", "-1.x", "9" * 5000 + ".x", "2."])
 def test_a_claim_or_command_that_is_not_signed_moves_nobody(world, token):
     for member in world.members:
-        role = member.duty.role
-        assert not member.duty.on_claim(token, 2**60)
-        member.duty.on_command(token, world.stamp_ns, "x", Command(78.0, 407.0))
-        assert member.duty.role is role
+        role = member.failover.role
+        assert not member.failover.on_claim(token, 2**60)
+        member.failover.on_command(token, world.stamp_ns, "x", Command(78.0, 407.0))
+        assert member.failover.role is role
     world.tick(10)
     assert (world.active, world.lost(10)) == (["a"], 0)
 
@@ -306,24 +306,33 @@ def test_without_measurements_nobody_takes_over(world):
     for _ in range(50):
         world.now_s += 0.1
         b.hear(lambda member: member.arbiter.on_time(world.now_s))
-    assert b.duty.role is Role.STANDBY
+    assert b.failover.role is Role.STANDBY
 
 
 def test_wild_commands_do_not_move_the_standby(world):
     b = world.members[1]
     before = b.arbiter.applied
-    b.duty.on_command("1.a", world.stamp_ns, "x", Command(float("nan"), 400.0))
-    b.duty.on_command("1.a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
-    b.duty.on_command("", world.stamp_ns, "x", Command(61.0, 310.0))
+    b.failover.on_command("1.a", world.stamp_ns, "x", Command(float("nan"), 400.0))
+    b.failover.on_command("1.a", world.stamp_ns - 10**12, "x", Command(61.0, 310.0))
+    b.failover.on_command("", world.stamp_ns, "x", Command(61.0, 310.0))
     assert b.arbiter.applied == before
 
 
-def test_a_command_without_a_measurement_keeps_nobody_from_duty():
+def test_a_wild_command_of_a_later_term_does_not_move_the_leader(world):
+    a = world.members[0]
+    before = a.arbiter.applied
+    a.failover.on_command("9.z", world.stamp_ns, "decentral", Command(float("nan"), 400.0))
+    assert (a.arbiter.applied, a.failover.role) == (before, Role.ACTIVE)
+    world.tick(5)
+    assert (world.active, world.lost(5)) == (["a"], 0)
+
+
+def test_a_command_without_a_measurement_keeps_nobody_from_leading():
     world = World()
     a = world.add("a")
-    a.duty.on_command("1.b", world.stamp_ns, "x", Command(61.0, 310.0))
+    a.failover.on_command("1.b", world.stamp_ns, "x", Command(61.0, 310.0))
     world.tick(3)
-    assert a.duty.role is Role.ACTIVE
+    assert a.failover.role is Role.ACTIVE
 
 
 steps = st.lists(
@@ -338,7 +347,7 @@ steps = st.lists(
 
 @given(steps=steps, takeover_ticks=st.integers(1, 3))
 @hypothesis_settings(max_examples=40, deadline=None)
-def test_whatever_stops_and_goes_on_one_is_on_duty_in_the_end_without_a_bump(steps, takeover_ticks):
+def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, takeover_ticks):
     world = World(ArbiterSettings(takeover_ticks=takeover_ticks))
     world.add("a")
     world.tick(3)
@@ -356,7 +365,7 @@ def test_whatever_stops_and_goes_on_one_is_on_duty_in_the_end_without_a_bump(ste
         elif verb == "kill":
             world.members.remove(member)
             world.members.insert(which == "b", fresh := Member(world, f"n{next(serial)}", False, world.settings))
-            assert fresh.duty.role is Role.LISTENING
+            assert fresh.failover.role is Role.LISTENING
         world.tick(ticks)
     for member in world.members:
         if not member.running:

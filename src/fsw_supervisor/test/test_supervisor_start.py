@@ -160,7 +160,7 @@ def test_own_hold_ups_blame_nobody(rig):
     rig.now_s = late_s
     rig.run(3)
     assert rig.last.source == "decentral"
-    assert arbiter.registry.obstacle("decentral") == ""
+    assert arbiter.registry.why_not_ready("decentral") == ""
 
 
 def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
@@ -176,7 +176,7 @@ def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
     assert [decision.stamp_ns for decision in out] == stamps
     assert out[-1].source == "decentral"
     assert arbiter.machine.mode is Mode.AUTO
-    assert arbiter.registry.obstacle("nmpc") == ""
+    assert arbiter.registry.why_not_ready("nmpc") == ""
 
 
 def test_a_foreign_command_is_reported_once_and_counted(rig):

@@ -171,7 +171,7 @@ def test_modes_an_operator_can_ask_for(rig):
     assert desk.ask_mode("safe_stop", None, "operator")[0]
     rig.run(2)
     assert rig.last.source == "safe_stop"
-    assert [e.who for e in machine.events.history if "->" in e.text].count("operator") == 4
+    assert [e.who for e in machine.events if "->" in e.text].count("operator") == 4
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,127 @@
+"""What is known of the command in force: from the drives, from what was sent here, and from other writers."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from fsw_control.command_check import refusal
+from fsw_control.contract import Command, Limits
+from fsw_control.message_synchronizer import NANOSECONDS
+from fsw_supervisor.tick import Decision, Tick, same
+
+#: for so long a foreign command is remembered [s]
+_FOREIGN_S = 5.0
+#: for so long the drives' last sample stands in for one that has not come, as a sensor's does
+_DRIVES_HOLD_NS = 3 * NANOSECONDS // 10
+
+
+class CommandWatch:
+    """Tells the commands sent here from those of other writers."""
+
+    def __init__(self) -> None:
+        self.foreign_commands = 0  #: of other writers, seen since the start
+        self.foreign_tick = -10  #: number of the tick in which the last of them came
+        self._sent: deque[Decision] = deque(maxlen=50)
+        self._foreign_s: float | None = None
+
+    def sent(self, decision: Decision) -> None:
+        """Note that a decision goes out."""
+        self._sent.append(decision)
+
+    def is_own(self, stamp_ns: int, source: str, command: Command) -> bool:
+        """Whether a command seen was sent here; each counts once."""
+        for decision in self._sent:
+            if decision.stamp_ns == stamp_ns and decision.source == source and same(decision.command, command):
+                self._sent.remove(decision)
+                return True
+        return False
+
+    def note_foreign(self, now_s: float, tick: int) -> bool:
+        """Note a foreign command; returns whether it is the first for a while."""
+        first = not self.seen_lately(now_s)
+        self.foreign_commands += 1
+        self._foreign_s, self.foreign_tick = now_s, tick
+        return first
+
+    def seen_lately(self, now_s: float) -> bool:
+        """Whether someone else has written commands lately."""
+        return self._foreign_s is not None and now_s - self._foreign_s <= _FOREIGN_S
+
+
+class BumplessStart:
+    """The command in force, and after a start or a gap all that helps to find it out.
+
+    Until the first command (``asking``) nobody can have seen one of this supervisor: a controller that says it is
+    selected means the supervisor before.
+    """
+
+    def __init__(self) -> None:
+        self.applied: Command | None = None  #: command in force; None until it is known
+        self.asking = True
+        self.was_active = ""  #: controller that was active before; empty when unknown
+        self.seen: Command | None = None  #: last command known from before
+        self._started_s: float | None = None
+        self._drives: tuple[int, Command] | None = None
+        self._offset = Command(0.0, 0.0)
+
+    def begin(self, now_s: float) -> None:
+        """Note that measurements come; the time to listen counts from the first."""
+        if self._started_s is None:
+            self._started_s = now_s
+
+    def note_applied(self, command: Command) -> None:
+        """Take a command that has been sent, here or by the leader."""
+        self.applied, self.asking = command, False
+
+    def interrupt(self, active: str) -> None:
+        """Keep the own state for later at a gap in the measurements: what acts must be found out again."""
+        self.asking, self.was_active = False, active or self.was_active
+        self.seen, self.applied = self.applied or self.seen, None
+
+    def hear_status(self, name: str, selected: bool) -> None:
+        """Take what a controller says of itself."""
+        if selected and self.asking:
+            self.was_active = name
+
+    def hear_command(self, command: Command) -> None:
+        """Take a command that another supervisor has sent."""
+        if self.asking and refusal(command) is None:
+            self.seen = command
+
+    def hear_drives(self, stamp_ns: int, feedback: Command) -> bool:
+        """Take the drives' feedback; returns whether its stamp was seen before."""
+        repeated = self.feedback(stamp_ns) is not None
+        if refusal(feedback) is None:
+            self._drives = (stamp_ns, feedback)
+        return repeated
+
+    def feedback(self, stamp_ns: int) -> Command | None:
+        """What the drives have reported at a stamp."""
+        return self._drives[1] if self._drives is not None and self._drives[0] == stamp_ns else None
+
+    def listening_ends_s(self, wait_s: float) -> float | None:
+        """Steady time at which the controllers have had the time to tell who was selected; None: no matter any more."""
+        return self._started_s + wait_s if self.asking and self._started_s is not None else None
+
+    def learn_offset(self, tick: Tick, limits: Limits) -> None:
+        """Learn what pushes besides the command; up to one move it may as well be a command on its way."""
+        if tick.drives is not None and tick.before is not None:
+            self._offset = Command(
+                _more_than(limits.force_step_kn, tick.drives.force_kn - tick.before.force_kn),
+                _more_than(limits.speed_step_rpm, tick.drives.speed_rpm - tick.before.speed_rpm),
+            )
+
+    def commanded(self, drives: Command) -> Command:
+        """The command that the drives obey when they report ``drives``: a load cell sees everything that pushes."""
+        return Command(drives.force_kn - self._offset.force_kn, drives.speed_rpm - self._offset.speed_rpm)
+
+    def acting(self, tick: Tick) -> Command | None:
+        """Force and speed that act: as the drives say, or said a moment ago; without them as commanded."""
+        if tick.drives is not None or self._drives is None:
+            return tick.drives or self.applied
+        stamp_ns, feedback = self._drives
+        return feedback if 0 <= tick.stamp_ns - stamp_ns <= _DRIVES_HOLD_NS else self.applied
+
+
+def _more_than(move: float, difference: float) -> float:
+    return difference if abs(difference) > move else 0.0
