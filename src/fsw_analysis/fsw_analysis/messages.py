@@ -12,6 +12,7 @@ import yaml
 
 from fsw_analysis.columns import Column, Kind, MessageColumns
 from fsw_analysis.weld_signals import IntArray
+from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 
@@ -21,7 +22,6 @@ SENSOR_FIELDS = {
     "torque": ("/fsw/spindle_torque", "torque"),
     "thermocouple": ("/fsw/thermocouple", "temperature"),
 }
-NANOSECONDS = 1_000_000_000
 #: of a copy of set-points, when the original was sent; older bags do not have it
 ISSUED: dict[str, Kind] = {"issued.sec": "number", "issued.nanosec": "number"}
 _STAMP: dict[str, Kind] = {"header.stamp.sec": "number", "header.stamp.nanosec": "number"}
@@ -100,7 +100,7 @@ class WeldMessages:
             several = ", ".join(sorted(spaces))
             raise BagError(f"{path}: holds several welds, in {several}: convert or record one of them")
         self.namespace = spaces.pop() if len(spaces) == 1 else ""
-        self.topics = {one.name.removeprefix(self.namespace): one for one in topics}
+        self.topics = {name.removeprefix(self.namespace): topic for name, topic in topics.items()}
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fsw_analysis.messages import ISSUED, NANOSECONDS, WeldMessages
+from fsw_analysis.messages import ISSUED, WeldMessages
 from fsw_analysis.weld_signals import MM, IntArray
+from fsw_control.units import NANOSECONDS
 
 #: topics of set-points: as sent, and as the supervisor says they hold at present
 SENT, HELD = "/fsw/reference", "/fsw/supervisor/reference"

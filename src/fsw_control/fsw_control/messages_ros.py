@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
@@ -23,8 +24,6 @@ from fsw_msgs.msg import (
     WeldReference,
     WeldReferencePlan,
 )
-
-NANOSECONDS = 1_000_000_000
 
 #: quantity in the core -> name with SI unit on the wire, and conversion; any other name goes out as it is
 _WIRE: dict[str, tuple[str, Callable[[float], float]]] = {

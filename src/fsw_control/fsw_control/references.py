@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from fsw_control.contract import Coming, Reference
+from fsw_control.units import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 #: longest time that a reference may be sent ahead
 _HORIZON_NS = 36_000 * NANOSECONDS
 #: most coming set-points that a controller is given

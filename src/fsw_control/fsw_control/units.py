@@ -3,6 +3,8 @@
 from math import pi
 
 RAD_PER_S_PER_RPM = pi / 30.0
+#: in a second
+NANOSECONDS = 1_000_000_000
 
 
 def mm_from_m(value_m: float) -> float:

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import NANOSECONDS, StampFilter
+from fsw_control.message_synchronizer import StampFilter
+from fsw_control.units import NANOSECONDS
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.command_watch import BumplessStart, CommandWatch

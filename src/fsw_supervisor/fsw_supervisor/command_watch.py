@@ -6,7 +6,7 @@ from collections import deque
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Limits
-from fsw_control.message_synchronizer import NANOSECONDS
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.tick import Decision, Tick, same
 
 #: for so long a foreign command is remembered [s]

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
-from fsw_control.message_synchronizer import NANOSECONDS
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.tick import Decision, Tick
 

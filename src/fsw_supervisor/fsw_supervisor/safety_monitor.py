@@ -9,9 +9,8 @@ from math import isfinite, nan
 from typing import Any
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import NANOSECONDS
 from fsw_control.parameters import defaults, load
-from fsw_control.units import kw_from_w, rad_s_from_rpm
+from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_supervisor.state_machine import Level, Machine, Trigger
 from fsw_supervisor.tick import Tick
