@@ -25,11 +25,12 @@ from fsw_experiment.comparison.cases import DECENTRALIZED, SWEEP
 
 
 def publish(table: list[str]) -> None:
-    """Put the table between its marks in the README."""
+    """Put the table between its marks in the README, and draw the README's figure."""
     readme = WORKSPACE / "README.md"
     before, _, rest = readme.read_text(encoding="utf-8").partition("<!-- results -->\n")
     _, end, after = rest.partition("<!-- results: end -->")
     readme.write_text("\n".join([f"{before}<!-- results -->", *table[:-1], f"{end}{after}"]), encoding="utf-8")
+    figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
 
 
 def main() -> int:
@@ -38,7 +39,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
     parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
-    parser.add_argument("--publish", action="store_true", help="into docs/results, and the table in the README")
+    parser.add_argument("--publish", action="store_true", help="into docs/results, and README's table and figure")
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")

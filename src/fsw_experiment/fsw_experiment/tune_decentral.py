@@ -10,19 +10,19 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 import fsw_decentral
 from fsw_decentral import Gains, tunings
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.decentral_loop import errors, noise_moves, sensitivity, simulated_sensitivity
-from fsw_experiment.evolution import minimise
 from fsw_model import ModelParameters, OperatingPointError, ParameterError, nominal
 
 Vector = NDArray[np.float64]
@@ -33,21 +33,14 @@ _MISSED, _BROKEN = 5.0, 50.0
 #: beyond this excess over the bounds a run is not worth its time; the loop may be unstable
 _HOPELESS = 0.5
 _SWINGING_C = 2.0
-_SPREAD = 0.25
+#: how far the first simplex of the search reaches from the start, in logarithms of the gains
+_REACH = 0.25
 _EVALUATIONS = 3000
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a set of gains may not exceed.
-
-    Attributes
-    ----------
-    sensitivity : float
-        Ms of each loop.
-    force_move_kn, speed_move_rpm : float
-        Standard deviation of the moves per tick under sensor noise.
-    """
+    """Upper bounds on Ms of each loop, and on the standard deviation of the moves per tick under sensor noise."""
 
     sensitivity: float
     force_move_kn: float
@@ -59,39 +52,24 @@ BOUNDS = {
     "tight": Bounds(sensitivity=2.0, force_move_kn=0.12, speed_move_rpm=0.8),
 }
 
-#: What the search wants to stay below: figures of another, independent tuning of such loops on the paper's process.
-TARGETS = {
-    "conservative": {
-        "tracking_iae_depth_mm_s": 4.08,
-        "tracking_iae_temperature_c_s": 300.0,
-        "disturbance_iae_depth_mm_s": 0.93,
-        "disturbance_iae_temperature_c_s": 45.0,
-        "depth_up_iae_mm_s": 1.82,
-        "depth_down_iae_mm_s": 1.78,
-        "depth_disturbance_iae_mm_s": 0.778,
-        "temperature_up_iae_c_s": 136.0,
-        "temperature_down_iae_c_s": 137.0,
-        "temperature_disturbance_iae_c_s": 39.1,
-        "depth_up_peak_c": 0.85,
-        "depth_down_peak_c": 0.86,
-        "depth_disturbance_peak_c": 0.86,
-    },
-    "tight": {
-        "tracking_iae_depth_mm_s": 1.48,
-        "tracking_iae_temperature_c_s": 207.0,
-        "disturbance_iae_depth_mm_s": 0.34,
-        "disturbance_iae_temperature_c_s": 45.0,
-        "depth_up_iae_mm_s": 0.679,
-        "depth_down_iae_mm_s": 0.654,
-        "depth_disturbance_iae_mm_s": 0.302,
-        "temperature_up_iae_c_s": 82.4,
-        "temperature_down_iae_c_s": 84.1,
-        "temperature_disturbance_iae_c_s": 38.3,
-        "depth_up_peak_c": 1.42,
-        "depth_down_peak_c": 3.24,
-        "depth_disturbance_peak_c": 3.24,
-    },
+#: What the search aims to stay below, for the tunings in the order of ``BOUNDS``: figures of another, independent
+#: tuning of such loops on the paper's process.
+_TARGETS = {
+    "tracking_iae_depth_mm_s": (4.08, 1.48),
+    "tracking_iae_temperature_c_s": (300.0, 207.0),
+    "disturbance_iae_depth_mm_s": (0.93, 0.34),
+    "disturbance_iae_temperature_c_s": (45.0, 45.0),
+    "depth_up_iae_mm_s": (1.82, 0.679),
+    "depth_down_iae_mm_s": (1.78, 0.654),
+    "depth_disturbance_iae_mm_s": (0.778, 0.302),
+    "temperature_up_iae_c_s": (136.0, 82.4),
+    "temperature_down_iae_c_s": (137.0, 84.1),
+    "temperature_disturbance_iae_c_s": (39.1, 38.3),
+    "depth_up_peak_c": (0.85, 1.42),
+    "depth_down_peak_c": (0.86, 3.24),
+    "depth_disturbance_peak_c": (0.86, 3.24),
 }
+TARGETS = {name: {key: most[i] for key, most in _TARGETS.items()} for i, name in enumerate(BOUNDS)}
 
 #: Searched for, with the range: all gains. The unit is that of the gain. The events hardly reach the bounds of the
 #: speed, so the range is what keeps the tracking times short enough for a speed that rests at a bound.
@@ -130,14 +108,7 @@ MISMATCH = {
 
 
 def start_of(name: str, parameters: ModelParameters) -> Gains:
-    """Where the search starts: internal model control of the loops by themselves.
-
-    Parameters
-    ----------
-    name : str
-        One of ``BOUNDS``.
-    parameters : ModelParameters
-    """
+    """Where the search for one of ``BOUNDS`` starts: internal model control of the loops by themselves."""
     p, tight = parameters, name == "tight"
     closed_s = (1.0 if tight else 1.4) * p.dead_time_s
     heat_c_per_kw_s = p.thermal_gain_c_per_kw / p.copper_lag_s
@@ -204,9 +175,9 @@ def tune(
     parameters : ModelParameters, optional
         The paper's by default.
     evaluations : int
-        Of the cost, some 0.1 s each.
+        At most; of the cost, some 0.1 s each.
     progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+        Called with the share of the evaluations done, 0 to 1.
 
     Returns
     -------
@@ -215,28 +186,27 @@ def tune(
     """
     p = parameters or nominal()
     start = start_of(name, p)
-    low, high = np.log(np.array(list(SEARCHED.values()))).T
+    ranges = np.log(list(SEARCHED.values()))
+    done = 0
 
     def gains_of(x: Vector) -> Gains:
-        values = np.exp(np.clip(x, low, high))
-        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, values, strict=True)})
+        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
 
     def cost_of(x: Vector) -> float:
-        beyond = x - np.clip(x, low, high)
-        return cost(gains_of(x), name, p) + float(beyond @ beyond)
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done / evaluations, 1.0))
+        return cost(gains_of(x), name, p)
 
-    x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), low, high)
-    return gains_of(minimise(cost_of, x, _SPREAD, evaluations, progress=progress))
+    x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), *ranges.T)
+    simplex = np.clip(x + _REACH * np.eye(len(x) + 1, len(x), -1), *ranges.T)
+    options = {"adaptive": True, "initial_simplex": simplex, "maxfev": evaluations}
+    return gains_of(minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)
 
 
-def assess(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
-    """Return everything that is said of a set of gains; units in the names.
-
-    Raises
-    ------
-    OperatingPointError
-        If the shoulder leaves the copper.
-    """
+def assess(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
+    """Figures of a set of gains, units in the names; OperatingPointError if the shoulder leaves the copper."""
     peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
     robust = {"ms_depth": peaks[0], "ms_temperature": peaks[1], "noise_move_kn": moves[0], "noise_move_rpm": moves[1]}
     return robust | errors(gains, parameters)
@@ -244,29 +214,32 @@ def assess(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
 
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    print(f"{'':34}" + "".join(f"{name:>24}" for name in sets))
+    _print_row("", sets)
     for field in fields(Gains):
-        print(f"{field.name:34}" + "".join(f"{getattr(gains, field.name):24g}" for gains in sets.values()))
+        _print_row(field.name, (f"{getattr(gains, field.name):g}" for gains in sets.values()))
     figures = {name: assess(gains, parameters) for name, gains in sets.items()}
-    print(f"\n{'':34}" + "".join(f"{name + ' (most)':>24}" for name in sets))
+    print()
+    _print_row("", (f"{name} (most)" for name in sets))
+    most = {name: _most(name) for name in sets}
     for key in next(iter(figures.values())):
-        cells = []
-        for name, found in figures.items():
-            most = _most(name, key)
-            cells.append(f"{found[key]:.4g}" + ("" if most is None else f" ({most:g})"))
-        print(f"{key:34}" + "".join(f"{cell:>24}" for cell in cells))
+        limits = {name: f" ({most[name][key]:g})" if key in most[name] else "" for name in sets}
+        _print_row(key, (f"{found[key]:.4g}{limits[name]}" for name, found in figures.items()))
     print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances; on a process with")
     for label, factors in MISMATCH.items():
         other = parameters.scaled(**factors)
-        print(f"{label:34}" + "".join(f"{_robustness(gains, other):>24}" for gains in sets.values()))
+        _print_row(label, (_robustness(gains, other) for gains in sets.values()))
     return figures
 
 
-def _most(name: str, key: str) -> float | None:
+def _print_row(label: str, cells: Iterable[str]) -> None:
+    print(f"{label:34}" + "".join(f"{cell:>24}" for cell in cells))
+
+
+def _most(name: str) -> dict[str, float]:
+    """Bounds and targets of a tuning, by the key of the figure."""
     bounds = BOUNDS[name]
     robust = {"ms_depth": bounds.sensitivity, "ms_temperature": bounds.sensitivity}
-    robust |= {"noise_move_kn": bounds.force_move_kn, "noise_move_rpm": bounds.speed_move_rpm}
-    return (robust | TARGETS[name]).get(key)
+    return robust | {"noise_move_kn": bounds.force_move_kn, "noise_move_rpm": bounds.speed_move_rpm} | TARGETS[name]
 
 
 def _robustness(gains: Gains, parameters: ModelParameters) -> str:
