@@ -8,8 +8,6 @@ records a publisher of 1,000 messages/s with the recorder as a process of its ow
 Every figure is of this run on this machine; compare the columns with each other, not with other machines.
 """
 
-import argparse
-import json
 import os
 import signal
 import subprocess
@@ -21,16 +19,21 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
-from _bootstrap import ensure
+if __name__ == "__main__":
+    from _bootstrap import ensure
 
-ensure()
+    ensure()
 
-import numpy as np  # noqa: E402
+import mcap.writer
+import numpy as np
+from report import parser, save, show
+from rosbags import rosbag2
 
-from fsw_analysis.signals import load_weld  # noqa: E402
-from fsw_recorder.bag_reader import BagReader  # noqa: E402
-from fsw_recorder.bag_writer import BagWriter, WriterOptions  # noqa: E402
-from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld  # noqa: E402
+from fsw_analysis.kpi import compute
+from fsw_analysis.signals import load_weld
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld
 
 WELD_TICKS = 27_000
 RATE_HZ = 1000
@@ -78,9 +81,7 @@ def with_recorder(folder: Path, messages: Messages, compression: str = "") -> li
 
 def with_rosbags(folder: Path, messages: Messages) -> None:
     """Write with the writer of ``rosbags``."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
         connections = {
             topic.name: writer.add_connection(
                 topic.name, topic.type_name, msgdef=topic.definition, rihs01=topic.type_hash
@@ -93,12 +94,10 @@ def with_rosbags(folder: Path, messages: Messages) -> None:
 
 def with_mcap(folder: Path, messages: Messages, compression: str = "") -> None:
     """Write with bare ``mcap``: no folder's metadata, no thread, nothing on the disk before the end of a chunk."""
-    from mcap.writer import CompressionType, Writer
-
     folder.mkdir()
-    kind = CompressionType.ZSTD if compression else CompressionType.NONE
+    kind = mcap.writer.CompressionType.ZSTD if compression else mcap.writer.CompressionType.NONE
     with (folder / "bag.mcap").open("wb") as stream:
-        writer = Writer(stream, compression=kind)
+        writer = mcap.writer.Writer(stream, compression=kind)
         writer.start(profile="ros2")
         channels = {}
         for topic in sample_topics():
@@ -190,42 +189,32 @@ def wait_until(condition: Callable[[], bool], timeout_s: float) -> None:
 
 def reading(folder: Path) -> dict[str, float]:
     """Read the bag of a 45-minute weld: count, signals, KPIs; ``rosbags`` only reads the bytes."""
-    from rosbags.rosbag2 import Reader
-
-    from fsw_analysis.kpi import compute
-
     bag = folder / "weld"
     count = write_sample_weld(bag, WELD_TICKS)
-    start = time.perf_counter()
-    with Reader(bag) as reader:
+    clock = time.perf_counter
+    times = [clock()]
+    with rosbag2.Reader(bag) as reader:
         assert sum(1 for _ in reader.messages()) == count
-    rosbags_s = time.perf_counter() - start
-    start = time.perf_counter()
+    times.append(clock())
     with BagReader(bag) as own:
         assert own.info().message_count == count
-    count_s = time.perf_counter() - start
-    start = time.perf_counter()
+    times.append(clock())
     signals = load_weld(bag)
-    load_s = time.perf_counter() - start
+    times.append(clock())
     assert signals.n_ticks == WELD_TICKS and not signals.problems
-    start = time.perf_counter()
     compute(signals)
+    times.append(clock())
+    names = ("rosbags_read", "read", "signals", "kpi")
     return {
         "weld_45min_messages": float(count),
         "weld_45min_mb": sum(file.stat().st_size for file in bag.iterdir()) / 1e6,
-        "weld_45min_rosbags_read_s": rosbags_s,
-        "weld_45min_read_s": count_s,
-        "weld_45min_signals_s": load_s,
-        "weld_45min_kpi_s": time.perf_counter() - start,
+        **{f"weld_45min_{name}_s": float(taken) for name, taken in zip(names, np.diff(times), strict=True)},
     }
 
 
-def main() -> int:
+def main() -> None:
     """Run everything, print a table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="fewer messages, 5 s instead of 60 s of recording")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
-    arguments = parser.parse_args()
+    arguments = parser(__doc__, "fewer messages, 5 s instead of 60 s of recording").parse_args()
     ticks = 2_000 if arguments.quick else 20_000
     results: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="fsw_recorder_benchmark_") as name:
@@ -246,14 +235,9 @@ def main() -> int:
         results |= graph_run(folder, 5 if arguments.quick else 60)
         print("reading a 45-minute weld", flush=True)
         results |= reading(folder)
-    width = max(map(len, results))
-    for key, value in results.items():
-        print(f"{key:{width}}  {value:12.3f}")
-    if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    return 0
+    show(results)
+    save(results, arguments.json)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

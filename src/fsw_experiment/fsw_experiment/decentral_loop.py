@@ -22,11 +22,13 @@ from fsw_decentral.loops import KW_PER_NM_RPM, share
 from fsw_experiment.scenario import tick_of
 from fsw_experiment.standard_events import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
+from fsw_plant import PlantConfig
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]
-#: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m (plant.yaml).
-NOISE = (2e-3, 0.1, 2.0)
+_SENSORS = PlantConfig.from_values({}).sensors
+#: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m.
+NOISE = (_SENSORS.depth_noise_mm, _SENSORS.temperature_noise_c, _SENSORS.torque_noise_nm)
 #: rad/s; for peaks, and evenly spaced for variances
 _OMEGA = np.geomspace(2e-3, 0.95 * math.pi / STEP_S, 400)
 _EVEN = np.linspace(0.0, math.pi / STEP_S, 402)[1:-1]
