@@ -69,12 +69,11 @@ class Meter:
         self.node = rclpy.create_node("meter")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._drives = self.node.create_publisher(DriveFeedback, "fsw/drives", 10)
-        self._depths = self.node.create_publisher(ShoulderDepth, "fsw/depth", 10)
-        self._torques = self.node.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
-        self._temperatures = self.node.create_publisher(Temperature, "fsw/thermocouple", 10)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._references = self.node.create_publisher(WeldReference, "fsw/reference", latched)
+        kinds = {"drives": DriveFeedback, "depth": ShoulderDepth, "spindle_torque": SpindleTorque}
+        kinds["thermocouple"] = Temperature
+        self._sensors = [self.node.create_publisher(kind, f"fsw/{name}", 10) for name, kind in kinds.items()]
+        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._references = self.node.create_publisher(WeldReference, "fsw/reference", kept)
         self._references.publish(WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C))
         self.sent, self.proposed, self.commanded, self.sources = {}, {}, {}, {}
         self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
@@ -85,18 +84,19 @@ class Meter:
     def ready(self):
         """Whether both controllers and the supervisor hear the sensors, and this process hears them."""
         self._executor.spin_once(timeout_sec=0.0)
-        heard = min(p.get_subscription_count() for p in (self._depths, self._torques, self._temperatures)) >= 3
-        return heard and self._drives.get_subscription_count() >= 3 and self.node.count_publishers("/fsw/command") >= 1
+        heard = min(sensor.get_subscription_count() for sensor in self._sensors) >= 3
+        return heard and self.node.count_publishers("/fsw/command") >= 1
 
     def run(self, ticks):
         """Publish so many ticks at the rate."""
         next_s = time.monotonic()
         for _ in range(ticks):
-            while (left_s := next_s - time.monotonic()) > 0.0:
-                self._executor.spin_once(timeout_sec=left_s)
+            self._spin_until(next_s)
             self._tick()
             next_s += self._period_s
-        end_s = time.monotonic() + 0.2
+        self._spin_until(time.monotonic() + 0.2)
+
+    def _spin_until(self, end_s):
         while (left_s := end_s - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left_s)
 
@@ -108,10 +108,14 @@ class Meter:
     def _tick(self):
         stamp, noise = time.time_ns(), self._noise.gauss
         self.sent[stamp] = time.monotonic()
-        self._drives.publish(convert.drives_message(self._acting, stamp))
-        self._depths.publish(convert.depth_message(noise(weld.DEPTH_MM, 1e-3), stamp))
-        self._torques.publish(convert.torque_message(noise(1052.86, 1.0), stamp))
-        self._temperatures.publish(convert.temperature_message(noise(weld.TEMPERATURE_C, 0.2), stamp))
+        messages = (
+            convert.drives_message(self._acting, stamp),
+            convert.depth_message(noise(weld.DEPTH_MM, 1e-3), stamp),
+            convert.torque_message(noise(1052.86, 1.0), stamp),
+            convert.temperature_message(noise(weld.TEMPERATURE_C, 0.2), stamp),
+        )
+        for sensor, message in zip(self._sensors, messages, strict=True):
+            sensor.publish(message)
 
     def _on_proposal(self, message):
         self.proposed.setdefault(convert.stamp_ns(message.header.stamp), time.monotonic())

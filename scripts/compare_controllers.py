@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -17,8 +16,6 @@ from _bootstrap import WORKSPACE, ensure
 
 if __name__ == "__main__":
     ensure()
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from fsw_experiment.comparison import figures, report, study
 from fsw_experiment.comparison.cases import DECENTRALIZED, SWEEP
@@ -58,13 +55,12 @@ def main() -> int:
             shown_s = elapsed_s
             print(f"[{elapsed_s:5.0f} s] {what}", file=sys.stderr, flush=True)
 
-    quick: bool = arguments.quick
-    plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if quick else SWEEP
+    plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if arguments.quick else SWEEP
     data = {"nominal": study.nominal(progress), "sweep": study.sweep(progress, plants)}
     figures.papers(out)
     figures.corridors(out)
     figures.sweep(data["sweep"], out / "sweep.png")
-    if not quick:
+    if not arguments.quick:
         data["bounds"] = study.bounds(progress)
         figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
         data["margins"] = study.margins(progress)

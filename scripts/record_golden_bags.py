@@ -43,9 +43,10 @@ BAGS = {
     "output_disturbances": ("output_disturbances", "nmpc"),
     "model_uncertainty": ("model_uncertainty", "nmpc"),
 }
-SENSORS = "depth|spindle_torque|thermocouple|drives"
-OTHERS = "reference|command|plant/truth|supervisor/(state|reference)|[a-z_]+/proposal"
-TOPICS = f"/fsw/({SENSORS}|{OTHERS})"
+TOPICS = (
+    "/fsw/(depth|spindle_torque|thermocouple|drives|reference|command|plant/truth|supervisor/(state|reference)|"
+    "[a-z_]+/proposal)"
+)
 ATTACHMENTS = ("scenario.yaml", "parameters/fsw_nmpc.yaml", "parameters/fsw_decentral.yaml")
 GOLDEN = WORKSPACE / "test" / "golden"
 LARGEST_BYTES = 1_000_000
@@ -89,8 +90,7 @@ def end_of_scenario(bag: Path, duration_s: float) -> int:
 def main() -> int:
     """Record the bags that are named, or all."""
     names = sys.argv[1:] or list(BAGS)
-    unknown = [name for name in names if name not in BAGS]
-    if unknown:
+    if unknown := [name for name in names if name not in BAGS]:
         print(f"no golden bag {', '.join(unknown)}; there are {', '.join(BAGS)}", file=sys.stderr)
         return 2
     for name in names:
