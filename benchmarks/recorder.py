@@ -8,13 +8,13 @@ records a publisher of 1,000 messages/s with the recorder as a process of its ow
 Every figure is of this run on this machine; compare the columns with each other, not with other machines.
 """
 
+import argparse
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
@@ -26,11 +26,16 @@ if __name__ == "__main__":
 
 import mcap.writer
 import numpy as np
+import rclpy
+from rclpy.serialization import serialize_message
 from report import parser, save, show
 from rosbags import rosbag2
 
 from fsw_analysis.kpi import compute
 from fsw_analysis.signals import load_weld
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher, LaunchError
+from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld
@@ -39,28 +44,24 @@ WELD_TICKS = 27_000
 RATE_HZ = 1000
 Messages = list[tuple[str, int, bytes]]
 
-TALKER = """
-import sys, time
-import rclpy
-from fsw_msgs.msg import ShoulderDepth
-from rclpy.serialization import serialize_message
-rclpy.init()
-node = rclpy.create_node("talker")
-publisher = node.create_publisher(ShoulderDepth, "/load", 1000)
-rate, count = int(sys.argv[1]), int(sys.argv[2])
-while publisher.get_subscription_count() == 0:
-    rclpy.spin_once(node, timeout_sec=0.01)
-message = ShoulderDepth()
-message.header.frame_id = "tool"
-begin = time.monotonic()
-for index in range(count):
-    while (wait := begin + index / rate - time.monotonic()) > 0:
-        time.sleep(wait)
-    message.depth = float(index)
-    publisher.publish(serialize_message(message))
-print("sent", count, time.monotonic() - begin, flush=True)
-sys.stdin.readline()
-"""
+
+def talk(count: int) -> None:
+    """Publish so many messages at the rate, in this process."""
+    rclpy.init()
+    node = rclpy.create_node("talker")
+    publisher = node.create_publisher(ShoulderDepth, "/load", 1000)
+    while publisher.get_subscription_count() == 0:
+        rclpy.spin_once(node, timeout_sec=0.01)
+    message = ShoulderDepth()
+    message.header.frame_id = "tool"
+    begin = time.monotonic()
+    for index in range(count):
+        while (wait := begin + index / RATE_HZ - time.monotonic()) > 0:
+            time.sleep(wait)
+        message.depth = float(index)
+        publisher.publish(serialize_message(message))
+    print(f"sent in {time.monotonic() - begin} s", flush=True)
+    rclpy.spin(node)
 
 
 def with_recorder(folder: Path, messages: Messages, compression: str = "") -> list[float]:
@@ -129,46 +130,25 @@ def measure(name: str, write: Callable[[Path], object], messages: Messages, fold
 
 def graph_run(folder: Path, seconds: int) -> dict[str, float]:
     """Record a publisher of 1,000 messages/s with the recorder as a process of its own."""
-    environment = {**os.environ, "ROS_DOMAIN_ID": "99", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     bag, count = folder / "graph", RATE_HZ * seconds
-    recorder = subprocess.Popen(
-        [sys.executable, "-m", "fsw_recorder.recorder_node", "--ros-args", "-p", f"output:={bag}"],
-        env=environment,
-        stderr=subprocess.DEVNULL,
-    )
-    talker = subprocess.Popen(
-        [sys.executable, "-c", TALKER, str(RATE_HZ), str(count)],
-        env=environment,
-        text=True,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    try:
-        assert talker.stdout is not None and talker.stdin is not None
-        _, _, elapsed = talker.stdout.readline().split()
-        wait_until(lambda: received(bag) >= count, 10.0)
-        ticks = os.sysconf("SC_CLK_TCK")
-        used = Path(f"/proc/{recorder.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        cpu_s = (int(used[11]) + int(used[12])) / ticks
-        recorder.send_signal(signal.SIGINT)
-        recorder.wait(30.0)
-        talker.stdin.close()
-        talker.wait(30.0)
-    finally:
-        for process in (recorder, talker):
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        recorder = launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={bag}"])
+        launcher.start("talker", "recorder", ["--talk", str(count)])
+        elapsed_s = float(launcher.wait_for_text("talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
+        with suppress(LaunchError):  # what has not come by then is lost
+            launcher.wait_until(lambda: received(bag) >= count, 10.0, "the last message")
+        used = Path(f"/proc/{recorder.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        cpu_s = (int(used[11]) + int(used[12])) / os.sysconf("SC_CLK_TCK")
+        launcher.stop("recorder")
     with BagReader(bag) as reader:
         records = list(reader.records(["/load"]))
     delays = np.array([one.log_time_ns - one.publish_time_ns for one in records]) * 1e-6
     return {
         "graph_seconds": float(seconds),
         "graph_sent": float(count),
-        "graph_sent_per_s": count / float(elapsed),
+        "graph_sent_per_s": count / elapsed_s,
         "graph_lost": float(count - len({one.data for one in records})),
-        "graph_recorder_cpu_percent": 100.0 * cpu_s / float(elapsed),
+        "graph_recorder_cpu_percent": 100.0 * cpu_s / elapsed_s,
         "graph_receive_delay_p50_ms": float(np.percentile(delays, 50)),
         "graph_receive_delay_p99_ms": float(np.percentile(delays, 99)),
     }
@@ -178,13 +158,6 @@ def received(bag: Path) -> int:
     """Messages of the load that are in a growing bag."""
     with BagReader(bag) as reader:
         return sum(1 for _ in reader.records(["/load"]))
-
-
-def wait_until(condition: Callable[[], bool], timeout_s: float) -> None:
-    """Look now and then until the condition holds or the time is over."""
-    end = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.2)
 
 
 def reading(folder: Path) -> dict[str, float]:
@@ -214,7 +187,12 @@ def reading(folder: Path) -> dict[str, float]:
 
 def main() -> None:
     """Run everything, print a table, write JSON."""
-    arguments = parser(__doc__, "fewer messages, 5 s instead of 60 s of recording").parse_args()
+    cli = parser(__doc__, "fewer messages, 5 s instead of 60 s of recording")
+    cli.add_argument("--talk", type=int, help=argparse.SUPPRESS)
+    arguments = cli.parse_args()
+    if arguments.talk:
+        talk(arguments.talk)
+        return
     ticks = 2_000 if arguments.quick else 20_000
     results: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="fsw_recorder_benchmark_") as name:

@@ -49,13 +49,18 @@ def transition_table() -> str:
     return "\n".join(lines)
 
 
+def document_block() -> str:
+    """What stands between the two marks in the documentation, with the marks."""
+    return f"{BEGIN}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{END}"
+
+
 def renew_document(text: str) -> str:
     """Return ``text`` with the block between the marks renewed; ValueError if it has no marks."""
-    before, begin, rest = text.partition(BEGIN)
+    before, _, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not end:
         raise ValueError(f"the marks {BEGIN!r} and {END!r} are missing")
-    return f"{before}{begin}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{end}{after}"
+    return before + document_block() + after
 
 
 def main(args: Sequence[str]) -> int:
