@@ -17,29 +17,21 @@ import time
 from typing import Any
 
 from report import parser
-from worlds import BareParticipant, Side, compare, output
+from worlds import BareParticipant, RclpyNode, Side, compare, output
 
 PAYLOADS = {"small": 64, "1mb": 1_000_000}
 
 
-class Rclpy:
+class Rclpy(RclpyNode):
     """Ping-pong over rclpy."""
 
     def __init__(self, role: str) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import UInt8MultiArray
-
-        rclpy.init(args=[])
-        self.make = lambda size: UInt8MultiArray(data=bytes(size))
-        self.node = rclpy.create_node(f"latency_{role}")
+        super().__init__(f"latency_{role}")
         out, into = ("ping", "pong") if role == "master" else ("pong", "ping")
-        self.publisher = self.node.create_publisher(UInt8MultiArray, out, 10)
+        self.publisher = self.node.create_publisher(self.kind, out, 10)
         self.got: list[Any] = []
         callback = self.got.append if role == "master" else self.publisher.publish
-        self.node.create_subscription(UInt8MultiArray, into, callback, 10)
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        self.node.create_subscription(self.kind, into, callback, 10)
 
     def matched(self) -> bool:
         """Return whether the other process is there, in both directions."""

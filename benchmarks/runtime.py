@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from report import parser
-from worlds import BareParticipant, Side, compare, output
+from worlds import BareParticipant, RclpyNode, Side, compare, output
 
 SIZES = {"small": 64, "1mb": 1_000_000}
 RATES_HZ = (10, 100, 1000)
@@ -52,23 +52,16 @@ def percentile(values: list[float], fraction: float) -> float:
     return sorted(values)[min(len(values) - 1, int(fraction * len(values)))]
 
 
-class Rclpy:
+class Rclpy(RclpyNode):
     """A node that publishes to itself."""
 
     def __init__(self) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import UInt8MultiArray
         from std_srvs.srv import Trigger
 
-        rclpy.init(args=[])
-        self.node: Any = rclpy.create_node("benchmark")
-        self.executor: Any = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.make = lambda size: UInt8MultiArray(data=bytes(size))
-        self.publisher = self.node.create_publisher(UInt8MultiArray, "data", 10)
+        super().__init__("benchmark")
+        self.publisher = self.node.create_publisher(self.kind, "data", 10)
         self.received = 0
-        self.node.create_subscription(UInt8MultiArray, "data", self._receive, 10)
+        self.node.create_subscription(self.kind, "data", self._receive, 10)
         self.node.create_service(Trigger, "trigger", lambda request, response: response)
         self.client = self.node.create_client(Trigger, "trigger")
         self.request = Trigger.Request()

@@ -60,6 +60,25 @@ def compare(measure: Callable[[str, Side], dict[str, float]], json_path: Path | 
     save(figures, json_path)
 
 
+class RclpyNode:
+    """A node with an executor and messages of bytes, for rclpy_embedded and genuine rclpy alike."""
+
+    def __init__(self, name: str) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import UInt8MultiArray
+
+        rclpy.init(args=[])
+        self.kind = UInt8MultiArray
+        self.node: Any = rclpy.create_node(name)
+        self.executor: Any = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def make(self, size: int) -> Any:
+        """A message of so many bytes."""
+        return self.kind(data=bytes(size))
+
+
 class BareParticipant:
     """Cyclonedds alone, as its documentation shows it: a wait set, topics with a struct of bytes."""
 

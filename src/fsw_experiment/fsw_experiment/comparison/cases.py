@@ -32,21 +32,19 @@ def _disturbance(at_s: float, channel: str, amplitude: float) -> Event:
     return {"at_s": at_s, "disturbance": {"channel": channel, "shape": "step", key: amplitude}}
 
 
-def _standard() -> dict[str, list[Event]]:
-    """The standard events, each as a change of what it is about only."""
-    references, disturbances = [], []
-    for step, reference in zip(SET_POINTS.values(), set_points()[1:], strict=True):
-        name = "depth_mm" if step.of_depth else "temperature_c"
-        references.append(_set_point(step.at_s, **{name: getattr(reference, name)}))
-    for step in DISTURBANCES.values():
-        channel, size = ("depth", step.depth_mm) if step.of_depth else ("temperature", step.temperature_c)
-        disturbances.append(_disturbance(step.at_s, channel, size))
-    return {"tracking": references, "disturbances": disturbances}
-
-
+_STANDARD = {
+    "tracking": [
+        _set_point(step.at_s, depth_mm=after.depth_mm, temperature_c=after.temperature_c)
+        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
+    ],
+    "disturbances": [
+        _disturbance(step.at_s, *(("depth", step.depth_mm) if step.of_depth else ("temperature", step.temperature_c)))
+        for step in DISTURBANCES.values()
+    ],
+}
 #: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_experiment.
 _OWN: dict[str, tuple[float, list[Event]]] = {
-    **{case: (DURATION_S[case], events) for case, events in _standard().items()},
+    **{case: (DURATION_S[case], events) for case, events in _STANDARD.items()},
     "rest": (300.0, []),
     "small_steps": (
         220.0,

@@ -144,7 +144,7 @@ def wins(data: Mapping[str, Any]) -> list[str]:
 
 def page(data: Mapping[str, Any]) -> str:
     """All results as markdown."""
-    kpis = ", ".join(KPIS.values())
+    kpis = "; ".join(KPIS.values())
     steps = ", ".join(f"{step.size} ({name})" for name, step in SET_POINTS.items())
     disturbances = " and ".join(f"{step.size} ({name})" for name, step in DISTURBANCES.items())
     parts = [
