@@ -8,6 +8,7 @@ import pytest
 from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.clairvoyant import Clairvoyant
+from fsw_experiment.comparison import figures as comparison_figures
 from fsw_experiment.comparison import report, study
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
 from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
@@ -140,3 +141,9 @@ def test_what_the_drives_add_leaves_no_offset(plant):
     depth_um, temperature_c = 1e3 * (truth.depth_mm - DEPTH_MM), truth.temperature_c - TEMPERATURE_C
     assert np.abs(depth_um).max() < 2.0 and np.abs(temperature_c).max() < 0.1
     assert np.abs(depth_um[-100:]).max() < 0.05 and np.abs(temperature_c[-100:]).max() < 0.01
+
+
+def test_the_figure_of_the_readme_is_one_file(tmp_path):
+    comparison_figures.set_point_steps(tmp_path / "steps.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["steps.png"]
+    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
