@@ -29,13 +29,7 @@ _REGULARISATION = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """An optimal course; arrays have an entry per tick, beginning with the tick of the event.
-
-    Attributes
-    ----------
-    depth_error_mm, temperature_error_c, force_kn, speed_rpm : (n,) arrays
-    solved : bool
-    """
+    """An optimal course; arrays (n,) have an entry per tick, beginning with the tick of the event."""
 
     depth_error_mm: Vector
     temperature_error_c: Vector

@@ -101,14 +101,7 @@ def loop_response(
 ) -> tuple[Response, Response]:
     """Sensitivity of the outputs (n, 3, 3) and response of force and speed to sensor noise (n, 2, 3).
 
-    Parameters
-    ----------
-    gains : Gains
-    parameters : ModelParameters
-    omega : (n,) array
-        Frequencies, rad/s.
-    latency_ticks : int
-        Delay added between command and process.
+    At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command and process.
     """
     model = process_model(parameters)
     at, line, p = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise(), parameters

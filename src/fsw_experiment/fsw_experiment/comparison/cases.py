@@ -122,16 +122,7 @@ def random_processes(count: int, seed: int = 2026) -> list[dict[str, float]]:
 
 
 def scenario(case: str, plant: Mapping[str, float | bool] | None = None, controller: str = "decentral") -> Scenario:
-    """A case as a scenario.
-
-    Parameters
-    ----------
-    case : str
-    plant : mapping of str to float or bool, optional
-        Parameters of the plant, e.g. ``noise`` or ``model.<name>``.
-    controller : str
-        The one that is selected.
-    """
+    """A case as a scenario, with parameters of the plant, e.g. ``noise`` or ``model.<name>``."""
     overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in (plant or {}).items())]
     if case not in _OWN:
         return scenario_file.load(case, overrides)

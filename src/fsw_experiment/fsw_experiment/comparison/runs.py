@@ -35,17 +35,7 @@ Figures = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One controller on one case.
-
-    Attributes
-    ----------
-    controller : str
-        Name and variant, e.g. ``nmpc:paper``.
-    case : str
-    noise : bool
-    plant : mapping of str to float
-        Parameters of the plant that differ from its defaults.
-    """
+    """One controller (with its variant, e.g. ``nmpc:paper``) on one case, on a plant with these parameters."""
 
     controller: str
     case: str
@@ -122,16 +112,7 @@ class _LateForce:
 
 
 def is_stable(controller: str, plant: Mapping[str, float], force_ticks: int = 0) -> bool:
-    """Whether small steps of both set-points die out, without noise.
-
-    Parameters
-    ----------
-    controller : str
-    plant : mapping of str to float
-        Parameters of the plant.
-    force_ticks : int
-        By how much the force is late.
-    """
+    """Whether small steps of both set-points die out, without noise, with the force so many ticks late."""
     name = controller.partition(":")[0]
     loop = ClosedLoop(scenario("small_steps", {"noise": False, **plant}, name), {name: _controller(controller)})
     loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
