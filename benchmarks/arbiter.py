@@ -10,7 +10,6 @@ usage: arbiter.py [--quick] [--json FILE]
 """
 
 import argparse
-import json
 import os
 import platform
 import random
@@ -22,7 +21,22 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
-from _bootstrap import ensure
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure()
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from report import parser, save, show
+from sensor_msgs.msg import Temperature
+
+from fsw_control import Command, Proposal, run_controller, weld
+from fsw_control import messages_ros as convert
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher
+from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
 ACTIVE, SHADOW = "decentral", "nmpc"
 MODULES = {ACTIVE: "fsw_decentral.decentral_node", SHADOW: "fsw_nmpc.nmpc_node"}
@@ -30,7 +44,6 @@ MODULES = {ACTIVE: "fsw_decentral.decentral_node", SHADOW: "fsw_nmpc.nmpc_node"}
 
 def run_dummy(name, arguments):
     """Run a controller that proposes what is applied, in this process."""
-    from fsw_control import Proposal, run_controller
 
     class Dummy:
         tolerated_sensors = ()
@@ -51,31 +64,16 @@ class Meter:
     """Publishes measurements at a rate and notes when proposals and commands come back."""
 
     def __init__(self, domain, rate_hz):
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.qos import DurabilityPolicy, QoSProfile
-        from sensor_msgs.msg import Temperature
-
-        from fsw_control import messages_ros as convert
-        from fsw_control import weld
-        from fsw_control.contract import Command
-        from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
-
         rclpy.init(args=[], domain_id=domain)
-        self._convert, self._acting, self._temperature_c = (
-            convert,
-            Command(weld.FORCE_KN, weld.SPEED_RPM),
-            weld.TEMPERATURE_C,
-        )
+        self._acting = Command(weld.FORCE_KN, weld.SPEED_RPM)
         self.node = rclpy.create_node("meter")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._drives = self.node.create_publisher(DriveFeedback, "fsw/drives", 10)
-        self._depths = self.node.create_publisher(ShoulderDepth, "fsw/depth", 10)
-        self._torques = self.node.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
-        self._temperatures = self.node.create_publisher(Temperature, "fsw/thermocouple", 10)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._references = self.node.create_publisher(WeldReference, "fsw/reference", latched)
+        kinds = {"drives": DriveFeedback, "depth": ShoulderDepth, "spindle_torque": SpindleTorque}
+        kinds["thermocouple"] = Temperature
+        self._sensors = [self.node.create_publisher(kind, f"fsw/{name}", 10) for name, kind in kinds.items()]
+        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._references = self.node.create_publisher(WeldReference, "fsw/reference", kept)
         self._references.publish(WeldReference(depth=weld.DEPTH_MM * 1e-3, temperature=weld.TEMPERATURE_C))
         self.sent, self.proposed, self.commanded, self.sources = {}, {}, {}, {}
         self.node.create_subscription(WeldCommand, f"fsw/{ACTIVE}/proposal", self._on_proposal, 10)
@@ -86,18 +84,19 @@ class Meter:
     def ready(self):
         """Whether both controllers and the supervisor hear the sensors, and this process hears them."""
         self._executor.spin_once(timeout_sec=0.0)
-        heard = min(p.get_subscription_count() for p in (self._depths, self._torques, self._temperatures)) >= 3
-        return heard and self._drives.get_subscription_count() >= 3 and self.node.count_publishers("/fsw/command") >= 1
+        heard = min(sensor.get_subscription_count() for sensor in self._sensors) >= 3
+        return heard and self.node.count_publishers("/fsw/command") >= 1
 
     def run(self, ticks):
         """Publish so many ticks at the rate."""
         next_s = time.monotonic()
         for _ in range(ticks):
-            while (left_s := next_s - time.monotonic()) > 0.0:
-                self._executor.spin_once(timeout_sec=left_s)
+            self._spin_until(next_s)
             self._tick()
             next_s += self._period_s
-        end_s = time.monotonic() + 0.2
+        self._spin_until(time.monotonic() + 0.2)
+
+    def _spin_until(self, end_s):
         while (left_s := end_s - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left_s)
 
@@ -107,26 +106,28 @@ class Meter:
             record.clear()
 
     def _tick(self):
-        convert, stamp, noise = self._convert, time.time_ns(), self._noise.gauss
+        stamp, noise = time.time_ns(), self._noise.gauss
         self.sent[stamp] = time.monotonic()
-        self._drives.publish(convert.drives_message(self._acting, stamp))
-        self._depths.publish(convert.depth_message(noise(2.66, 1e-3), stamp))
-        self._torques.publish(convert.torque_message(noise(1052.86, 1.0), stamp))
-        self._temperatures.publish(convert.temperature_message(noise(self._temperature_c, 0.2), stamp))
+        messages = (
+            convert.drives_message(self._acting, stamp),
+            convert.depth_message(noise(weld.DEPTH_MM, 1e-3), stamp),
+            convert.torque_message(noise(1052.86, 1.0), stamp),
+            convert.temperature_message(noise(weld.TEMPERATURE_C, 0.2), stamp),
+        )
+        for sensor, message in zip(self._sensors, messages, strict=True):
+            sensor.publish(message)
 
     def _on_proposal(self, message):
-        self.proposed.setdefault(self._convert.stamp_ns(message.header.stamp), time.monotonic())
+        self.proposed.setdefault(convert.stamp_ns(message.header.stamp), time.monotonic())
 
     def _on_command(self, message):
-        stamp = self._convert.stamp_ns(message.header.stamp)
+        stamp = convert.stamp_ns(message.header.stamp)
         self.commanded.setdefault(stamp, time.monotonic())
         self.sources[stamp] = message.source
-        self._acting = self._convert.command(message)
+        self._acting = convert.command(message)
 
     def close(self):
         """Leave the graph."""
-        import rclpy
-
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
@@ -134,9 +135,6 @@ class Meter:
 
 def measure(rate_hz, ticks, real):
     """Latencies [ms] at one rate as a flat dict; ``real``: with this project's controllers."""
-    from fsw_control.free_domain import free_domain
-    from fsw_experiment.launcher import Launcher
-
     period_s = 1.0 / rate_hz
     supervisor = [f"tick_period_s:={period_s}", f"deadline_s:={0.8 * period_s}"]
     controller = [f"period:={period_s}", f"deadline:={0.3 * period_s}"]
@@ -179,27 +177,21 @@ def _parameters(settings):
 
 def main():
     """Measure, print a table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="10, 10 and 5 s instead of 60, 60 and 30 s")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
-    parser.add_argument("--controller", help=argparse.SUPPRESS)
-    arguments, rest = parser.parse_known_args()
+    cli = parser(__doc__, "10, 10 and 5 s instead of 60, 60 and 30 s")
+    cli.add_argument("--controller", help=argparse.SUPPRESS)
+    arguments, rest = cli.parse_known_args()
     if arguments.controller:
         return run_dummy(arguments.controller, rest)
     if rest:
-        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+        cli.error(f"unrecognized arguments: {' '.join(rest)}")
     result = {"cpus": os.cpu_count(), "python": platform.python_version()}
     slow_s, fast_s = (10, 5) if arguments.quick else (60, 30)
     for rate_hz, seconds, real in ((10, slow_s, True), (10, slow_s, False), (100, fast_s, False)):
         result |= measure(rate_hz, rate_hz * seconds, real)
-    print(f"{'figure':<44}{'measured':>12}")
-    for key, value in result.items():
-        print(f"{key:<44}{value:>12.3f}" if isinstance(value, float) else f"{key:<44}{value:>12}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    show(result)
+    save(result, arguments.json)
     return 0
 
 
 if __name__ == "__main__":
-    ensure()
     sys.exit(main())

@@ -4,8 +4,6 @@
 usage: graph.py [--quick] [--json FILE]
 """
 
-import argparse
-import json
 import os
 import platform
 import statistics
@@ -16,15 +14,25 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
-from _bootstrap import ensure
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure()
+
+from report import parser, save, show
+
+from fsw_control.free_domain import free_domain
+from fsw_experiment.closed_loop import ClosedLoop
+from fsw_experiment.controllers import make
+from fsw_experiment.graph import WeldGraph, installed_controllers
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario_file import load
+
+AIMS = {"offline_steps_per_s": 20_000, "graph_steps_per_s": 300}
 
 
 def offline_steps_per_s(name, repetitions):
     """Best of several runs of plant emulator and decentralized controller in this process."""
-    from fsw_experiment.closed_loop import ClosedLoop
-    from fsw_experiment.controllers import make
-    from fsw_experiment.scenario_file import load
-
     rates = []
     for _ in range(repetitions):
         loop = ClosedLoop(load(name), {"decentral": make("decentral")})
@@ -36,11 +44,6 @@ def offline_steps_per_s(name, repetitions):
 
 def graph_steps_per_s(name, controllers, repetitions):
     """Ticks per second and seconds from start to first tick; medians of several runs of the whole graph."""
-    from fsw_control.free_domain import free_domain
-    from fsw_experiment.graph import WeldGraph
-    from fsw_experiment.launcher import Launcher
-    from fsw_experiment.scenario_file import load
-
     rates, starts = [], []
     for _ in range(repetitions):
         scenario = load(name)
@@ -58,31 +61,16 @@ def graph_steps_per_s(name, controllers, repetitions):
 
 def main():
     """Measure, print a table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="shorter scenario, fewer repetitions")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here as well")
-    arguments = parser.parse_args()
+    arguments = parser(__doc__, "shorter scenario, fewer repetitions").parse_args()
     name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
-
-    from fsw_experiment.graph import installed_controllers
-
     result = {"scenario": name, "repetitions": repetitions, "cpus": os.cpu_count(), "python": platform.python_version()}
     result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
-    rate, start_s = graph_steps_per_s(name, (), repetitions)
-    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = rate, start_s
+    result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(name, (), repetitions)
     if "nmpc" in installed_controllers():
         result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(name, ("nmpc",), repetitions)
-    aims = {"offline_steps_per_s": 20_000, "graph_steps_per_s": 300}
-    print(f"{'figure':<32}{'measured':>12}{'aim':>12}")
-    for key, value in result.items():
-        if isinstance(value, float):
-            aim = f">= {aims[key]}" if key in aims else ""
-            print(f"{key:<32}{value:>12.1f}{aim:>12}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    return 0
+    show(result, AIMS)
+    save(result, arguments.json)
 
 
 if __name__ == "__main__":
-    ensure()
-    sys.exit(main())
+    main()

@@ -14,32 +14,24 @@ import statistics
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
-from worlds import Side, output, ratios, sides
+from report import parser
+from worlds import BareParticipant, RclpyNode, Side, compare, output
 
 PAYLOADS = {"small": 64, "1mb": 1_000_000}
 
 
-class Rclpy:
+class Rclpy(RclpyNode):
     """Ping-pong over rclpy."""
 
     def __init__(self, role: str) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import UInt8MultiArray
-
-        rclpy.init(args=[])
-        self.make = lambda size: UInt8MultiArray(data=bytes(size))
-        self.node = rclpy.create_node(f"latency_{role}")
+        super().__init__(f"latency_{role}")
         out, into = ("ping", "pong") if role == "master" else ("pong", "ping")
-        self.publisher = self.node.create_publisher(UInt8MultiArray, out, 10)
+        self.publisher = self.node.create_publisher(self.kind, out, 10)
         self.got: list[Any] = []
         callback = self.got.append if role == "master" else self.publisher.publish
-        self.node.create_subscription(UInt8MultiArray, into, callback, 10)
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        self.node.create_subscription(self.kind, into, callback, 10)
 
     def matched(self) -> bool:
         """Return whether the other process is there, in both directions."""
@@ -59,44 +51,21 @@ class Rclpy:
         self.executor.spin()
 
 
-class Bare:
-    """Ping-pong over cyclonedds as its documentation shows it, with a struct of bytes."""
+class Bare(BareParticipant):
+    """Ping-pong over cyclonedds."""
 
     def __init__(self, role: str) -> None:
-        from dataclasses import dataclass
-
-        from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
-        from cyclonedds.domain import DomainParticipant
-        from cyclonedds.idl import IdlStruct
-        from cyclonedds.idl.types import sequence, uint8
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
-
-        @dataclass
-        class Sample(IdlStruct, typename="Sample"):  # type: ignore[call-arg]
-            data: sequence[uint8]  # type: ignore[valid-type]
-
-        # The annotation has to be the type itself, not its name.
-        Sample.__annotations__["data"] = sequence[uint8]
-        self.make = lambda size: Sample(data=bytes(size))
-        participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-        qos = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
+        super().__init__()
         out, into = ("ping", "pong") if role == "master" else ("pong", "ping")
-        self.writer: Any = DataWriter(participant, Topic(participant, out, Sample), qos)
-        self.reader: Any = DataReader(participant, Topic(participant, into, Sample), qos)
-        self.waitset = WaitSet(participant)
-        state = ViewState.Any | InstanceState.Any | SampleState.NotRead
-        self.condition = ReadCondition(self.reader, state)
-        self.waitset.attach(self.condition)
+        self._writer, self._reader = self.writer(out), self.reader(into)
 
     def matched(self) -> bool:
         """Return whether the other process is there, in both directions."""
-        return bool(self.writer.get_matched_subscriptions() and self.reader.get_matched_publications())
+        return bool(self._writer.get_matched_subscriptions() and self._reader.get_matched_publications())
 
     def _receive(self) -> Any:
         while True:
-            samples = self.reader.take(1)
+            samples = self._reader.take(1)
             if samples:
                 return samples[0]
             self.waitset.wait(10**9)
@@ -104,14 +73,14 @@ class Bare:
     def round_trip(self, message: Any) -> float:
         """Send, wait for the answer, return the seconds it took."""
         start = time.perf_counter()
-        self.writer.write(message)
+        self._writer.write(message)
         self._receive()
         return time.perf_counter() - start
 
     def serve(self) -> None:
         """Answer until killed."""
         while True:
-            self.writer.write(self._receive())
+            self._writer.write(self._receive())
 
 
 SIDES: dict[str, Any] = {"rclpy_embedded": Rclpy, "genuine": Rclpy, "cyclonedds": Bare}
@@ -157,32 +126,19 @@ def run(name: str, side: Side, counts: dict[str, int]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print a table and, if asked for, write the figures as flat JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer samples")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures (milliseconds) to FILE")
-    parser.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
-    parser.add_argument("--role", choices=["master", "partner"], help=argparse.SUPPRESS)
-    parser.add_argument("--counts", type=json.loads, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    """Measure all sides; with the hidden arguments, be one of the two processes of a side."""
+    cli = parser(__doc__, "fewer samples")
+    cli.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
+    cli.add_argument("--role", choices=["master", "partner"], help=argparse.SUPPRESS)
+    cli.add_argument("--counts", type=json.loads, help=argparse.SUPPRESS)
+    arguments = cli.parse_args()
     if arguments.role == "partner":
         SIDES[arguments.side]("partner").serve()
     elif arguments.role == "master":
         run_master(arguments.side, arguments.counts)
     else:
         counts = {"small": 500, "1mb": 20} if arguments.quick else {"small": 5000, "1mb": 200}
-        measured = {name: run(name, side, counts) for name, side in sides().items()}
-        keys = list(measured["rclpy_embedded"])
-        print(f"{'one way':<24}" + "".join(f"{key:>14}" for key in keys))
-        for name, values in measured.items():
-            print(f"{name:<24}" + "".join(f"{values[key]:>14.3f}" for key in keys))
-        compared = ratios(measured)
-        for name in list(measured)[1:]:
-            title = f"embedded / {name}"
-            print(f"{title:<24}" + "".join(f"{compared[f'ratio_{name}_{key}']:>14.2f}" for key in keys))
-        if arguments.json:
-            figures = {f"{name}_{key}": value for name, values in measured.items() for key, value in values.items()}
-            arguments.json.write_text(json.dumps(figures | compared, indent=2) + "\n")
+        compare(lambda name, side: run(name, side, counts), arguments.json)
 
 
 if __name__ == "__main__":

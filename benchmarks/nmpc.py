@@ -16,30 +16,39 @@ The exit code is 1 if a solver does not agree on what its solution costs, or rea
 
 from __future__ import annotations
 
-import argparse
 import ctypes
-import json
 import os
 import statistics
 import sys
 import tempfile
 import time
 import warnings
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
-from _bootstrap import ensure
+if __name__ == "__main__":
+    from _bootstrap import ensure
 
-if TYPE_CHECKING:
-    from fsw_control import Reference
-    from fsw_nmpc.controller import NmpcController
-    from fsw_nmpc.kernel_structs import ProblemStruct
-    from fsw_nmpc.library import Vector
+    ensure()
 
-Figures = dict[str, float | int | None]
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from nmpc_rivals import Answer, rivals
+from report import Figures, parser, save, show
+
+from fsw_control import Command, Measurement, Reference, weld
+from fsw_model import STEP_S, ProcessModel, nominal
+from fsw_nmpc.controller import NmpcController
+from fsw_nmpc.kernel_structs import ProblemStruct
+from fsw_nmpc.library import Fate, Vector
+from fsw_nmpc.reference import cumulation, input_bounds, objective
+from fsw_test_support.nmpc_problems import make_library, random_problem
+
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
 EVENTS = ((20.0, 0.2, 0.0), (70.0, 0.0, 0.0), (130.0, 0.0, 10.0), (180.0, 0.0, 0.0))
 WELD_S = 240.0
@@ -57,19 +66,13 @@ SAME_COST = 1e-3
 
 def main() -> int:
     """Run all measurements; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="shorter runs: minutes become seconds")
-    parser.add_argument("--json", metavar="FILE", help="write the figures as flat JSON")
-    options = parser.parse_args()
+    options = parser(__doc__, "shorter runs: minutes become seconds").parse_args()
     figures: Figures = {}
     for part in (step_times, ratios, worst_cases, against_converged):
-        print(f"{part.__doc__.splitlines()[0]} ...", file=sys.stderr, flush=True)
+        print(f"{(part.__doc__ or '').splitlines()[0]} ...", file=sys.stderr, flush=True)
         figures |= part(options.quick)
-        if options.json:
-            Path(options.json).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    width = max(map(len, figures))
-    for name, value in figures.items():
-        print(f"{name:<{width}}  {'-' if value is None else f'{value:.4g}'}")
+        save(figures, options.json)
+    show(figures)
     others = [name for name, value in figures.items() if name.startswith("cost_") and value and abs(value) > SAME_COST]
     for name in others:
         print(f"not the same: {name} is beyond {SAME_COST}", file=sys.stderr)
@@ -78,8 +81,6 @@ def main() -> int:
 
 def reference_at(time_s: float, compressed: float = 1.0) -> Reference:
     """Set-points of the weld; ``compressed`` runs it faster."""
-    from fsw_control import Reference, weld
-
     now = Reference(weld.DEPTH_MM, weld.TEMPERATURE_C)
     for at_s, deeper_mm, warmer_c in EVENTS:
         if time_s * compressed >= at_s:
@@ -94,31 +95,11 @@ def close_loop(
     noise: float = 0.0,
     watch: Callable[[float, ProblemStruct, Vector], None] | None = None,
 ) -> tuple[Vector, Vector]:
-    """Run controller and process from rest.
+    """Run controller and process from rest; ``noise`` is the share of the sensors' noise.
 
-    Parameters
-    ----------
-    controller : NmpcController
-    reference : callable
-        Set-points at a time.
-    duration_s : float
-    noise : float
-        Share of the sensors' noise.
-    watch : callable, optional
-        Told every tick's time, problem and where its solve began.
-
-    Returns
-    -------
-    rows : (n, 5) array
-        Time, depth, temperature and the set-points.
-    cpu_s : (n,) array
-        Of each step.
+    Returns rows of time, depth, temperature and the set-points (n, 5), and the CPU time of each step (n,). ``watch`` is
+    told every tick's time, problem and where its solve began.
     """
-    import numpy as np
-
-    from fsw_control import Command, Measurement
-    from fsw_model import STEP_S, ProcessModel
-
     model, rng = ProcessModel(), np.random.default_rng(1)
     rest = model.equilibrium()
     state, applied = rest.state.copy(), Command(rest.force_kn, rest.speed_rpm)
@@ -147,8 +128,6 @@ def close_loop(
 
 def make(blocks: int | None = None, **values: Any) -> NmpcController:
     """A controller with these parameters, and blocks other than those of its preset."""
-    from fsw_nmpc.controller import NmpcController
-
     if blocks is None:
         return NmpcController(values)
     with tempfile.NamedTemporaryFile("w", suffix=".yaml") as tuning:
@@ -159,8 +138,6 @@ def make(blocks: int | None = None, **values: Any) -> NmpcController:
 
 def step_times(quick: bool) -> Figures:
     """CPU time per step in closed loop, with sensor noise"""
-    import numpy as np
-
     figures: Figures = {}
     duration_s = WELD_S / 4 if quick else WELD_S
     for name, controller in (("rti", make()), ("rti108", make(54)), ("paper", make(preset="paper"))):
@@ -175,8 +152,6 @@ def step_times(quick: bool) -> Figures:
 
 def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[ProblemStruct, Vector]]:
     """Problems as they come after the set-points' steps, each with the last plan's moves."""
-    from fsw_nmpc.kernel_structs import ProblemStruct
-
     found: list[tuple[ProblemStruct, Vector]] = []
     wanted = {round(10 * (at_s + later_s)) for at_s, _, _ in EVENTS for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)}
 
@@ -192,22 +167,14 @@ def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Prob
 
 def ratios(quick: bool) -> Figures:
     """The same problems by other solvers, with 54 moves of both inputs"""
-    import numpy as np
-
     warnings.simplefilter("ignore")  # do-mpc tells on import what else could be installed
-    from nmpc_rivals import rivals
-
-    from fsw_nmpc.library import Fate
-    from fsw_nmpc.reference import cumulation, input_bounds, objective
-
     controller = make(preset="paper")
     problems = problems_of_weld(controller, quick)
     library, parameters = controller.library, controller.settings.model
     horizon, tuning = library.horizon, library.state.tuning
     exact, cold = tuning.tolerance, np.zeros(2 * horizon.n_blocks)
 
-    def solved(problem: ProblemStruct, start: Vector, tolerances: tuple[float, ...]) -> tuple[float, Vector]:
-        """CPU seconds and moves."""
+    def by_library(problem: ProblemStruct, start: Vector, tolerances: tuple[float, ...]) -> Answer:
         times = []
         for _ in range(10):
             began, moves = time.thread_time(), start
@@ -217,7 +184,7 @@ def ratios(quick: bool) -> Figures:
             if fate not in (Fate.OK, Fate.CAP):
                 raise RuntimeError(f"the library cannot solve a problem of the weld: {fate.name}")
         tuning.tolerance = exact
-        return statistics.median(times), moves
+        return Answer(statistics.median(times), moves)
 
     def cost_of(problem: ProblemStruct, moves: Vector) -> float:
         return objective(problem, tuning, horizon, moves, *library.predict(problem.start, moves)[:2])
@@ -230,64 +197,50 @@ def ratios(quick: bool) -> Figures:
         return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
 
     solvers = rivals(parameters, library)
-    names = ["rti108", "tick", *(name for name, solve in solvers.items() if solve)]
-    cpu_s: dict[str, list[float]] = {name: [] for name in names}
-    ratio: dict[str, list[float]] = {f"{name}{to}": [] for name in names[2:] for to in ("", "_to_tick")}
-    excess: dict[str, list[float]] = {name: [] for name in names}
-    error: dict[str, list[float]] = {name: [] for name in names[2:]}
-    limits: dict[str, list[float]] = {name: [] for name in names}
-    unsolved = dict.fromkeys(names[2:], 0)
+    here = {name: solve for name, solve in solvers.items() if solve}
+    series: dict[str, list[float]] = defaultdict(list)
+    unsolved = dict.fromkeys(here, 0)
     for i, (problem, start) in enumerate(problems):
-        own_s, moves = solved(problem, cold, COLD_TOLERANCES)
-        tick_s, one = solved(problem, start, (exact,))
-        found = {"rti108": moves, "tick": one}
-        cpu_s["rti108"].append(own_s)
-        cpu_s["tick"].append(tick_s)
-        for name in names[2:]:
-            if i % -(-len(problems) // MOST_PROBLEMS.get(name, len(problems))):
-                continue
-            answer = solvers[name](problem)
-            if answer.moves is None:
-                unsolved[name] += 1
-                continue
-            found[name] = answer.moves
-            cpu_s[name].append(answer.cpu_s)
-            ratio[name].append(answer.cpu_s / own_s)
-            ratio[f"{name}_to_tick"].append(answer.cpu_s / tick_s)
-            error[name].append(answer.cost / cost_of(problem, answer.moves) - 1.0)
-        costs = {name: cost_of(problem, moves) for name, moves in found.items()}
-        best = min(*costs.values(), cost_of(problem, solved(problem, cold, (exact,) * 8)[1]))
+        own, tick = by_library(problem, cold, COLD_TOLERANCES), by_library(problem, start, (exact,))
+        answers = {"rti108": own, "tick": tick}
+        for name, solve in here.items():
+            if i % -(-len(problems) // MOST_PROBLEMS.get(name, len(problems))) == 0:
+                answers[name] = solve(problem)
+                unsolved[name] += answers[name].moves is None
+        moves = {name: answer.moves for name, answer in answers.items() if answer.moves is not None}
+        costs = {name: cost_of(problem, its) for name, its in moves.items()}
+        best = min(*costs.values(), cost_of(problem, by_library(problem, cold, (exact,) * 8).moves))
         for name, cost in costs.items():
-            excess[name].append(cost / best - 1.0)
-            limits[name].append(beyond(problem, found[name]))
-        print(
-            f"  problem {i + 1} of {len(problems)}: cost {best:.4g};",
-            ", ".join(f"{name} {values[-1]:+.1e}" for name, values in excess.items() if name in found),
-            file=sys.stderr,
-            flush=True,
-        )
+            series[f"solve_{name}_ms"].append(1e3 * answers[name].cpu_s)
+            series[f"cost_excess_{name}"].append(cost / best - 1.0)
+            series[f"limit_excess_{name}"].append(beyond(problem, moves[name]))
+            series[f"cost_error_{name}"].append(answers[name].cost / cost - 1.0)
+            series[f"ratio_{name}"].append(answers[name].cpu_s / own.cpu_s)
+            series[f"ratio_{name}_to_tick"].append(answers[name].cpu_s / tick.cpu_s)
+        told = ", ".join(f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items())
+        print(f"  problem {i + 1} of {len(problems)}: cost {best:.4g}; {told}", file=sys.stderr, flush=True)
+
+    def middle(key: str) -> float | None:
+        return statistics.median(series[key]) if series[key] else None
+
     figures: Figures = {"ratio_problems": len(problems)}
-    for name in ("ipopt", "gekko_apopt", "do_mpc"):
-        for key in (name, f"{name}_to_tick"):
-            figures[f"ratio_{key}"] = statistics.median(ratio[key]) if ratio.get(key) else None
-    for name in names:
-        figures[f"solve_{name}_ms"] = 1e3 * statistics.median(cpu_s[name]) if cpu_s[name] else None
-        if name != "tick":
-            figures[f"cost_excess_{name}"] = max(excess[name], default=None)
-        figures[f"limit_excess_{name}"] = max(limits[name], default=None)
-    figures["tick_cost_excess_p50"], figures["tick_cost_excess_max"] = (
-        statistics.median(excess["tick"]),
-        max(excess["tick"]),
-    )
-    for name in names[2:]:
-        figures[f"cost_error_{name}"] = max(error[name], key=abs, default=None)
+    for name in solvers:
+        figures |= {key: middle(key) for key in (f"ratio_{name}", f"ratio_{name}_to_tick")}
+    for name in ("rti108", "tick", *here):
+        figures[f"solve_{name}_ms"] = middle(f"solve_{name}_ms")
+        figures[f"limit_excess_{name}"] = max(series[f"limit_excess_{name}"], default=None)
+    for name in ("rti108", *here):
+        figures[f"cost_excess_{name}"] = max(series[f"cost_excess_{name}"], default=None)
+    figures["tick_cost_excess_p50"] = middle("cost_excess_tick")
+    figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
+    for name in here:
+        figures[f"cost_error_{name}"] = max(series[f"cost_error_{name}"], key=abs, default=None)
         figures[f"unsolved_{name}"] = unsolved[name]
     return figures
 
 
 def against_converged(quick: bool) -> Figures:
     """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)"""
-    import numpy as np
 
     def iae(rows: Vector, column: int) -> float:
         return float(0.1 * np.abs(rows[:, column] - rows[:, column + 2]).sum())
@@ -314,13 +267,6 @@ def against_converged(quick: bool) -> Figures:
 
 def worst_cases(quick: bool) -> Figures:
     """Random states and weights of the whole working range, and set-points out of reach"""
-    import numpy as np
-
-    from fsw_control import Reference, weld
-    from fsw_model import nominal
-    from fsw_nmpc.library import Fate
-    from fsw_test_support.nmpc_problems import make_library, random_problem
-
     rng, cold = np.random.default_rng(3), np.zeros(40)
     library = make_library(20)
     iterations, cpu_s, unsolved = [], [], 0
@@ -350,6 +296,4 @@ def worst_cases(quick: bool) -> Figures:
 
 
 if __name__ == "__main__":
-    ensure()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(main())

@@ -27,17 +27,7 @@ from fsw_nmpc.reference import ReferenceSolver
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a solver makes of a problem.
-
-    Attributes
-    ----------
-    cpu_s : float
-        With the processes that it starts.
-    moves : (2 n_blocks,) array, optional
-        None if it has failed.
-    cost : float
-        What it says its moves cost.
-    """
+    """CPU time with the processes that a solver starts, its moves (None: failed), and what it says they cost."""
 
     cpu_s: float
     moves: Vector | None = None
@@ -90,20 +80,9 @@ def one_step(
 ) -> tuple[list[Any], list[Any], Any]:
     """One step of the prediction, as in ``fsw_nmpc.prediction``, of whatever can be added and multiplied.
 
-    Parameters
-    ----------
-    p : ModelParameters
-    mode : (10,) sequence
-    state : creep, slow, copper, tool, motor torque
-    inputs : force, speed during the step
-    disturbances : force offset, heat offset, torque scale, speed offset
-    arriving : delayed power on copper and tool
-    kept : callable
-        Told every value that is worth a variable of its own; returns what stands for it.
-
-    Returns
-    -------
-    state, power (3), depth at the end of the step
+    ``mode`` is a row of the horizon's table; ``arriving`` the delayed power on copper and tool. ``kept`` is told every
+    value that is worth a variable of its own and returns what stands for it. Returns state, power (3) and depth at the
+    end of the step.
     """
     creep, slow, copper, tool, motor = state
     force_offset, heat_offset, scale, speed_offset = disturbances
@@ -273,10 +252,8 @@ def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
             "down": -move[q] - size[q],
         }.items():
             mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
-        mpc.bounds["lower", "_u", move_names[q]], mpc.bounds["upper", "_u", move_names[q]] = (
-            -t.move_max[q],
-            t.move_max[q],
-        )
+        mpc.bounds["lower", "_u", move_names[q]] = -t.move_max[q]
+        mpc.bounds["upper", "_u", move_names[q]] = t.move_max[q]
         mpc.bounds["lower", "_u", size_names[q]] = mpc.bounds["lower", "_u", over_names[q]] = 0.0
         name = ("force", "speed")[q]
         mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]

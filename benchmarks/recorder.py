@@ -9,55 +9,59 @@ Every figure is of this run on this machine; compare the columns with each other
 """
 
 import argparse
-import json
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 
-from _bootstrap import ensure
+if __name__ == "__main__":
+    from _bootstrap import ensure
 
-ensure()
+    ensure()
 
-import numpy as np  # noqa: E402
+import mcap.writer
+import numpy as np
+import rclpy
+from rclpy.serialization import serialize_message
+from report import parser, save, show
+from rosbags import rosbag2
 
-from fsw_analysis.signals import load_weld  # noqa: E402
-from fsw_recorder.bag_reader import BagReader  # noqa: E402
-from fsw_recorder.bag_writer import BagWriter, WriterOptions  # noqa: E402
-from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld  # noqa: E402
+from fsw_analysis.kpi import compute
+from fsw_analysis.signals import load_weld
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher, LaunchError
+from fsw_msgs.msg import ShoulderDepth
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld
 
 WELD_TICKS = 27_000
 RATE_HZ = 1000
 Messages = list[tuple[str, int, bytes]]
 
-TALKER = """
-import sys, time
-import rclpy
-from fsw_msgs.msg import ShoulderDepth
-from rclpy.serialization import serialize_message
-rclpy.init()
-node = rclpy.create_node("talker")
-publisher = node.create_publisher(ShoulderDepth, "/load", 1000)
-rate, count = int(sys.argv[1]), int(sys.argv[2])
-while publisher.get_subscription_count() == 0:
-    rclpy.spin_once(node, timeout_sec=0.01)
-message = ShoulderDepth()
-message.header.frame_id = "tool"
-begin = time.monotonic()
-for index in range(count):
-    while (wait := begin + index / rate - time.monotonic()) > 0:
-        time.sleep(wait)
-    message.depth = float(index)
-    publisher.publish(serialize_message(message))
-print("sent", count, time.monotonic() - begin, flush=True)
-sys.stdin.readline()
-"""
+
+def talk(count: int) -> None:
+    """Publish so many messages at the rate, in this process."""
+    rclpy.init()
+    node = rclpy.create_node("talker")
+    publisher = node.create_publisher(ShoulderDepth, "/load", 1000)
+    while publisher.get_subscription_count() == 0:
+        rclpy.spin_once(node, timeout_sec=0.01)
+    message = ShoulderDepth()
+    message.header.frame_id = "tool"
+    begin = time.monotonic()
+    for index in range(count):
+        while (wait := begin + index / RATE_HZ - time.monotonic()) > 0:
+            time.sleep(wait)
+        message.depth = float(index)
+        publisher.publish(serialize_message(message))
+    print(f"sent in {time.monotonic() - begin} s", flush=True)
+    rclpy.spin(node)
 
 
 def with_recorder(folder: Path, messages: Messages, compression: str = "") -> list[float]:
@@ -78,9 +82,7 @@ def with_recorder(folder: Path, messages: Messages, compression: str = "") -> li
 
 def with_rosbags(folder: Path, messages: Messages) -> None:
     """Write with the writer of ``rosbags``."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
         connections = {
             topic.name: writer.add_connection(
                 topic.name, topic.type_name, msgdef=topic.definition, rihs01=topic.type_hash
@@ -93,12 +95,10 @@ def with_rosbags(folder: Path, messages: Messages) -> None:
 
 def with_mcap(folder: Path, messages: Messages, compression: str = "") -> None:
     """Write with bare ``mcap``: no folder's metadata, no thread, nothing on the disk before the end of a chunk."""
-    from mcap.writer import CompressionType, Writer
-
     folder.mkdir()
-    kind = CompressionType.ZSTD if compression else CompressionType.NONE
+    kind = mcap.writer.CompressionType.ZSTD if compression else mcap.writer.CompressionType.NONE
     with (folder / "bag.mcap").open("wb") as stream:
-        writer = Writer(stream, compression=kind)
+        writer = mcap.writer.Writer(stream, compression=kind)
         writer.start(profile="ros2")
         channels = {}
         for topic in sample_topics():
@@ -130,46 +130,25 @@ def measure(name: str, write: Callable[[Path], object], messages: Messages, fold
 
 def graph_run(folder: Path, seconds: int) -> dict[str, float]:
     """Record a publisher of 1,000 messages/s with the recorder as a process of its own."""
-    environment = {**os.environ, "ROS_DOMAIN_ID": "99", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     bag, count = folder / "graph", RATE_HZ * seconds
-    recorder = subprocess.Popen(
-        [sys.executable, "-m", "fsw_recorder.recorder_node", "--ros-args", "-p", f"output:={bag}"],
-        env=environment,
-        stderr=subprocess.DEVNULL,
-    )
-    talker = subprocess.Popen(
-        [sys.executable, "-c", TALKER, str(RATE_HZ), str(count)],
-        env=environment,
-        text=True,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    try:
-        assert talker.stdout is not None and talker.stdin is not None
-        _, _, elapsed = talker.stdout.readline().split()
-        wait_until(lambda: received(bag) >= count, 10.0)
-        ticks = os.sysconf("SC_CLK_TCK")
-        used = Path(f"/proc/{recorder.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        cpu_s = (int(used[11]) + int(used[12])) / ticks
-        recorder.send_signal(signal.SIGINT)
-        recorder.wait(30.0)
-        talker.stdin.close()
-        talker.wait(30.0)
-    finally:
-        for process in (recorder, talker):
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        recorder = launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={bag}"])
+        launcher.start("talker", "recorder", ["--talk", str(count)])
+        elapsed_s = float(launcher.wait_for_text("talker", r"sent in [\d.]+ s", seconds + 60.0).split()[2])
+        with suppress(LaunchError):  # what has not come by then is lost
+            launcher.wait_until(lambda: received(bag) >= count, 10.0, "the last message")
+        used = Path(f"/proc/{recorder.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        cpu_s = (int(used[11]) + int(used[12])) / os.sysconf("SC_CLK_TCK")
+        launcher.stop("recorder")
     with BagReader(bag) as reader:
         records = list(reader.records(["/load"]))
     delays = np.array([one.log_time_ns - one.publish_time_ns for one in records]) * 1e-6
     return {
         "graph_seconds": float(seconds),
         "graph_sent": float(count),
-        "graph_sent_per_s": count / float(elapsed),
+        "graph_sent_per_s": count / elapsed_s,
         "graph_lost": float(count - len({one.data for one in records})),
-        "graph_recorder_cpu_percent": 100.0 * cpu_s / float(elapsed),
+        "graph_recorder_cpu_percent": 100.0 * cpu_s / elapsed_s,
         "graph_receive_delay_p50_ms": float(np.percentile(delays, 50)),
         "graph_receive_delay_p99_ms": float(np.percentile(delays, 99)),
     }
@@ -181,51 +160,39 @@ def received(bag: Path) -> int:
         return sum(1 for _ in reader.records(["/load"]))
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float) -> None:
-    """Look now and then until the condition holds or the time is over."""
-    end = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.2)
-
-
 def reading(folder: Path) -> dict[str, float]:
     """Read the bag of a 45-minute weld: count, signals, KPIs; ``rosbags`` only reads the bytes."""
-    from rosbags.rosbag2 import Reader
-
-    from fsw_analysis.kpi import compute
-
     bag = folder / "weld"
     count = write_sample_weld(bag, WELD_TICKS)
-    start = time.perf_counter()
-    with Reader(bag) as reader:
+    clock = time.perf_counter
+    times = [clock()]
+    with rosbag2.Reader(bag) as reader:
         assert sum(1 for _ in reader.messages()) == count
-    rosbags_s = time.perf_counter() - start
-    start = time.perf_counter()
+    times.append(clock())
     with BagReader(bag) as own:
         assert own.info().message_count == count
-    count_s = time.perf_counter() - start
-    start = time.perf_counter()
+    times.append(clock())
     signals = load_weld(bag)
-    load_s = time.perf_counter() - start
+    times.append(clock())
     assert signals.n_ticks == WELD_TICKS and not signals.problems
-    start = time.perf_counter()
     compute(signals)
+    times.append(clock())
+    names = ("rosbags_read", "read", "signals", "kpi")
     return {
         "weld_45min_messages": float(count),
         "weld_45min_mb": sum(file.stat().st_size for file in bag.iterdir()) / 1e6,
-        "weld_45min_rosbags_read_s": rosbags_s,
-        "weld_45min_read_s": count_s,
-        "weld_45min_signals_s": load_s,
-        "weld_45min_kpi_s": time.perf_counter() - start,
+        **{f"weld_45min_{name}_s": float(taken) for name, taken in zip(names, np.diff(times), strict=True)},
     }
 
 
-def main() -> int:
+def main() -> None:
     """Run everything, print a table, write JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="fewer messages, 5 s instead of 60 s of recording")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
-    arguments = parser.parse_args()
+    cli = parser(__doc__, "fewer messages, 5 s instead of 60 s of recording")
+    cli.add_argument("--talk", type=int, help=argparse.SUPPRESS)
+    arguments = cli.parse_args()
+    if arguments.talk:
+        talk(arguments.talk)
+        return
     ticks = 2_000 if arguments.quick else 20_000
     results: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="fsw_recorder_benchmark_") as name:
@@ -246,14 +213,9 @@ def main() -> int:
         results |= graph_run(folder, 5 if arguments.quick else 60)
         print("reading a 45-minute weld", flush=True)
         results |= reading(folder)
-    width = max(map(len, results))
-    for key, value in results.items():
-        print(f"{key:{width}}  {value:12.3f}")
-    if arguments.json is not None:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    return 0
+    show(results)
+    save(results, arguments.json)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import statistics
 import time
 from pathlib import Path
 from typing import Any
 
-from worlds import Side, output, ratios, sides
+from report import parser
+from worlds import BareParticipant, RclpyNode, Side, compare, output
 
 SIZES = {"small": 64, "1mb": 1_000_000}
 RATES_HZ = (10, 100, 1000)
@@ -52,23 +52,16 @@ def percentile(values: list[float], fraction: float) -> float:
     return sorted(values)[min(len(values) - 1, int(fraction * len(values)))]
 
 
-class Rclpy:
+class Rclpy(RclpyNode):
     """A node that publishes to itself."""
 
     def __init__(self) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from std_msgs.msg import UInt8MultiArray
         from std_srvs.srv import Trigger
 
-        rclpy.init(args=[])
-        self.node: Any = rclpy.create_node("benchmark")
-        self.executor: Any = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.make = lambda size: UInt8MultiArray(data=bytes(size))
-        self.publisher = self.node.create_publisher(UInt8MultiArray, "data", 10)
+        super().__init__("benchmark")
+        self.publisher = self.node.create_publisher(self.kind, "data", 10)
         self.received = 0
-        self.node.create_subscription(UInt8MultiArray, "data", self._receive, 10)
+        self.node.create_subscription(self.kind, "data", self._receive, 10)
         self.node.create_service(Trigger, "trigger", lambda request, response: response)
         self.client = self.node.create_client(Trigger, "trigger")
         self.request = Trigger.Request()
@@ -104,40 +97,14 @@ class Rclpy:
             self.executor.spin_once(timeout_sec=1)
 
 
-class Bare:
-    """The same with cyclonedds alone, as its documentation shows it: a wait set, a struct of bytes."""
+class Bare(BareParticipant):
+    """The same with cyclonedds alone."""
 
     def __init__(self) -> None:
-        from dataclasses import dataclass
-
-        from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
-        from cyclonedds.domain import DomainParticipant
-        from cyclonedds.idl import IdlStruct
-        from cyclonedds.idl.types import sequence, uint8
-        from cyclonedds.pub import DataWriter
-        from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
-
-        @dataclass
-        class Sample(IdlStruct, typename="Sample"):  # type: ignore[call-arg]
-            data: sequence[uint8]  # type: ignore[valid-type]
-
-        # The annotation has to be the type itself, not its name.
-        Sample.__annotations__["data"] = sequence[uint8]
-        participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
-        qos = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
-        state = ViewState.Any | InstanceState.Any | SampleState.NotRead
-        self.waitset = WaitSet(participant)
-        self.writers: dict[str, Any] = {}
-        self.readers: dict[str, Any] = {}
-        self.kept: list[Any] = []
-        for name in ("data", "request", "reply"):
-            topic = Topic(participant, name, Sample)
-            self.writers[name] = DataWriter(participant, topic, qos)
-            self.readers[name] = DataReader(participant, topic, qos)
-            self.kept.append(ReadCondition(self.readers[name], state))
-            self.waitset.attach(self.kept[-1])
-        self.make = lambda size: Sample(data=bytes(size))
+        super().__init__()
+        topics = ("data", "request", "reply")
+        self.writers = {name: self.writer(name) for name in topics}
+        self.readers = {name: self.reader(name) for name in topics}
         self.received = 0
 
     def spin(self, seconds: float) -> None:
@@ -237,26 +204,14 @@ def run(name: str, side: Side, quick: bool) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure, print a table and, if asked for, write flat JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="shorter runs")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
-    parser.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    """Measure all sides; with the hidden argument, the one that this process is to be."""
+    cli = parser(__doc__, "shorter runs")
+    cli.add_argument("--side", choices=SIDES, help=argparse.SUPPRESS)
+    arguments = cli.parse_args()
     if arguments.side:
         print(json.dumps(measure(arguments.side, arguments.quick)))
-        return
-    measured = {name: run(name, side, arguments.quick) for name, side in sides().items()}
-    compared = ratios(measured)
-    names = list(measured)
-    print(f"{'':<26}" + "".join(f"{name:>16}" for name in names) + "".join(f"{f'/ {name}':>14}" for name in names[1:]))
-    for key in measured["rclpy_embedded"]:
-        values = "".join(f"{measured[name][key]:>16.3f}" if key in measured[name] else f"{'':>16}" for name in names)
-        against = (compared.get(f"ratio_{name}_{key}") for name in names[1:])
-        print(f"{key:<26}{values}" + "".join(f"{'':>14}" if ratio is None else f"{ratio:>14.2f}" for ratio in against))
-    if arguments.json:
-        figures = {f"{name}_{key}": value for name in names for key, value in measured[name].items()}
-        arguments.json.write_text(json.dumps(figures | compared, indent=2) + "\n")
+    else:
+        compare(lambda name, side: run(name, side, arguments.quick), arguments.json)
 
 
 if __name__ == "__main__":

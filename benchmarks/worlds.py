@@ -1,11 +1,15 @@
-"""The sides a benchmark compares: rclpy_embedded, bare cyclonedds and, where ROS 2 is sourced, genuine rclpy."""
+"""The sides that a benchmark compares: rclpy_embedded, bare cyclonedds and, where ROS 2 is sourced, genuine rclpy."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from report import save
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 # What a sourced ROS 2 puts into the environment.
@@ -39,12 +43,84 @@ def output(side: Side, *arguments: str) -> str:
     return done.stdout.splitlines()[-1]
 
 
-def ratios(figures: dict[str, dict[str, float]]) -> dict[str, float]:
-    """Return the embedded figures through those of every other side, as ``ratio_<side>_<figure>``."""
-    first, *others = figures
-    return {
-        f"ratio_{other}_{key}": value / figures[other][key]
-        for other in others
-        for key, value in figures[first].items()
-        if figures[other].get(key, 0) > 0
-    }
+def compare(measure: Callable[[str, Side], dict[str, float]], json_path: Path | None) -> None:
+    """Measure all sides; print and save the figures, and the embedded ones through those of every other side."""
+    measured = {name: measure(name, side) for name, side in sides().items()}
+    embedded, *others = measured
+    print(f"{'':<26}" + "".join(f"{name:>16}" for name in measured) + "".join(f"{f'/ {name}':>14}" for name in others))
+    figures = {f"{name}_{key}": value for name, of in measured.items() for key, value in of.items()}
+    for key, value in measured[embedded].items():
+        row = "".join(f"{of[key]:>16.3f}" if key in of else f"{'':>16}" for of in measured.values())
+        for other in others:
+            against = measured[other].get(key, 0.0)
+            if against > 0.0:
+                figures[f"ratio_{other}_{key}"] = value / against
+            row += f"{value / against:>14.2f}" if against > 0.0 else f"{'':>14}"
+        print(f"{key:<26}{row}")
+    save(figures, json_path)
+
+
+class RclpyNode:
+    """A node with an executor and messages of bytes, for rclpy_embedded and genuine rclpy alike."""
+
+    def __init__(self, name: str) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from std_msgs.msg import UInt8MultiArray
+
+        rclpy.init(args=[])
+        self.kind = UInt8MultiArray
+        self.node: Any = rclpy.create_node(name)
+        self.executor: Any = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def make(self, size: int) -> Any:
+        """A message of so many bytes."""
+        return self.kind(data=bytes(size))
+
+
+class BareParticipant:
+    """Cyclonedds alone, as its documentation shows it: a wait set, topics with a struct of bytes."""
+
+    def __init__(self) -> None:
+        from dataclasses import dataclass
+
+        from cyclonedds.core import Policy, Qos, WaitSet
+        from cyclonedds.domain import DomainParticipant
+        from cyclonedds.idl import IdlStruct
+        from cyclonedds.idl.types import sequence, uint8
+
+        @dataclass
+        class Sample(IdlStruct, typename="Sample"):  # type: ignore[call-arg]
+            data: sequence[uint8]  # type: ignore[valid-type]
+
+        # The annotation has to be the type itself, not its name.
+        Sample.__annotations__["data"] = sequence[uint8]
+        self._sample = Sample
+        self._participant = DomainParticipant(int(os.environ["ROS_DOMAIN_ID"]))
+        self._qos = Qos(Policy.Reliability.Reliable(10**9), Policy.History.KeepLast(10))
+        self.waitset = WaitSet(self._participant)
+        self._conditions: list[Any] = []
+
+    def make(self, size: int) -> Any:
+        """A sample of so many bytes."""
+        return self._sample(data=bytes(size))
+
+    def writer(self, name: str) -> Any:
+        """Writer of a topic."""
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.topic import Topic
+
+        return DataWriter(self._participant, Topic(self._participant, name, self._sample), self._qos)
+
+    def reader(self, name: str) -> Any:
+        """Reader of a topic; the wait set wakes when it has something."""
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+
+        reader: Any = DataReader(self._participant, Topic(self._participant, name, self._sample), self._qos)
+        state = ViewState.Any | InstanceState.Any | SampleState.NotRead
+        self._conditions.append(ReadCondition(reader, state))
+        self.waitset.attach(self._conditions[-1])
+        return reader

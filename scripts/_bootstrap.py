@@ -1,12 +1,14 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
-``ensure()`` makes ``.venv`` beside the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
+``ensure()`` makes ``.venv`` in the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
 Where there is no C compiler for the NMPC, one is installed as a wheel, too. When all is done already it only takes
 the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``) sees
 the system's packages, and the genuine rclpy is used.
 """
 
+import fcntl
 import hashlib
+import importlib
 import os
 import shutil
 import subprocess
@@ -50,18 +52,22 @@ def ensure(dev=False, oldest=False):
         names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
     if not _is_ready(home, locks):
-        with _Lock(home.with_suffix(".lock")):
+        with open(home.with_suffix(".lock"), "w") as turn:
+            fcntl.flock(turn, fcntl.LOCK_EX)  # several nodes may be started at once on a fresh machine
             if not _is_ready(home, locks):
                 _make(home, locks)
-    if with_genuine_ros() and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in _prefixes()):
+    prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep) if with_genuine_ros() else []
+    if prefixes and not any((Path(prefix) / "share" / "fsw_msgs").is_dir() for prefix in prefixes):
         print("fsw_msgs is not built: run 'colcon build' and source 'install/setup.bash'", file=sys.stderr)
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
         os.execv(python, [python, *sys.argv])
 
 
-def _prefixes():
-    return os.environ["AMENT_PREFIX_PATH"].split(os.pathsep)
+def start(module):
+    """Go on inside the project's environment and end with what the ``main`` of a module returns."""
+    ensure()
+    sys.exit(importlib.import_module(module).main())
 
 
 def _python(home):
@@ -138,19 +144,3 @@ def _run_with_progress(command, what):
     if process.returncode:
         tail = "".join(lines[-15:])
         sys.exit(f"{tail}[set-up] could not install {what}; a package index must be reachable the first time")
-
-
-class _Lock:
-    """Only one process sets up at a time: several nodes may be started at once on a fresh machine."""
-
-    def __init__(self, path):
-        self._path = path
-
-    def __enter__(self):
-        import fcntl
-
-        self._file = open(self._path, "w")
-        fcntl.flock(self._file, fcntl.LOCK_EX)
-
-    def __exit__(self, *_):
-        self._file.close()

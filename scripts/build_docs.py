@@ -15,8 +15,10 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
+from itertools import takewhile
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +39,7 @@ from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 
 WORKSPACE = Path(__file__).resolve().parent.parent
-DOCS = WORKSPACE / "docs"
-REFERENCE = DOCS / "reference"
+REFERENCE = WORKSPACE / "docs" / "reference"
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
 
@@ -60,50 +61,42 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
     return ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *cells]]
 
 
-# ---------------------------------------------------------------- parameters
+def page(title: str, *lines: str) -> str:
+    """A page of the reference."""
+    return "\n".join([NOTE, "", f"# {title}", "", *lines, ""])
 
 
-def parameter_files() -> Iterator[tuple[Path, str]]:
-    """Files in the packages that describe parameters, with their text."""
-    for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
-        text = path.read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-        if isinstance(content, dict) and all(
-            isinstance(entry, dict) and "default_value" in entry for entry in content.values()
-        ):
-            yield path, text
+def describes_parameters(text: str) -> bool:
+    """Whether a YAML file is one that describes parameters."""
+    content = yaml.safe_load(text)
+    return isinstance(content, dict) and all(
+        isinstance(entry, dict) and "default_value" in entry for entry in content.values()
+    )
 
 
 def parameters() -> str:
     """Parameters of all nodes, and the fields of the NMPC's tuning file."""
     lines = [
-        NOTE,
-        "",
-        "# Parameters",
-        "",
         "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
         "Every controller node has the parameters of `controller.yaml` besides its own.",
     ]
-    for path, text in parameter_files():
-        comment = []
-        for line in text.splitlines():
-            if not line.startswith("#"):
-                break
-            comment.append(line.lstrip("# ").replace("<", "&lt;"))
-        lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
-        lines += markdown(parse(text, str(path))).splitlines()
+    for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
+        text = path.read_text(encoding="utf-8")
+        if describes_parameters(text):
+            comment = [line.lstrip("# ") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())]
+            comment = [line.replace("<", "&lt;") for line in comment]
+            lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
+            lines += markdown(parse(text, str(path))).splitlines()
     lines += ["", "## Tuning file of the NMPC", "", "Fields of the file that the parameter `tuning_file` names.", ""]
-    presets = {name: Tuning.preset(name, nominal()) for name in ("default", "paper")}
+    presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
     meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}
     rows = []
     for name, text in meaning.items():
         if name != "estimator":
-            values: list[Any] = list(presets.values())
-            for part in name.split("."):
-                values = [getattr(value, part) for value in values]
+            values = map(attrgetter(name), presets)
             shown = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
             rows.append((f"`{name}`", *shown, text))
-    return "\n".join([*lines, *table(("field", "`default`", "`paper`", "meaning"), rows), ""])
+    return page("Parameters", *lines, *table(("field", "`default`", "`paper`", "meaning"), rows))
 
 
 def attributes(kind: type) -> dict[str, str]:
@@ -123,26 +116,14 @@ def attributes(kind: type) -> dict[str, str]:
     return {name: text or summary for name, text in found.items()}
 
 
-# ---------------------------------------------------------------- messages
-
-
 def messages() -> str:
     """Definitions of the messages and services."""
-    lines = [
-        NOTE,
-        "",
-        "# Messages and services",
-        "",
-        "The definitions of `fsw_msgs`, with their comments. Units are SI.",
-    ]
+    lines = ["The definitions of `fsw_msgs`, with their comments. Units are SI."]
     for kind, title in (("msg", "Messages"), ("srv", "Services")):
         lines += ["", f"## {title}"]
         for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
             lines += ["", f"### {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
-    return "\n".join([*lines, ""])
-
-
-# ---------------------------------------------------------------- scenarios
+    return page("Messages and services", *lines)
 
 
 def scenarios() -> str:
@@ -159,8 +140,7 @@ def scenarios() -> str:
         "figures": "figures of the paper that the scenario shows, 4 to 9",
         "announced": "whether controllers know the set-points beforehand, by `/fsw/reference_plan` (default false)",
     }
-    missing = set(scenario_file.KEYS) ^ set(top)
-    if missing:
+    if missing := set(scenario_file.KEYS) ^ set(top):
         raise SystemExit(f"describe the scenario keys {', '.join(sorted(missing))} in {Path(__file__).name}")
     rows = [
         ("`reference`", "`depth_mm`", ranges.REFERENCE_DEPTH_MM),
@@ -184,39 +164,24 @@ def scenarios() -> str:
         ("`command`", "`force_kn`", f"{ranges.COMMAND_FORCE_KN}; only in open loop"),
         ("", "`speed_rpm`", f"{ranges.COMMAND_SPEED_RPM}; only in open loop"),
     ]
-    shipped = []
-    for name in scenario_file.shipped():
-        loaded = scenario_file.load(name)
-        shipped.append((f"`{name}`", f"{loaded.duration_s:g}", " ".join(loaded.description.split())))
-    lines = [
-        NOTE,
-        "",
-        "# Scenario files",
-        "",
-        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md).",
-    ]
+    loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
+    shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
+    lines = ["How to write one, with an example: [Write a scenario](../how-to/scenarios.md)."]
     lines += ["", "## Keys", "", *table(("key", "allowed"), [(f"`{key}`", text) for key, text in top.items()])]
     lines += ["", "## Events", "", *table(("event", "key", "allowed"), rows)]
-    lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped), ""]
-    return "\n".join(lines)
-
-
-# ---------------------------------------------------------------- command line
+    lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped)]
+    return page("Scenario files", *lines)
 
 
 def command_line() -> str:
     """All commands with their arguments."""
     lines = [
-        NOTE,
-        "",
-        "# Command line",
-        "",
         "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments.",
+        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`.",
     ]
-    lines += ["Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`."]
     for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py")):
         lines += ["", f"## scripts/{script}", "", sentence(parser), *commands(parser)]
-    return "\n".join([*lines, ""])
+    return page("Command line", *lines)
 
 
 def sentence(parser: argparse.ArgumentParser) -> str:
@@ -249,9 +214,6 @@ def argument(action: argparse.Action) -> str:
     name = action.option_strings[-1]
     text = name if action.nargs == 0 else f"{name} {value or action.dest.upper()}"
     return text if action.required else f"[{text}]"
-
-
-# ---------------------------------------------------------------- hooks of MkDocs
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -287,7 +249,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
     return re.sub(pattern, mathml, content, flags=re.DOTALL)
 
 
-# ---------------------------------------------------------------- entry
+PAGES = {"parameters": parameters, "messages": messages, "scenarios": scenarios, "command-line": command_line}
 
 
 def main() -> int:
@@ -296,21 +258,15 @@ def main() -> int:
     cli.add_argument("--check", action="store_true", help="only tell whether the reference is up to date")
     check: bool = cli.parse_args().check
     stale = []
-    for name, make in (
-        ("parameters", parameters),
-        ("messages", messages),
-        ("scenarios", scenarios),
-        ("command-line", command_line),
-    ):
+    for name, make in PAGES.items():
         path, text = REFERENCE / f"{name}.md", make()
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             stale.append(path.name)
             if not check:
                 path.write_text(text, encoding="utf-8")
-    if stale and check:
-        print(f"docs/reference: {', '.join(stale)} out of date; run python3 scripts/build_docs.py")
-    elif stale:
-        print(f"docs/reference: written {', '.join(stale)}")
+    if stale:
+        found = "out of date; run python3 scripts/build_docs.py" if check else "written again"
+        print(f"docs/reference: {', '.join(stale)} {found}")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
     built = subprocess.run(command, cwd=WORKSPACE, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode
     return built or int(bool(stale and check))

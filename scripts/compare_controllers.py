@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -18,18 +17,17 @@ from _bootstrap import WORKSPACE, ensure
 if __name__ == "__main__":
     ensure()
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 from fsw_experiment.comparison import figures, report, study
 from fsw_experiment.comparison.cases import DECENTRALIZED, SWEEP
 
 
 def publish(table: list[str]) -> None:
-    """Put the table between its marks in the README."""
+    """Put the table between its marks in the README, and draw the README's figure."""
     readme = WORKSPACE / "README.md"
     before, _, rest = readme.read_text(encoding="utf-8").partition("<!-- results -->\n")
     _, end, after = rest.partition("<!-- results: end -->")
     readme.write_text("\n".join([f"{before}<!-- results -->", *table[:-1], f"{end}{after}"]), encoding="utf-8")
+    figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
 
 
 def main() -> int:
@@ -38,7 +36,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
     parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
-    parser.add_argument("--publish", action="store_true", help="into docs/results, and the table in the README")
+    parser.add_argument("--publish", action="store_true", help="into docs/results, and README's table and figure")
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
@@ -57,13 +55,12 @@ def main() -> int:
             shown_s = elapsed_s
             print(f"[{elapsed_s:5.0f} s] {what}", file=sys.stderr, flush=True)
 
-    quick: bool = arguments.quick
-    plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if quick else SWEEP
+    plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if arguments.quick else SWEEP
     data = {"nominal": study.nominal(progress), "sweep": study.sweep(progress, plants)}
     figures.papers(out)
     figures.corridors(out)
     figures.sweep(data["sweep"], out / "sweep.png")
-    if not quick:
+    if not arguments.quick:
         data["bounds"] = study.bounds(progress)
         figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
         data["margins"] = study.margins(progress)

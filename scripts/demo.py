@@ -4,12 +4,7 @@
 usage: demo.py [--realtime] [--scenario NAME] [--controller NAME] [--out FOLDER]
 """
 
-import sys
-
-from _bootstrap import ensure
+from _bootstrap import start
 
 if __name__ == "__main__":
-    ensure()
-    from fsw_experiment.demo import main
-
-    sys.exit(main())
+    start("fsw_experiment.demo")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,22 +50,17 @@ def transition_table() -> str:
 
 
 def document_block() -> str:
-    """What stands between the two marks in the documentation."""
+    """What stands between the two marks in the documentation, with the marks."""
     return f"{BEGIN}\n\n```mermaid\n{mermaid_diagram()}\n```\n\n{transition_table()}\n\n{END}"
 
 
 def renew_document(text: str) -> str:
-    """Return ``text`` with the block between the marks renewed.
-
-    Raises
-    ------
-    ValueError
-        When the marks are not in the text.
-    """
-    pattern = re.compile(re.escape(BEGIN) + ".*?" + re.escape(END), re.DOTALL)
-    if not pattern.search(text):
+    """Return ``text`` with the block between the marks renewed; ValueError if it has no marks."""
+    before, _, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
         raise ValueError(f"the marks {BEGIN!r} and {END!r} are missing")
-    return pattern.sub(lambda _: document_block(), text)
+    return before + document_block() + after
 
 
 def main(args: Sequence[str]) -> int:

@@ -18,6 +18,22 @@ from pathlib import Path
 
 from _bootstrap import WORKSPACE, ensure
 
+if __name__ == "__main__":
+    ensure()
+
+from fsw_analysis import kpi
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
+from fsw_control.free_domain import free_domain
+from fsw_experiment.graph import WeldGraph
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario_file import load
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import WriterOptions
+from fsw_recorder.recover import recover
+from fsw_recorder.stamps import is_ticking, stamp_ns
+from fsw_recorder.topic import TopicSelection
+
 #: bag: scenario, and the controller that welds in closed loop
 BAGS = {
     "open_loop_force_steps": ("open_loop_force_steps", ""),
@@ -27,9 +43,10 @@ BAGS = {
     "output_disturbances": ("output_disturbances", "nmpc"),
     "model_uncertainty": ("model_uncertainty", "nmpc"),
 }
-SENSORS = "depth|spindle_torque|thermocouple|drives"
-OTHERS = "reference|command|plant/truth|supervisor/(state|reference)|[a-z_]+/proposal"
-TOPICS = f"/fsw/({SENSORS}|{OTHERS})"
+TOPICS = (
+    "/fsw/(depth|spindle_torque|thermocouple|drives|reference|command|plant/truth|supervisor/(state|reference)|"
+    "[a-z_]+/proposal)"
+)
 ATTACHMENTS = ("scenario.yaml", "parameters/fsw_nmpc.yaml", "parameters/fsw_decentral.yaml")
 GOLDEN = WORKSPACE / "test" / "golden"
 LARGEST_BYTES = 1_000_000
@@ -37,21 +54,8 @@ LARGEST_BYTES = 1_000_000
 
 def record(name: str, target: Path) -> None:
     """Run the scenario of a bag in lockstep over DDS and keep what a replay and the figures of merit need."""
-    from fsw_analysis import kpi
-    from fsw_analysis.changes import cut_to_scenario
-    from fsw_analysis.signals import load_weld
-    from fsw_control.free_domain import free_domain
-    from fsw_experiment.graph import WeldGraph
-    from fsw_experiment.launcher import Launcher
-    from fsw_experiment.scenario_file import load, parse
-    from fsw_recorder.bag_writer import WriterOptions
-    from fsw_recorder.recover import recover
-    from fsw_recorder.topic import TopicSelection
-
     scenario_name, controller = BAGS[name]
-    scenario = load(scenario_name)
-    if controller:
-        scenario = parse(scenario.text, scenario.name, [f"controller={controller}"])
+    scenario = load(scenario_name, [f"controller={controller}"] if controller else [])
     with tempfile.TemporaryDirectory(prefix="fsw_golden_") as folder:
         graph = WeldGraph(scenario, Path(folder), ("decentral",) if controller else ())
         with free_domain() as domain, Launcher(Path(folder) / "log", domain) as launcher:
@@ -75,9 +79,6 @@ def record(name: str, target: Path) -> None:
 
 def end_of_scenario(bag: Path, duration_s: float) -> int:
     """Time after which no message of the scenario's ticks was received: topics overtake each other."""
-    from fsw_recorder.bag_reader import BagReader
-    from fsw_recorder.stamps import is_ticking, stamp_ns
-
     last_ns, end_ns = round((duration_s + 0.05) * 1e9), 0
     with BagReader(bag) as reader:
         for record in reader.records():
@@ -89,8 +90,7 @@ def end_of_scenario(bag: Path, duration_s: float) -> int:
 def main() -> int:
     """Record the bags that are named, or all."""
     names = sys.argv[1:] or list(BAGS)
-    unknown = [name for name in names if name not in BAGS]
-    if unknown:
+    if unknown := [name for name in names if name not in BAGS]:
         print(f"no golden bag {', '.join(unknown)}; there are {', '.join(BAGS)}", file=sys.stderr)
         return 2
     for name in names:
@@ -99,5 +99,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    ensure()
     sys.exit(main())

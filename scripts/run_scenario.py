@@ -4,12 +4,7 @@
 usage: run_scenario.py [SCENARIO] [--ros-args -p use_sim_time:=true ...]
 """
 
-import sys
-
-from _bootstrap import ensure
+from _bootstrap import start
 
 if __name__ == "__main__":
-    ensure()
-    from fsw_experiment.scenario_node import main
-
-    sys.exit(main())
+    start("fsw_experiment.scenario_node")

@@ -1,12 +1,7 @@
 #!/usr/bin/env python3
 """Runs the supervisor node."""
 
-from _bootstrap import ensure
+from _bootstrap import start
 
-ensure()
-
-import sys  # noqa: E402
-
-from fsw_supervisor.supervisor_node import main  # noqa: E402
-
-sys.exit(main())
+if __name__ == "__main__":
+    start("fsw_supervisor.supervisor_node")

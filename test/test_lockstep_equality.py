@@ -84,7 +84,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     assert 0.0 < elapsed_s < 60.0
 
 
-def test_the_paths_of_the_handles_are_not_trivial(tmp_path):
+def test_the_courses_of_force_and_speed_are_not_trivial(tmp_path):
     """What the test above compares does move: else it could not fail."""
     path = tmp_path / "scenario.yaml"
     path.write_text(CLOSED)

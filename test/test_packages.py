@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from fsw_control import weld
+from fsw_control.parameters import defaults, load
+from fsw_model import STEP_S, ProcessModel, nominal
+
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw_*/package.xml") if path.parent.name != "fsw_msgs")
 #: which packages of this project each may import; the order is that of docs and design: arrows point up this list
@@ -165,3 +169,16 @@ def test_dependencies_are_known_to_rosdep_and_named_once(package: Path) -> None:
     entries = [(entry.tag, entry.text) for entry in root if entry.tag.endswith("depend")]
     assert len(entries) == len(set(entries))
     assert {key for _, key in entries} - KNOWN - {path.name for path in PACKAGES} - {"fsw_msgs"} == set()
+
+
+def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
+    """``fsw_control`` must not import the model, and a rate is not a step: the same facts in other words."""
+    model, plant = nominal(), defaults(load("fsw_plant", "plant.yaml"))
+    assert weld.TICK_S == STEP_S
+    assert (model.operating_depth_mm, model.operating_temperature_c) == (weld.DEPTH_MM, weld.TEMPERATURE_C)
+    assert model.operating_force_kn == weld.FORCE_KN
+    assert pytest.approx(ProcessModel(model).equilibrium().speed_rpm, abs=5e-4) == weld.SPEED_RPM
+    assert weld.FORCE_MIN_KN < weld.FORCE_KN < weld.FORCE_MAX_KN
+    assert weld.SPEED_MIN_RPM < weld.SPEED_RPM < weld.SPEED_MAX_RPM
+    assert plant["limits.force_rate_kn_per_s"] * weld.TICK_S == pytest.approx(weld.FORCE_STEP_KN)
+    assert plant["limits.speed_rate_rpm_per_s"] * weld.TICK_S == pytest.approx(weld.SPEED_STEP_RPM)

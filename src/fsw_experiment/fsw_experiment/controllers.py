@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 from fsw_control.contract import Controller
@@ -34,14 +33,12 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
         When there is no such controller or variant here.
     """
     name, _, variant = label.partition(":")
-    if name not in KNOWN or find_spec(KNOWN[name][0]) is None:
-        available = [known for known, (package, *_) in KNOWN.items() if find_spec(package) is not None]
-        raise ScenarioError(f"controller {name} is not available; available: {', '.join(available)}")
+    if name not in KNOWN:
+        raise ScenarioError(f"controller {name} is not available; available: {', '.join(KNOWN)}")
     package, kind, file, choice = KNOWN[name]
-    factory: Callable[[dict[str, object]], Controller] | None = getattr(import_module(package), kind, None)
-    if factory is None:
-        raise ScenarioError(f"controller {name} is not available: package {package} has no {kind}")
     try:
-        return factory(validate(load(package, file), {**(parameters or {}), **({choice: variant} if variant else {})}))
+        values = validate(load(package, file), {**(parameters or {}), **({choice: variant} if variant else {})})
+        made: Controller = getattr(import_module(package), kind)(values)
     except (ParameterError, ValueError) as error:
         raise ScenarioError(f"controller {label}: {error}") from None
+    return made

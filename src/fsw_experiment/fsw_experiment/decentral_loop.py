@@ -1,13 +1,14 @@
 """The decentralized controller in closed loop with a process model: robustness, noise and errors of a set of gains.
 
 Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised about the operating
-point; the errors from simulation of the nonlinear loop.
+point; the errors from simulation of the nonlinear loop. Emulated sensors and drives are left out: the search simulates
+thousands of welds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import lru_cache
 
@@ -16,67 +17,77 @@ from numpy.typing import NDArray
 
 from fsw_control import Command, Measurement, Reference
 from fsw_control.units import RAD_PER_S_PER_RPM
-from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_decentral import DecentralController, Gains
 from fsw_decentral.loops import KW_PER_NM_RPM, share
+from fsw_experiment.scenario import tick_of
+from fsw_experiment.standard_events import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
+from fsw_plant import PlantConfig
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]
-#: added to depth (mm), temperature (degC) and motor torque (N m) as measured, by tick
-Disturbance = Callable[[int], tuple[float, float, float]]
-#: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m (plant.yaml).
-NOISE = (2e-3, 0.1, 2.0)
-#: Ticks of the tracking and of the disturbance run.
-_TRACKING, _DISTURBED = 2000, 1600
-_UP, _HOT, _DOWN, _COLD = slice(400, 800), slice(800, 1200), slice(1200, 1600), slice(1600, 2000)
-_BY_DEPTH, _BY_TEMPERATURE = slice(400, 1000), slice(1000, 1600)
+_SENSORS = PlantConfig.from_values({}).sensors
+#: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m.
+NOISE = (_SENSORS.depth_noise_mm, _SENSORS.temperature_noise_c, _SENSORS.torque_noise_nm)
 #: rad/s; for peaks, and evenly spaced for variances
 _OMEGA = np.geomspace(2e-3, 0.95 * math.pi / STEP_S, 400)
 _EVEN = np.linspace(0.0, math.pi / STEP_S, 402)[1:-1]
 
 
-class Loop:
-    """Controller and process model in closed loop, as the plant runs them, from rest at the operating point.
+def simulate(
+    gains: Gains,
+    disturbance: Vector,
+    references: Mapping[int, Reference] | None = None,
+    parameters: ModelParameters | None = None,
+    latency_ticks: int = 0,
+) -> Vector:
+    """Run controller and process from rest at the operating point.
 
     Parameters
     ----------
     gains : Gains
+    disturbance : (n, 3) array
+        Added to depth (mm), temperature (degC) and motor torque (N m) as measured.
+    references : mapping of int to Reference, optional
+        Set-points from a tick on; the operating point by default.
     parameters : ModelParameters, optional
         The paper's by default.
     latency_ticks : int
         Delay added between command and process.
+
+    Returns
+    -------
+    (n, 4) array
+        Depth (mm) and temperature (degC) with the disturbance, force (kN) and speed (rpm) before the tick's command.
+
+    Raises
+    ------
+    OperatingPointError
+        If the shoulder leaves the copper.
     """
-
-    def __init__(self, gains: Gains, parameters: ModelParameters | None = None, latency_ticks: int = 0) -> None:
-        self.model = process_model(parameters or nominal())
-        self.inertia = self.model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
-        start = self.model.equilibrium(DEPTH_MM, TEMPERATURE_C)
-        self.state = start.state.copy()
-        self.controller = DecentralController(asdict(gains))
-        self.queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)
-        self.controller.reset(self.queue[0])
-
-    def run(
-        self,
-        ticks: int,
-        reference: Callable[[float], Reference],
-        disturbance: Disturbance = lambda k: (0.0, 0.0, 0.0),
-    ) -> Vector:
-        """Rows (ticks, 4) of depth (mm) and temperature (degC) with disturbance, force (kN) and speed (rpm)."""
-        rows = np.empty((ticks, 4))
-        for k in range(ticks):
-            now, (before, acting) = self.queue[-1], self.queue[:2]
-            shown = self.model.outputs(self.state, acting.force_kn, acting.speed_rpm)
-            depth_more, temperature_more, torque_more = disturbance(k)
-            depth, temperature = shown.depth_mm + depth_more, shown.temperature_c + temperature_more
-            rows[k] = depth, temperature, now.force_kn, now.speed_rpm
-            torque = shown.motor_torque_nm + self.inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
-            measurement = Measurement(k * STEP_S, depth, torque, temperature)
-            proposal = self.controller.step(measurement, reference(k * STEP_S), now, STEP_S)
-            self.queue = [*self.queue[1:], proposal.command]
-            self.model.step(self.state, self.queue[1].force_kn, self.queue[1].speed_rpm)
-        return rows
+    model = process_model(parameters or nominal())
+    inertia = model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
+    start = model.equilibrium(REST.depth_mm, REST.temperature_c)
+    state, controller, reference, changes = (
+        start.state.copy(),
+        DecentralController(asdict(gains)),
+        REST,
+        references or {},
+    )
+    queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)
+    controller.reset(queue[0])
+    rows = []
+    for k, (depth_more, temperature_more, torque_more) in enumerate(disturbance.tolist()):
+        reference = changes.get(k, reference)
+        before, acting, now = queue[0], queue[1], queue[-1]
+        shown = model.outputs(state, acting.force_kn, acting.speed_rpm)
+        depth, temperature = shown.depth_mm + depth_more, shown.temperature_c + temperature_more
+        rows.append((depth, temperature, now.force_kn, now.speed_rpm))
+        torque = shown.motor_torque_nm + inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
+        measurement = Measurement(k * STEP_S, depth, torque, temperature)
+        queue = [*queue[1:], controller.step(measurement, reference, now, STEP_S).command]
+        model.step(state, queue[1].force_kn, queue[1].speed_rpm)
+    return np.array(rows)
 
 
 @lru_cache(maxsize=8)
@@ -85,38 +96,15 @@ def process_model(parameters: ModelParameters) -> ProcessModel:
     return ProcessModel(parameters)
 
 
-def constant(_: float) -> Reference:
-    """Reference at the operating point."""
-    return Reference(DEPTH_MM, TEMPERATURE_C)
-
-
-def steps(time_s: float) -> Reference:
-    """Reference steps: +0.2 mm at 40 s, +10 degC at 80 s, -0.2 mm at 120 s, -10 degC at 160 s."""
-    depth = DEPTH_MM + (0.2 if 40.0 <= time_s < 120.0 else 0.0)
-    return Reference(depth, TEMPERATURE_C + (10.0 if 80.0 <= time_s < 160.0 else 0.0))
-
-
-def disturbances(k: int) -> tuple[float, float, float]:
-    """Output disturbances: +0.1 mm from 40 s, -5 degC from 100 s."""
-    return (0.1 if k >= 400 else 0.0, -5.0 if k >= 1000 else 0.0, 0.0)
-
-
 def loop_response(
     gains: Gains, parameters: ModelParameters, omega: Vector, latency_ticks: int = 1
 ) -> tuple[Response, Response]:
     """Sensitivity of the outputs (n, 3, 3) and response of force and speed to sensor noise (n, 2, 3).
 
-    Parameters
-    ----------
-    gains : Gains
-    parameters : ModelParameters
-    omega : (n,) array
-        Frequencies, rad/s.
-    latency_ticks : int
-        Delay added between command and process.
+    At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command and process.
     """
     model = process_model(parameters)
-    at, line, p = model.equilibrium(DEPTH_MM, TEMPERATURE_C), model.linearise(), parameters
+    at, line, p = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise(), parameters
     torque, speed = at.outputs.process_torque_nm, at.speed_rpm
     s, back = 1j * omega, np.exp(-1j * omega * STEP_S)
     hold = (1.0 - back) / (s * STEP_S) * back**latency_ticks
@@ -162,19 +150,16 @@ def simulated_sensitivity(gains: Gains, parameters: ModelParameters | None = Non
     """The same by simulation: the response to an infinitesimal impulse on one sensor; inf if it does not die out."""
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
-        pulse = (size, 0.0, 0.0) if channel == 0 else (0.0, size, 0.0)
+        pulse = np.zeros((3010, 3))
+        pulse[10, channel] = size
         try:
-            rows = Loop(gains, parameters, latency_ticks=1).run(3010, constant, _once(10, pulse))
+            rows = simulate(gains, pulse, None, parameters, latency_ticks=1)
         except OperatingPointError:
             return math.inf, math.inf
-        response = rows[10:, channel] - (DEPTH_MM, TEMPERATURE_C)[channel]
+        response = rows[10:, channel] - (REST.depth_mm, REST.temperature_c)[channel]
         settled = np.abs(response[-500:]).max() < 1e-3 * size
         peaks.append(float(np.abs(np.fft.rfft(response / size)).max()) if settled else math.inf)
     return peaks[0], peaks[1]
-
-
-def _once(tick: int, sizes: tuple[float, float, float]) -> Disturbance:
-    return lambda k: sizes if k == tick else (0.0, 0.0, 0.0)
 
 
 def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
@@ -185,8 +170,15 @@ def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tupl
     return float(deviation[0]), float(deviation[1])
 
 
+def _windows(case: str) -> dict[str, slice]:
+    """Ticks of each event of a case, until the next one begins."""
+    events = CASES[case]
+    ticks = [tick_of(at_s) for at_s in (*(step.at_s for step in events.values()), DURATION_S[case])]
+    return dict(zip(events, map(slice, ticks, ticks[1:]), strict=True))
+
+
 def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
-    """Errors of a set of gains in ``steps`` and ``disturbances``, noise-free.
+    """Errors of a set of gains in the standard events, noise-free.
 
     Returns
     -------
@@ -200,11 +192,18 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
     OperatingPointError
         If the shoulder leaves the copper.
     """
-    tracked = Loop(gains, parameters).run(_TRACKING, steps)
-    wanted = np.array([(r.depth_mm, r.temperature_c) for r in (steps(k * STEP_S) for k in range(_TRACKING))])
-    depth, temperature = np.abs(tracked[:, :2] - wanted).T
-    disturbed = Loop(gains, parameters).run(_DISTURBED, constant, disturbances)
-    depth_off, temperature_off = np.abs(disturbed[:, :2] - (DEPTH_MM, TEMPERATURE_C)).T
+    references = dict(zip([0, *(tick_of(step.at_s) for step in SET_POINTS.values())], set_points(), strict=True))
+    target = np.empty((tick_of(DURATION_S["tracking"]), 2))
+    for tick, reference in references.items():
+        target[tick:] = reference.depth_mm, reference.temperature_c
+    tracked = simulate(gains, np.zeros((len(target), 3)), references, parameters)
+    depth, temperature = np.abs(tracked[:, :2] - target).T
+    disturbance = np.zeros((tick_of(DURATION_S["disturbances"]), 3))
+    for step in DISTURBANCES.values():
+        disturbance[tick_of(step.at_s) :] += step.depth_mm, step.temperature_c, 0.0
+    disturbed = simulate(gains, disturbance, None, parameters)
+    depth_off, temperature_off = np.abs(disturbed[:, :2] - (REST.depth_mm, REST.temperature_c)).T
+    steps, offs = _windows("tracking"), _windows("disturbances")
 
     def iae(error: Vector) -> float:
         return float(error.sum() * STEP_S)
@@ -214,16 +213,16 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
         "tracking_iae_temperature_c_s": iae(temperature),
         "disturbance_iae_depth_mm_s": iae(depth_off),
         "disturbance_iae_temperature_c_s": iae(temperature_off),
-        "depth_up_iae_mm_s": iae(depth[_UP]),
-        "depth_down_iae_mm_s": iae(depth[_DOWN]),
-        "depth_disturbance_iae_mm_s": iae(depth_off[_BY_DEPTH]),
-        "temperature_up_iae_c_s": iae(temperature[_HOT]),
-        "temperature_down_iae_c_s": iae(temperature[_COLD]),
-        "temperature_disturbance_iae_c_s": iae(temperature_off[_BY_TEMPERATURE]),
-        "depth_up_peak_c": float(temperature[_UP].max()),
-        "depth_down_peak_c": float(temperature[_DOWN].max()),
-        "depth_disturbance_peak_c": float(temperature_off[_BY_DEPTH].max()),
-        "temperature_steps_peak_mm": float(max(depth[_HOT].max(), depth[_COLD].max())),
+        "depth_up_iae_mm_s": iae(depth[steps["z up"]]),
+        "depth_down_iae_mm_s": iae(depth[steps["z down"]]),
+        "depth_disturbance_iae_mm_s": iae(depth_off[offs["dz"]]),
+        "temperature_up_iae_c_s": iae(temperature[steps["T up"]]),
+        "temperature_down_iae_c_s": iae(temperature[steps["T down"]]),
+        "temperature_disturbance_iae_c_s": iae(temperature_off[offs["dT"]]),
+        "depth_up_peak_c": float(temperature[steps["z up"]].max()),
+        "depth_down_peak_c": float(temperature[steps["z down"]].max()),
+        "depth_disturbance_peak_c": float(temperature_off[offs["dz"]].max()),
+        "temperature_steps_peak_mm": float(max(depth[steps["T up"]].max(), depth[steps["T down"]].max())),
         "variation_force_kn": float(np.abs(np.diff(tracked[:, 2])).sum()),
         "variation_speed_rpm": float(np.abs(np.diff(tracked[:, 3])).sum()),
         "unsettled_c": float(max(temperature[-100:].max(), temperature_off[-100:].max())),

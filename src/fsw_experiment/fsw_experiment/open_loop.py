@@ -17,8 +17,6 @@ class OpenLoopController:
         Its command events say what is proposed when; a step larger than a move limit takes several ticks.
     start : Command
         Proposed before the first event.
-    limits : Limits, optional
-        Bounds and move limits of the manipulated variables.
     from_first_tick : bool
         Count the scenario's time from the first measurement (wall clock), not from stamp 0 (simulated time).
     """
@@ -26,12 +24,10 @@ class OpenLoopController:
     name = "open_loop"
     tolerated_sensors: tuple[str, ...] = SENSORS
 
-    def __init__(
-        self, scenario: Scenario, start: Command, limits: Limits | None = None, from_first_tick: bool = False
-    ) -> None:
+    def __init__(self, scenario: Scenario, start: Command, from_first_tick: bool = False) -> None:
         self._changes = commands(scenario, start)
         self._wanted = start
-        self._limits = limits or Limits()
+        self._limits = Limits()
         self._begin_s: float | None = None if from_first_tick else 0.0
         self._next_tick = 0
 

@@ -36,16 +36,7 @@ class Sine:
 class ReferenceEvent:
     """New set-points; None keeps the present one.
 
-    Attributes
-    ----------
-    at_s : float
-        When it takes effect.
-    depth_mm, temperature_c : float or None
-        New values.
-    over_s : float
-        Length of the ramp that leads there; 0 is a step.
-    sine : Sine or None
-        Sine on top, beginning after the ramp.
+    They are reached by a ramp of the length ``over_s`` (0: a step), and the sine on top begins after it.
     """
 
     at_s: float

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,11 @@ from fsw_experiment.scenario import (
     SwitchEvent,
 )
 from fsw_plant import PlantConfig
+from fsw_plant.config import flatten
 from fsw_plant.event_schema import Place
 from fsw_plant.schedule import event_head, read_event
 
+_SHIPPED = Path(__file__).parent / "scenarios"
 #: figures of the paper that a scenario can show
 _FIGURES = range(4, 10)
 #: keys of a scenario file
@@ -35,8 +36,7 @@ KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "f
 
 def shipped() -> list[str]:
     """Names of the scenarios that come with the package."""
-    folder = resources.files("fsw_experiment").joinpath("scenarios")
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return sorted(path.stem for path in _SHIPPED.glob("*.yaml"))
 
 
 def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -54,12 +54,11 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     ScenarioError
         If there is no such scenario or something in it is wrong.
     """
-    path = Path(source)
-    if str(source) in shipped() and not path.is_file():
-        text = resources.files("fsw_experiment").joinpath("scenarios", f"{source}.yaml").read_text(encoding="utf-8")
-        return parse(text, str(source), overrides)
+    file = Path(source)
+    if str(source) in shipped() and not file.is_file():
+        file = _SHIPPED / f"{source}.yaml"
     try:
-        text = path.read_text(encoding="utf-8")
+        text = file.read_text(encoding="utf-8")
     except OSError as error:
         raise ScenarioError(
             f"cannot read scenario {source}: {error.strerror}; give a YAML file or one of {', '.join(shipped())}"
@@ -102,7 +101,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         description=str(content.get("description", "")),
         duration_s=duration_s,
         controller=controller,
-        plant=_checked_plant(content.get("plant") or {}, at.inside("plant")),
+        plant=_plant(content.get("plant") or {}, at.inside("plant")),
         events=events,
         figures=figures,
         announced=announced,
@@ -124,23 +123,12 @@ def _override(content: dict[str, Any], override: str) -> None:
 
 
 def _plant(entry: Any, at: Place) -> dict[str, Any]:
-    """Flatten the plant's nested setup to dotted parameter names."""
-    flat: dict[str, Any] = {}
-    for key, value in at.mapping(entry).items():
-        if isinstance(value, dict):
-            flat.update({f"{key}.{name}": inner for name, inner in _plant(value, at.inside(str(key))).items()})
-        else:
-            flat[str(key)] = value
-    return flat
-
-
-def _checked_plant(entry: Any, at: Place) -> dict[str, Any]:
-    flat = _plant(entry, at)
-    if flat:
-        try:
-            PlantConfig.from_values(flat)
-        except ParameterError as error:
-            raise at.error(f"is wrong: {error}") from None
+    """The plant's parameters by dotted name, checked."""
+    flat = flatten(at.mapping(entry))
+    try:
+        PlantConfig.from_values(flat)
+    except ParameterError as error:
+        raise at.error(f"is wrong: {error}") from None
     return flat
 
 
@@ -164,30 +152,23 @@ def _reference(entry: dict[str, Any], at: Place, at_s: float) -> Event:
     at.keys(entry, ("depth_mm", "temperature_c", "over_s", "sine"))
     if not set(entry) & {"depth_mm", "temperature_c", "sine"}:
         raise at.error("needs depth_mm, temperature_c or sine")
-    return ReferenceEvent(
-        at_s,
-        at.optional(entry, "depth_mm", ranges.REFERENCE_DEPTH_MM),
-        at.optional(entry, "temperature_c", ranges.REFERENCE_TEMPERATURE_C),
-        at.number(entry, "over_s", Range(0.0, ranges.DURATION_S.high, "s"), 0.0),
-        _sine(at.inside("sine").mapping(entry["sine"]), at.inside("sine")) if "sine" in entry else None,
-    )
+    depth_mm = at.optional(entry, "depth_mm", ranges.REFERENCE_DEPTH_MM)
+    temperature_c = at.optional(entry, "temperature_c", ranges.REFERENCE_TEMPERATURE_C)
+    over_s = at.number(entry, "over_s", Range(0.0, ranges.DURATION_S.high, "s"), 0.0)
+    sine = _sine(entry["sine"], at.inside("sine")) if "sine" in entry else None
+    return ReferenceEvent(at_s, depth_mm, temperature_c, over_s, sine)
 
 
-def _sine(entry: dict[str, Any], at: Place) -> Sine:
-    at.keys(entry, ("depth_mm", "temperature_c", "period_s"), required=("period_s",))
-    return Sine(
-        at.number(entry, "depth_mm", ranges.SINE_DEPTH_MM, 0.0),
-        at.number(entry, "temperature_c", ranges.SINE_TEMPERATURE_C, 0.0),
-        at.number(entry, "period_s", Range(2 * TICK_S, ranges.DURATION_S.high, "s")),
-    )
+def _sine(entry: Any, at: Place) -> Sine:
+    at.keys(at.mapping(entry), ("depth_mm", "temperature_c", "period_s"), required=("period_s",))
+    depth_mm = at.number(entry, "depth_mm", ranges.SINE_DEPTH_MM, 0.0)
+    temperature_c = at.number(entry, "temperature_c", ranges.SINE_TEMPERATURE_C, 0.0)
+    return Sine(depth_mm, temperature_c, at.number(entry, "period_s", Range(2 * TICK_S, ranges.DURATION_S.high, "s")))
 
 
 def _command(entry: dict[str, Any], at: Place, at_s: float) -> Event:
     at.keys(entry, ("force_kn", "speed_rpm"))
     if not entry:
         raise at.error("needs force_kn or speed_rpm")
-    return CommandEvent(
-        at_s,
-        at.optional(entry, "force_kn", ranges.COMMAND_FORCE_KN),
-        at.optional(entry, "speed_rpm", ranges.COMMAND_SPEED_RPM),
-    )
+    force_kn = at.optional(entry, "force_kn", ranges.COMMAND_FORCE_KN)
+    return CommandEvent(at_s, force_kn, at.optional(entry, "speed_rpm", ranges.COMMAND_SPEED_RPM))

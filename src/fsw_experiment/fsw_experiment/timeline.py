@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import pi, sin
 
 from fsw_control.contract import Command, Reference
@@ -34,24 +35,22 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
         to_temperature = from_temperature if event.temperature_c is None else event.temperature_c
         ramp_end = tick_of(event.at_s + event.over_s)
         for tick in range(begins[i], end):
-            if tick >= ramp_end:
-                share = 1.0
-            else:
-                share = max(0.0, (tick * TICK_S - event.at_s) / event.over_s)
-            depth_mm = to_depth if share >= 1.0 else from_depth + share * (to_depth - from_depth)
-            temperature_c = (
-                to_temperature if share >= 1.0 else from_temperature + share * (to_temperature - from_temperature)
-            )
-            if event.sine is None or share < 1.0:
+            since_s = tick * TICK_S - event.at_s
+            if tick < ramp_end:
+                share = max(0.0, since_s / event.over_s)
+                depth_mm = from_depth + share * (to_depth - from_depth)
+                temperature_c = from_temperature + share * (to_temperature - from_temperature)
                 changes[tick] = Reference(depth_mm, temperature_c)
-                if share >= 1.0:
-                    break
-            else:
-                swing = sin(2.0 * pi * (tick * TICK_S - event.at_s - event.over_s) / event.sine.period_s)
-                changes[tick] = Reference(
-                    depth_mm + event.sine.depth_mm * swing, temperature_c + event.sine.temperature_c * swing
-                )
-    return _without_repeats(changes)
+                continue
+            depth_mm, temperature_c = to_depth, to_temperature
+            if event.sine is None:
+                changes[tick] = Reference(depth_mm, temperature_c)
+                break
+            swing = sin(2.0 * pi * (since_s - event.over_s) / event.sine.period_s)
+            changes[tick] = Reference(
+                depth_mm + event.sine.depth_mm * swing, temperature_c + event.sine.temperature_c * swing
+            )
+    return {0: changes[0]} | {tick: new for (_, old), (tick, new) in pairwise(changes.items()) if new != old}
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
@@ -71,12 +70,3 @@ def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
 def switches(scenario: Scenario) -> dict[int, str]:
     """Newly selected controller by tick."""
     return {tick_of(event.at_s): event.controller for event in scenario.events if isinstance(event, SwitchEvent)}
-
-
-def _without_repeats(changes: dict[int, Reference]) -> dict[int, Reference]:
-    kept: dict[int, Reference] = {}
-    last: Reference | None = None
-    for tick, reference in changes.items():
-        if reference != last:
-            kept[tick] = last = reference
-    return kept

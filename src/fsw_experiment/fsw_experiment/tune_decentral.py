@@ -10,19 +10,19 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 import fsw_decentral
 from fsw_decentral import Gains, tunings
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.decentral_loop import errors, noise_moves, sensitivity, simulated_sensitivity
-from fsw_experiment.evolution import minimise
 from fsw_model import ModelParameters, OperatingPointError, ParameterError, nominal
 
 Vector = NDArray[np.float64]
@@ -33,65 +33,46 @@ _MISSED, _BROKEN = 5.0, 50.0
 #: beyond this excess over the bounds a run is not worth its time; the loop may be unstable
 _HOPELESS = 0.5
 _SWINGING_C = 2.0
-_SPREAD = 0.25
+#: how far the first simplex of the search reaches from the start, in logarithms of the gains
+_REACH = 0.25
 _EVALUATIONS = 3000
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """What a set of gains may not exceed.
-
-    Attributes
-    ----------
-    sensitivity : float
-        Ms of each loop.
-    force_move_kn, speed_move_rpm : float
-        Standard deviation of the moves per tick under sensor noise.
-    """
-
-    sensitivity: float
-    force_move_kn: float
-    speed_move_rpm: float
+NAMES = ("conservative", "tight")
 
 
-BOUNDS = {
-    "conservative": Bounds(sensitivity=1.6, force_move_kn=0.03, speed_move_rpm=0.5),
-    "tight": Bounds(sensitivity=2.0, force_move_kn=0.12, speed_move_rpm=0.8),
-}
+def _of_each(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+    """Columns of a table, by the names of the tunings."""
+    return {name: {key: row[i] for key, row in table.items()} for i, name in enumerate(NAMES)}
 
-#: What the search wants to stay below: figures of another, independent tuning of such loops on the paper's process.
-TARGETS = {
-    "conservative": {
-        "tracking_iae_depth_mm_s": 4.08,
-        "tracking_iae_temperature_c_s": 300.0,
-        "disturbance_iae_depth_mm_s": 0.93,
-        "disturbance_iae_temperature_c_s": 45.0,
-        "depth_up_iae_mm_s": 1.82,
-        "depth_down_iae_mm_s": 1.78,
-        "depth_disturbance_iae_mm_s": 0.778,
-        "temperature_up_iae_c_s": 136.0,
-        "temperature_down_iae_c_s": 137.0,
-        "temperature_disturbance_iae_c_s": 39.1,
-        "depth_up_peak_c": 0.85,
-        "depth_down_peak_c": 0.86,
-        "depth_disturbance_peak_c": 0.86,
-    },
-    "tight": {
-        "tracking_iae_depth_mm_s": 1.48,
-        "tracking_iae_temperature_c_s": 207.0,
-        "disturbance_iae_depth_mm_s": 0.34,
-        "disturbance_iae_temperature_c_s": 45.0,
-        "depth_up_iae_mm_s": 0.679,
-        "depth_down_iae_mm_s": 0.654,
-        "depth_disturbance_iae_mm_s": 0.302,
-        "temperature_up_iae_c_s": 82.4,
-        "temperature_down_iae_c_s": 84.1,
-        "temperature_disturbance_iae_c_s": 38.3,
-        "depth_up_peak_c": 1.42,
-        "depth_down_peak_c": 3.24,
-        "depth_disturbance_peak_c": 3.24,
-    },
-}
+
+#: What a set of gains may not exceed: Ms of each loop, standard deviation of the moves per tick under sensor noise.
+BOUNDS = _of_each(
+    {
+        "ms_depth": (1.6, 2.0),
+        "ms_temperature": (1.6, 2.0),
+        "noise_move_kn": (0.03, 0.12),
+        "noise_move_rpm": (0.5, 0.8),
+    }
+)
+#: What the search aims to stay below: figures of another, independent tuning of such loops on the paper's process.
+TARGETS = _of_each(
+    {
+        "tracking_iae_depth_mm_s": (4.08, 1.48),
+        "tracking_iae_temperature_c_s": (300.0, 207.0),
+        "disturbance_iae_depth_mm_s": (0.93, 0.34),
+        "disturbance_iae_temperature_c_s": (45.0, 45.0),
+        "depth_up_iae_mm_s": (1.82, 0.679),
+        "depth_down_iae_mm_s": (1.78, 0.654),
+        "depth_disturbance_iae_mm_s": (0.778, 0.302),
+        "temperature_up_iae_c_s": (136.0, 82.4),
+        "temperature_down_iae_c_s": (137.0, 84.1),
+        "temperature_disturbance_iae_c_s": (39.1, 38.3),
+        "depth_up_peak_c": (0.85, 1.42),
+        "depth_down_peak_c": (0.86, 3.24),
+        "depth_disturbance_peak_c": (0.86, 3.24),
+    }
+)
 
 #: Searched for, with the range: all gains. The unit is that of the gain. The events hardly reach the bounds of the
 #: speed, so the range is what keeps the tracking times short enough for a speed that rests at a bound.
@@ -130,14 +111,7 @@ MISMATCH = {
 
 
 def start_of(name: str, parameters: ModelParameters) -> Gains:
-    """Where the search starts: internal model control of the loops by themselves.
-
-    Parameters
-    ----------
-    name : str
-        One of ``BOUNDS``.
-    parameters : ModelParameters
-    """
+    """Where the search for one of ``NAMES`` starts: internal model control of the loops by themselves."""
     p, tight = parameters, name == "tight"
     closed_s = (1.0 if tight else 1.4) * p.dead_time_s
     heat_c_per_kw_s = p.thermal_gain_c_per_kw / p.copper_lag_s
@@ -165,17 +139,16 @@ def start_of(name: str, parameters: ModelParameters) -> Gains:
     )
 
 
-def excess_of(gains: Gains, bounds: Bounds, parameters: ModelParameters) -> float:
-    """By how much the bounds are exceeded: shares of each, summed; 0 if all are kept with some margin."""
-    moves_kn, moves_rpm = noise_moves(gains, parameters)
-    shares = [peak / bounds.sensitivity for peak in sensitivity(gains, parameters)]
-    shares += [moves_kn / bounds.force_move_kn, moves_rpm / bounds.speed_move_rpm]
-    return sum(max(share - _BOUND_MARGIN, 0.0) for share in shares)
+def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
+    """The figures of a set of gains that have ``BOUNDS``."""
+    peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
+    return {"ms_depth": peaks[0], "ms_temperature": peaks[1], "noise_move_kn": moves[0], "noise_move_rpm": moves[1]}
 
 
 def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
     """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
-    excess = excess_of(gains, BOUNDS[name], parameters)
+    robust = robustness(gains, parameters)
+    excess = sum(max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items())
     hopeless = 1e3 + min(excess, 1e3)
     if excess > _HOPELESS:
         return hopeless
@@ -200,13 +173,13 @@ def tune(
     Parameters
     ----------
     name : str
-        One of ``BOUNDS``.
+        One of ``NAMES``.
     parameters : ModelParameters, optional
         The paper's by default.
     evaluations : int
-        Of the cost, some 0.1 s each.
+        At most; of the cost, some 0.1 s each.
     progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+        Called with the share of the evaluations done, 0 to 1.
 
     Returns
     -------
@@ -215,61 +188,50 @@ def tune(
     """
     p = parameters or nominal()
     start = start_of(name, p)
-    low, high = np.log(np.array(list(SEARCHED.values()))).T
+    ranges = np.log(list(SEARCHED.values()))
+    done = 0
 
     def gains_of(x: Vector) -> Gains:
-        values = np.exp(np.clip(x, low, high))
-        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, values, strict=True)})
+        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
 
     def cost_of(x: Vector) -> float:
-        beyond = x - np.clip(x, low, high)
-        return cost(gains_of(x), name, p) + float(beyond @ beyond)
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done / evaluations, 1.0))
+        return cost(gains_of(x), name, p)
 
-    x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), low, high)
-    return gains_of(minimise(cost_of, x, _SPREAD, evaluations, progress=progress))
-
-
-def assess(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
-    """Return everything that is said of a set of gains; units in the names.
-
-    Raises
-    ------
-    OperatingPointError
-        If the shoulder leaves the copper.
-    """
-    peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
-    robust = {"ms_depth": peaks[0], "ms_temperature": peaks[1], "noise_move_kn": moves[0], "noise_move_rpm": moves[1]}
-    return robust | errors(gains, parameters)
+    x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), *ranges.T)
+    reach = np.where(x + _REACH <= ranges[:, 1], _REACH, -_REACH)
+    simplex = np.vstack([x, x + np.diag(reach)])
+    options = {"adaptive": True, "initial_simplex": simplex, "maxfev": evaluations}
+    return gains_of(minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)
 
 
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    print(f"{'':34}" + "".join(f"{name:>24}" for name in sets))
+    _print_row("", sets)
     for field in fields(Gains):
-        print(f"{field.name:34}" + "".join(f"{getattr(gains, field.name):24g}" for gains in sets.values()))
-    figures = {name: assess(gains, parameters) for name, gains in sets.items()}
-    print(f"\n{'':34}" + "".join(f"{name + ' (most)':>24}" for name in sets))
+        _print_row(field.name, (f"{getattr(gains, field.name):g}" for gains in sets.values()))
+    figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
+    print()
+    _print_row("", (f"{name} (most)" for name in sets))
+    most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
     for key in next(iter(figures.values())):
-        cells = []
-        for name, found in figures.items():
-            most = _most(name, key)
-            cells.append(f"{found[key]:.4g}" + ("" if most is None else f" ({most:g})"))
-        print(f"{key:34}" + "".join(f"{cell:>24}" for cell in cells))
+        limits = {name: f" ({most[name][key]:g})" if key in most[name] else "" for name in sets}
+        _print_row(key, (f"{found[key]:.4g}{limits[name]}" for name, found in figures.items()))
     print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances; on a process with")
     for label, factors in MISMATCH.items():
         other = parameters.scaled(**factors)
-        print(f"{label:34}" + "".join(f"{_robustness(gains, other):>24}" for gains in sets.values()))
+        _print_row(label, (_on_other_process(gains, other) for gains in sets.values()))
     return figures
 
 
-def _most(name: str, key: str) -> float | None:
-    bounds = BOUNDS[name]
-    robust = {"ms_depth": bounds.sensitivity, "ms_temperature": bounds.sensitivity}
-    robust |= {"noise_move_kn": bounds.force_move_kn, "noise_move_rpm": bounds.speed_move_rpm}
-    return (robust | TARGETS[name]).get(key)
+def _print_row(label: str, cells: Iterable[str]) -> None:
+    print(f"{label:34}" + "".join(f"{cell:>24}" for cell in cells))
 
 
-def _robustness(gains: Gains, parameters: ModelParameters) -> str:
+def _on_other_process(gains: Gains, parameters: ModelParameters) -> str:
     depth, temperature = simulated_sensitivity(gains, parameters)
     try:
         found = errors(gains, parameters)
@@ -285,7 +247,7 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
     for name, gains in sets.items():
         of = figures[name]
         lines.append(
-            f"# {name}, Ms <= {BOUNDS[name].sensitivity:g}: "
+            f"# {name}, Ms <= {BOUNDS[name]['ms_depth']:g}: "
             f"depth {of['ms_depth']:.2f}, temperature {of['ms_temperature']:.2f}; "
             f"moves by noise {of['noise_move_kn']:.3f} kN, {of['noise_move_rpm']:.2f} rpm"
         )
@@ -302,7 +264,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "robustness and errors. Without --write the shipped tunings stay as they are.",
     )
     parser.add_argument("--check", action="store_true", help="assess the shipped gains, do not search")
-    parser.add_argument("--tuning", choices=list(BOUNDS), help="search for this one only; the other is as shipped")
+    parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the other is as shipped")
     parser.add_argument("--model", type=Path, metavar="FILE", help="YAML with model parameters other than the paper's")
     parser.add_argument("--evaluations", type=_count, default=_EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
@@ -341,7 +303,7 @@ def _run(parsed: argparse.Namespace) -> None:
     if parsed.json is not None:
         _save(parsed.json, "")  # better now than after the search
     sets = dict(tunings())
-    for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else list(BOUNDS):
+    for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else NAMES:
         bar = ProgressBar(f"tuning {name}")
         sets[name] = tune(name, parameters, parsed.evaluations, bar)
         bar.done()

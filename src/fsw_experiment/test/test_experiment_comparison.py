@@ -5,11 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_experiment.clairvoyant import EVENTS, Clairvoyant, Event
+from fsw_experiment.clairvoyant import Clairvoyant
+from fsw_experiment.comparison import figures as comparison_figures
 from fsw_experiment.comparison import report, study
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
 from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
+from fsw_experiment.standard_events import REST
 from fsw_model import ProcessModel
 
 
@@ -46,25 +49,32 @@ def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
                 assert costs[0] < costs[1], (kind, name, rival)
 
 
-@pytest.mark.parametrize("event", [EVENTS[0], EVENTS[4]], ids=lambda event: event.name)
+@pytest.mark.parametrize("event", ["z up", "dz"])
 def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
-    best = clairvoyant.best(event, 1e4, 1e-3)
+    best = clairvoyant.best(*study.courses()[event], 1e4, 1e-3)
     assert best.solved
     for label in CONTROLLERS:
-        assert nominal[label]["clean"]["events"][event.name]["iae_depth_mm_s"] >= best.iae[0]
+        assert nominal[label]["clean"]["events"][event]["iae_depth_mm_s"] >= best.iae[0]
+
+
+def test_courses_of_the_events_follow_each_other():
+    courses = study.courses()
+    assert courses["z up"] == (REST, Reference(DEPTH_MM + 0.2, TEMPERATURE_C))
+    assert courses["T up"] == (courses["z up"][1], Reference(DEPTH_MM + 0.2, TEMPERATURE_C + 10.0))
+    assert courses["T down"][1] == REST
+    assert courses["dT"] == (REST, Reference(DEPTH_MM, TEMPERATURE_C + 5.0))  # to show what it showed before
 
 
 def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
-    event = Event("both", depth_mm=0.1, shown_c=-2.0)
-    best = clairvoyant.best(event, 100.0, 1.0)
+    goal = Reference(DEPTH_MM + 0.1, TEMPERATURE_C + 2.0)
+    best = clairvoyant.best(REST, goal, 100.0, 1.0)
     model = ProcessModel()
-    state = model.equilibrium(event.at_mm, event.at_c).state.copy()
-    force, speed = best.force_kn, best.speed_rpm
-    held = model.equilibrium(event.at_mm, event.at_c)
+    held = model.equilibrium(DEPTH_MM, TEMPERATURE_C)
+    state, force, speed = held.state.copy(), best.force_kn, best.speed_rpm
     for k in range(60):
         shown = model.outputs(state, force[k], speed[k])
-        assert shown.depth_mm - event.at_mm - event.depth_mm == pytest.approx(best.depth_error_mm[k], abs=1e-6)
-        assert shown.temperature_c - event.at_c + event.shown_c == pytest.approx(best.temperature_error_c[k], abs=1e-4)
+        assert shown.depth_mm - goal.depth_mm == pytest.approx(best.depth_error_mm[k], abs=1e-6)
+        assert shown.temperature_c - goal.temperature_c == pytest.approx(best.temperature_error_c[k], abs=1e-4)
         model.step(state, force[k], speed[k])
     moves = np.abs(np.diff(np.concatenate([[held.force_kn], force])))
     assert moves.max() <= 1.0 + 1e-6
@@ -94,7 +104,7 @@ def test_random_plants_are_the_same_each_time():
 
 def test_ratios_take_the_better_rival():
     def run(value):
-        return {**{f"{case} {key}": value for case, key in study.JUDGED}, "swings": False}
+        return {**dict.fromkeys(study.JUDGED, value), "swings": False}
 
     data = {"a": dict(zip((*DECENTRALIZED, DEFAULT), map(run, (2.0, 4.0, 1.0)), strict=True))}
     assert all(values == [0.5] for values in study.ratios(data, DECENTRALIZED).values())
@@ -131,3 +141,9 @@ def test_what_the_drives_add_leaves_no_offset(plant):
     depth_um, temperature_c = 1e3 * (truth.depth_mm - DEPTH_MM), truth.temperature_c - TEMPERATURE_C
     assert np.abs(depth_um).max() < 2.0 and np.abs(temperature_c).max() < 0.1
     assert np.abs(depth_um[-100:]).max() < 0.05 and np.abs(temperature_c[-100:]).max() < 0.01
+
+
+def test_the_figure_of_the_readme_is_one_file(tmp_path):
+    comparison_figures.set_point_steps(tmp_path / "steps.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["steps.png"]
+    assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import yaml
@@ -11,6 +12,8 @@ import yaml
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment import scenario_file
 from fsw_experiment.scenario import Scenario
+from fsw_experiment.standard_events import DISTURBANCES, DURATION_S, SET_POINTS, set_points
+from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE
 
 CONSERVATIVE, TIGHT = "decentral:conservative", "decentral:tight"
 PAPER, DEFAULT = "nmpc:paper", "nmpc:default"
@@ -20,55 +23,50 @@ CONTROLLERS = (*DECENTRALIZED, PAPER, DEFAULT)
 Event = dict[str, Any]
 
 
-def set_point(at_s: float, **values: Any) -> Event:
-    """Event: new set-points."""
+def _set_point(at_s: float, **values: float) -> Event:
     return {"at_s": at_s, "reference": values}
 
 
-def disturbance(at_s: float, channel: str, amplitude: float) -> Event:
-    """Event: step disturbance."""
-    units = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm"}
-    return {
-        "at_s": at_s,
-        "disturbance": {"channel": channel, "shape": "step", f"amplitude_{units[channel]}": amplitude},
-    }
+def _disturbance(at_s: float, channel: str, amplitude: float) -> Event:
+    key, _ = DISTURBANCE_AMPLITUDE[channel]
+    return {"at_s": at_s, "disturbance": {"channel": channel, "shape": "step", key: amplitude}}
 
 
+_STANDARD = {
+    "tracking": [
+        _set_point(step.at_s, depth_mm=after.depth_mm, temperature_c=after.temperature_c)
+        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
+    ],
+    "disturbances": [
+        _disturbance(step.at_s, *(("depth", step.depth_mm) if step.of_depth else ("temperature", step.temperature_c)))
+        for step in DISTURBANCES.values()
+    ],
+}
 #: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_experiment.
 _OWN: dict[str, tuple[float, list[Event]]] = {
-    "tracking": (
-        200.0,
-        [
-            set_point(40.0, depth_mm=DEPTH_MM + 0.2),
-            set_point(80.0, temperature_c=TEMPERATURE_C + 10.0),
-            set_point(120.0, depth_mm=DEPTH_MM),
-            set_point(160.0, temperature_c=TEMPERATURE_C),
-        ],
-    ),
-    "disturbances": (160.0, [disturbance(40.0, "depth", 0.1), disturbance(100.0, "temperature", -5.0)]),
+    **{case: (DURATION_S[case], events) for case, events in _STANDARD.items()},
     "rest": (300.0, []),
     "small_steps": (
         220.0,
-        [set_point(2.0, depth_mm=DEPTH_MM + 0.01), set_point(4.0, temperature_c=TEMPERATURE_C + 0.5)],
+        [_set_point(2.0, depth_mm=DEPTH_MM + 0.01), _set_point(4.0, temperature_c=TEMPERATURE_C + 0.5)],
     ),
     "other_sizes": (
         300.0,
         [
-            set_point(10.0, depth_mm=DEPTH_MM + 0.06),
-            set_point(50.0, depth_mm=DEPTH_MM - 0.09),
-            set_point(90.0, temperature_c=TEMPERATURE_C + 4.0),
-            set_point(130.0, temperature_c=TEMPERATURE_C - 8.0),
-            disturbance(180.0, "depth", -0.12),
-            disturbance(220.0, "temperature", 7.0),
-            disturbance(265.0, "depth", 0.03),
+            _set_point(10.0, depth_mm=DEPTH_MM + 0.06),
+            _set_point(50.0, depth_mm=DEPTH_MM - 0.09),
+            _set_point(90.0, temperature_c=TEMPERATURE_C + 4.0),
+            _set_point(130.0, temperature_c=TEMPERATURE_C - 8.0),
+            _disturbance(180.0, "depth", -0.12),
+            _disturbance(220.0, "temperature", 7.0),
+            _disturbance(265.0, "depth", 0.03),
         ],
     ),
     "input_disturbances": (
         160.0,
-        [disturbance(20.0, "axial_force", 1.0), disturbance(80.0, "spindle_speed", -4.0)],
+        [_disturbance(20.0, "axial_force", 1.0), _disturbance(80.0, "spindle_speed", -4.0)],
     ),
 }
-TUNING_CASES = ("tracking", "disturbances")
 VALIDATION_CASES = (
     "other_sizes",
     "input_disturbances",
@@ -124,25 +122,10 @@ def random_processes(count: int, seed: int = 2026) -> list[dict[str, float]]:
 
 
 def scenario(case: str, plant: Mapping[str, float | bool] | None = None, controller: str = "decentral") -> Scenario:
-    """A case as a scenario.
-
-    Parameters
-    ----------
-    case : str
-    plant : mapping of str to float or bool, optional
-        Parameters of the plant, e.g. ``noise`` or ``model.<name>``.
-    controller : str
-        The one that is selected.
-    """
-    values = {
-        name: str(value).lower() if isinstance(value, bool) else repr(value) for name, value in (plant or {}).items()
-    }
-    overrides: Sequence[str] = [
-        f"controller={controller}",
-        *(f"plant.{name}={value}" for name, value in values.items()),
-    ]
+    """A case as a scenario, with parameters of the plant, e.g. ``noise`` or ``model.<name>``."""
+    overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in (plant or {}).items())]
     if case not in _OWN:
-        return scenario_file.load(case, list(overrides))
+        return scenario_file.load(case, overrides)
     duration_s, events = _OWN[case]
     text = yaml.safe_dump({"name": case, "duration_s": duration_s, "events": events})
-    return scenario_file.parse(text, case, list(overrides))
+    return scenario_file.parse(text, case, overrides)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,24 +14,27 @@ from matplotlib.figure import Figure as Canvas
 
 from fsw_analysis.figures import COLOURS, STYLE, Run, draw
 from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, scenario
+from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT, scenario
 from fsw_experiment.comparison.runs import Job, weld
-from fsw_experiment.comparison.study import JUDGED, JUDGED_TITLES, ratios
+from fsw_experiment.comparison.study import JUDGED, failed, ratios
 from fsw_nmpc import NmpcController
 
 
-def papers(folder: Path) -> list[Path]:
+def papers(folder: Path) -> None:
     """The paper's Figs. 6 to 9, with all controllers, without noise."""
-    paths: list[Path] = []
     for case, numbers in (("tracking", (6, 7)), ("disturbances", (8, 9))):
-        runs = [Run(label, weld(Job(label, case))) for label in CONTROLLERS]
-        made = draw(runs, numbers, folder, case)
-        made.pop().unlink()  # the overview shows the same once more
-        paths += made
-    return paths
+        _draw([Run(label, weld(Job(label, case))) for label in CONTROLLERS], numbers, folder, case)
 
 
-def corridors(folder: Path) -> list[Path]:
+def set_point_steps(path: Path) -> None:
+    """The paper's Fig. 6 with both controllers as they are shipped, with noise."""
+    runs = [Run(label, weld(Job(label, "reference_tracking", noise=True))) for label in ("decentral", "nmpc")]
+    with TemporaryDirectory() as scratch:
+        _draw(runs, (6,), Path(scratch))
+        shutil.move(Path(scratch) / "fig6.png", path)
+
+
+def corridors(folder: Path) -> None:
     """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open."""
     runs = []
     for name in ("constant", "cold_start", "recentred"):
@@ -40,9 +44,12 @@ def corridors(folder: Path) -> list[Path]:
             controller = NmpcController({"preset": "paper", "tuning_file": str(file)})
         loop = ClosedLoop(scenario("tracking", {"noise": False}, "nmpc"), {"nmpc": controller})
         runs.append(Run(name, loop.run()))
-    made = draw(runs, (6, 7), folder, "corridors")
-    made.pop().unlink()
-    return made
+    _draw(runs, (6, 7), folder, "corridors")
+
+
+def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str = "") -> None:
+    *_, overview = draw(runs, numbers, folder, name)
+    overview.unlink()  # it shows the same once more
 
 
 def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) -> None:
@@ -65,22 +72,17 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
 
 def sweep(data: Mapping[str, Any], path: Path) -> None:
     """IAE of tight PI and default NMPC over that of the conservative PI, per process."""
-    plants = [name for name, runs in data.items() if not any("error" in run for run in runs.values())]
+    plants = [name for name, runs in data.items() if not failed(runs)]
     with rc_context({**STYLE, "axes.grid": False}):
         canvas = Canvas(figsize=(11.0, 0.32 * len(plants) + 2.2), layout="constrained")
         axes = canvas.subplots(1, 2, sharey=True)
-        for axis, label in zip(axes, (DECENTRALIZED[1], DEFAULT), strict=True):
-            table = np.array(
-                [
-                    [data[p][label][f"{c} {k}"] / data[p][DECENTRALIZED[0]][f"{c} {k}"] for c, k in JUDGED]
-                    for p in plants
-                ]
-            )
+        for axis, label in zip(axes, (TIGHT, DEFAULT), strict=True):
+            table = np.array([[data[p][label][key] / data[p][CONSERVATIVE][key] for key in JUDGED] for p in plants])
             image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
             for (row, column), value in np.ndenumerate(table):
                 axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
             axis.set_title(f"{label}: IAE over decentral:conservative", fontsize=10.0)
-            axis.set_xticks(range(len(JUDGED)), [JUDGED_TITLES[f"{c} {k}"].replace(", ", "\n") for c, k in JUDGED])
+            axis.set_xticks(range(len(JUDGED)), [title.replace(", ", "\n") for title in JUDGED.values()])
             axis.set_yticks(range(len(plants)), plants)
         bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
         bar.ax.set_yticklabels(["half", "equal", "double"])
@@ -93,7 +95,7 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
         canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
         axis = canvas.subplots()
         for colour, (key, values) in zip(COLOURS, ratios(data, DECENTRALIZED).items(), strict=False):
-            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED_TITLES[key])
+            axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED[key])
         axis.axvline(1.0, color="black", linewidth=0.8)
         axis.set(
             xlabel="IAE, default NMPC over the better PI tuning",

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT
+from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT
 from fsw_experiment.comparison.runs import KPIS, VARIATIONS
-from fsw_experiment.comparison.study import JUDGED, JUDGED_TITLES, conservative_ratios, quantiles, ratios
+from fsw_experiment.comparison.study import FINALISTS, JUDGED, failed, quantiles, ratios
+from fsw_experiment.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
 
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 _MOST_LOSSES = 60
@@ -27,52 +28,41 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
 
 
-def _own(event: str) -> str:
+def _iae(found: Mapping[str, Any], event: str) -> str:
     """The figure that an event is about."""
-    return "iae_depth_mm_s" if event in ("z up", "z down", "dz") else "iae_temperature_c_s"
+    key = "iae_depth_mm_s" if EVENTS[event].of_depth else "iae_temperature_c_s"
+    return f"{found[event][key]:.3g}"
 
 
 def events(nominal: Mapping[str, Any], bounds: Mapping[str, Any], kind: str = "clean") -> list[str]:
     """IAE of each event, and the largest error it leaves in the other output."""
-    units = {name: "mm s" if _own(name).startswith("iae_depth") else "°C s" for name in _EVENTS}
-    rows = [[label, *(f"{nominal[label][kind]['events'][e][_own(e)]:.3g}" for e in _EVENTS)] for label in CONTROLLERS]
+    found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
+    rows = [[label, *(_iae(of, event) for event in _EVENTS)] for label, of in found.items()]
     if kind == "clean" and bounds:
-        joint = {e: bounds[e]["joint"][0 if _own(e).startswith("iae_depth") else 1] for e in _EVENTS}
+        joint = {e: bounds[e]["joint"][0 if EVENTS[e].of_depth else 1] for e in _EVENTS}
         rows.append(["clairvoyant, both outputs", *(f"{joint[e]:.3g}" for e in _EVENTS)])
         rows.append(["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)])
-    lines = _table(["IAE", *(f"{e} [{units[e]}]" for e in _EVENTS)], rows)
-    crossed = []
-    for label in CONTROLLERS:
-        found, cells = nominal[label][kind]["events"], []
-        for e in _EVENTS:
-            of_depth = _own(e).startswith("iae_depth")
-            peak = found[e]["peak_temperature_error_c"] if of_depth else 1e3 * found[e]["peak_depth_error_mm"]
-            cells.append(f"{peak:.3g} {'°C' if of_depth else 'µm'}")
-        crossed.append([label, *cells])
+    lines = _table(["IAE", *(f"{e} [{'mm s' if EVENTS[e].of_depth else '°C s'}]" for e in _EVENTS)], rows)
+
+    def other(event: Mapping[str, float], of_depth: bool) -> str:
+        peak_c, peak_um = event["peak_temperature_error_c"], 1e3 * event["peak_depth_error_mm"]
+        return f"{peak_c:.3g} °C" if of_depth else f"{peak_um:.3g} µm"
+
+    crossed = [[label, *(other(of[e], EVENTS[e].of_depth) for e in _EVENTS)] for label, of in found.items()]
     return [*lines, *_table(["peak of the other output", *_EVENTS], crossed)]
 
 
 def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
     """The README's table: each event's own error, and what depth steps do to the temperature."""
-    depth, temperature = ("z up", "z down", "dz"), ("T up", "T down", "dT")
+    columns = ("z up", "z down", "dz", "T up", "T down", "dT")
     rows = []
     for label in CONTROLLERS:
         found = nominal[label]["clean"]["events"]
-        peak = max(found[e]["peak_temperature_error_c"] for e in depth)
-        own = [*(found[e][_own(e)] for e in depth), *(found[e][_own(e)] for e in temperature)]
-        rows.append([f"`{label}`", *(f"{value:.3g}" for value in own), f"{peak:.2f}"])
-    best = [f"{bounds[e]['alone']:.3g}" for e in (*depth, *temperature)]
-    rows.append(["no controller can be below", *best, ""])
-    header = [
-        "IAE [mm s], [°C s]",
-        "+0.2 mm",
-        "−0.2 mm",
-        "disturbance +0.1 mm",
-        "+10 °C",
-        "−10 °C",
-        "disturbance −5 °C",
-    ]
-    return _table([*header, "peak °C in depth events"], rows)
+        peak = max(found[e]["peak_temperature_error_c"] for e in columns if EVENTS[e].of_depth)
+        rows.append([f"`{label}`", *(_iae(found, e) for e in columns), f"{peak:.2f}"])
+    rows.append(["no controller can be below", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
+    titles = [f"{'disturbance ' if e in DISTURBANCES else ''}{EVENTS[e].size}" for e in columns]
+    return _table(["IAE [mm s], [°C s]", *titles, "peak °C in depth events"], rows)
 
 
 def totals(nominal: Mapping[str, Any]) -> list[str]:
@@ -83,7 +73,7 @@ def totals(nominal: Mapping[str, Any]) -> list[str]:
     for label in CONTROLLERS:
         cells = []
         for kind in ("clean", "noisy"):
-            for case in ("tracking", "disturbances"):
+            for case in CASES:
                 found = nominal[label][kind][case]
                 cells.append(f"{found['iae_depth_mm_s']:.3g} / {found['iae_temperature_c_s']:.3g}")
         rows.append([label, *cells, *(f"{nominal[label]['rest'][key]:.2g}" for key in VARIATIONS)])
@@ -94,28 +84,24 @@ def sweep(data: Mapping[str, Any]) -> list[str]:
     """IAE on processes that differ from the model, and whether anything still swings at the end."""
     rows, skipped = [], []
     for name, runs in data.items():
-        error = next((run["error"] for run in runs.values() if "error" in run), None)
+        error = failed(runs)
         if error is not None:
             skipped.append(f"- {name}: not run: {error}")
             continue
-        cells = [name]
-        for case, key in JUDGED:
-            values = [runs[label][f"{case} {key}"] for label in (*DECENTRALIZED, DEFAULT)]
-            cells.append(" / ".join(f"{value:.3g}" for value in values))
-        cells.append(", ".join(label for label, run in runs.items() if run["swings"]) or "–")
-        rows.append(cells)
-    header = ["plant", *(JUDGED_TITLES[f"{case} {key}"] for case, key in JUDGED), "still swings at the end"]
-    return [*_table(header, rows), *skipped, *([""] if skipped else [])]
+        cells = [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS) for key in JUDGED]
+        swinging = ", ".join(label for label, run in runs.items() if run["swings"])
+        rows.append([name, *cells, swinging or "–"])
+    table = _table(["plant", *JUDGED.values(), "still swings at the end"], rows)
+    return [*table, *skipped, *([""] if skipped else [])]
 
 
 def worse_than_conservative(data: Mapping[str, Any]) -> list[str]:
     """Where the default NMPC is worse than the conservative PI on the same plant."""
     lines = []
     for name, runs in data.items():
-        if any("error" in run for run in runs.values()):
-            continue
-        worse = {key: ratio for key, ratio in conservative_ratios(runs).items() if ratio > 1.0}
-        lines += [f"- {name}: {JUDGED_TITLES[key]}, {ratio:.2f} times" for key, ratio in worse.items()]
+        for key, title in JUDGED.items():
+            if not failed(runs) and runs[DEFAULT][key] > runs[CONSERVATIVE][key]:
+                lines.append(f"- {name}: {title}, {runs[DEFAULT][key] / runs[CONSERVATIVE][key]:.2f} times")
     return [*(lines or ["Nowhere."]), ""]
 
 
@@ -134,10 +120,8 @@ def random_plants(data: Mapping[str, Any]) -> list[str]:
     for key, values in ratios(data, DECENTRALIZED).items():
         q = quantiles(values)
         cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]
-        rows.append([JUDGED_TITLES[key], *cells])
-    swings = {
-        label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in (*DECENTRALIZED, DEFAULT)
-    }
+        rows.append([JUDGED[key], *cells])
+    swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
     text = ", ".join(f"{label}: {count}" for label, count in swings.items())
     header = ["default NMPC over the better PI", "median", "95 %", "largest", "plants at or below 1"]
     return [*_table(header, rows), f"Plants on which something still swings at the end: {text}.", ""]
@@ -160,13 +144,15 @@ def wins(data: Mapping[str, Any]) -> list[str]:
 
 def page(data: Mapping[str, Any]) -> str:
     """All results as markdown."""
-    kpis = ", ".join(title for _, title in KPIS)
+    kpis = "; ".join(KPIS.values())
+    steps = ", ".join(f"{step.size} ({name})" for name, step in SET_POINTS.items())
+    disturbances = " and ".join(f"{step.size} ({name})" for name, step in DISTURBANCES.items())
     parts = [
         "# Controllers compared",
         "",
         "Made by `python3 scripts/compare_controllers.py`; the same numbers are in comparison.json. All controllers",
-        "see the same plant emulator, sensors and noise; errors are those of the true outputs. Events: +0.2 mm (z up),",
-        "+10 °C (T up), −0.2 mm (z down), −10 °C (T down); disturbances of the outputs of +0.1 mm (dz) and −5 °C (dT).",
+        "see the same plant emulator, sensors and noise; errors are those of the true outputs. Set-point steps:",
+        f"{steps}; disturbances of the outputs: {disturbances}.",
         "",
         "## Nominal process, without noise",
         "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
@@ -13,27 +13,20 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.kpi import compute
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.weld_signals import TruthSignals, WeldSignals
 from fsw_control.contract import Command, Controller
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import scenario
 from fsw_experiment.controllers import make
 
-#: Key in ``fsw_analysis.kpi``, and its title.
-KPIS = (
-    ("iae_depth_mm_s", "IAE depth [mm s]"),
-    ("iae_temperature_c_s", "IAE temperature [°C s]"),
-    ("ise_depth_mm2_s", "ISE depth [mm² s]"),
-    ("ise_temperature_c2_s", "ISE temperature [°C² s]"),
-    ("peak_temperature_in_depth_step_up_c", "peak T, depth step up [°C]"),
-    ("peak_temperature_in_depth_step_down_c", "peak T, depth step down [°C]"),
-    ("peak_depth_in_temperature_step_mm", "peak z, temperature step [µm]"),
-    ("peak_temperature_after_depth_disturbance_c", "peak T, depth disturbance [°C]"),
-    ("peak_depth_after_temperature_disturbance_mm", "peak z, temperature disturbance [µm]"),
-    ("total_variation_force_kn", "total variation force [kN]"),
-    ("total_variation_speed_rpm", "total variation speed [rpm]"),
-)
-VARIATIONS = ("total_variation_force_kn", "total_variation_speed_rpm")
+#: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
+KPIS = {
+    key: f"{meaning} [{unit}]".replace("deg", "°").replace("^2", "²").replace("[um]", "[µm]")
+    for key, meaning, unit, _ in ROWS
+    if key.startswith(("iae", "ise", "peak", "total_variation"))
+}
+VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
 #: An output still swings when, over the last `_LAST` ticks, it moves by more than this.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150
 
@@ -42,22 +35,15 @@ Figures = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One controller on one case.
-
-    Attributes
-    ----------
-    controller : str
-        Name and variant, e.g. ``nmpc:paper``.
-    case : str
-    noise : bool
-    plant : mapping of str to float
-        Parameters of the plant that differ from its defaults.
-    """
+    """One controller (with its variant, e.g. ``nmpc:paper``) on one case, on a plant with these parameters."""
 
     controller: str
     case: str
     noise: bool = False
     plant: Mapping[str, float] = field(default_factory=dict)
+
+    def __hash__(self) -> int:
+        return hash((self.controller, self.case, self.noise, *self.plant.items()))
 
     def __str__(self) -> str:
         return f"{self.controller}, {self.case}{', noise' if self.noise else ''}"
@@ -79,82 +65,58 @@ def figures(job: Job) -> Figures:
     """Run a job and return its figures of merit, with the swing that remains at the end."""
     signals = weld(job)
     found = compute(signals, job.controller)
-    truth = signals.truth
-    assert truth is not None  # a simulation has it
-    depth, temperature = (
-        (truth.depth_mm - signals.reference_depth_mm)[-_LAST:],
-        (truth.temperature_c - signals.reference_temperature_c)[-_LAST:],
-    )
+    truth = _truth(signals)
+    depth = (truth.depth_mm - signals.reference_depth_mm)[-_LAST:]
+    temperature = (truth.temperature_c - signals.reference_temperature_c)[-_LAST:]
     found["swings"] = bool(np.ptp(depth) > _SWINGS_MM or np.ptp(temperature) > _SWINGS_C)
     return found
 
 
-def figures_or_error(job: Job) -> Figures:
-    """As `figures`; a plant that cannot be run gives ``{"error": text}``."""
+def _truth(signals: WeldSignals) -> TruthSignals:
+    assert signals.truth is not None  # a simulation has it
+    return signals.truth
+
+
+def _figures_or_error(job: Job) -> Figures:
     try:
         return figures(job)
     except ValueError as error:
         return {"error": str(error)}
 
 
-def run_all(
-    jobs: Sequence[Job], progress: Callable[[str], None], work: Callable[[Job], Figures] = figures_or_error
-) -> Iterator[Figures]:
-    """Run jobs on all cores; results come in their order."""
-    if len(jobs) < 8:  # not worth starting processes
-        for job in jobs:
-            progress(str(job))
-            yield work(job)
-        return
+def run_all(jobs: Sequence[Job], progress: Callable[[str], None]) -> dict[Job, Figures]:
+    """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``."""
+    results = {}
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for job, found in zip(jobs, pool.map(work, jobs, chunksize=4), strict=True):
+        worth_it = len(jobs) >= 8
+        work = pool.map(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
+        for job, found in zip(jobs, work, strict=True):
             progress(str(job))
-            yield found
+            results[job] = found
+    return results
 
 
-class LateDrives:
-    """A plant whose drives get their commands some ticks late; all else is the plant's.
+class _LateForce:
+    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
 
-    Parameters
-    ----------
-    plant : PlantEmulator
-    force_ticks, speed_ticks : int
-    start : Command
-        What the drives hold until the first command arrives.
-    """
-
-    def __init__(self, plant: Any, force_ticks: int, speed_ticks: int, start: Command) -> None:
+    def __init__(self, plant: Any, ticks: int) -> None:
         self._plant = plant
-        self._force = deque([start.force_kn] * force_ticks)
-        self._speed = deque([start.speed_rpm] * speed_ticks)
+        self._under_way = deque([plant.applied.force_kn] * ticks)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)
 
     def apply(self, command: Command, stamp_ns: int, source: str) -> None:
-        """Queue a command, and apply what is due."""
-        self._force.append(command.force_kn)
-        self._speed.append(command.speed_rpm)
-        self._plant.apply(Command(self._force.popleft(), self._speed.popleft()), stamp_ns, source)
+        self._under_way.append(command.force_kn)
+        self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
 
 
-def is_stable(controller: str, plant: Mapping[str, float], force_ticks: int = 0, speed_ticks: int = 0) -> bool:
-    """Whether small steps of both set-points die out, without noise.
-
-    Parameters
-    ----------
-    controller : str
-    plant : mapping of str to float
-        Parameters of the plant.
-    force_ticks, speed_ticks : int
-        By how much the drives are late.
-    """
+def is_stable(controller: str, plant: Mapping[str, float], force_ticks: int = 0) -> bool:
+    """Whether small steps of both set-points die out, without noise, with the force so many ticks late."""
     name = controller.partition(":")[0]
     loop = ClosedLoop(scenario("small_steps", {"noise": False, **plant}, name), {name: _controller(controller)})
-    loop.plant = LateDrives(loop.plant, force_ticks, speed_ticks, loop.plant.applied)  # type: ignore[assignment]
-    signals = loop.run()
-    truth = signals.truth
-    assert truth is not None
+    loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
+    truth = _truth(loop.run())
     for value, floor in ((truth.depth_mm, 1e-4), (truth.temperature_c, 1e-2)):
         earlier, later = np.ptp(value[-1200:-600]), np.ptp(value[-600:])
         if later > max(0.9 * earlier, floor):

@@ -1,0 +1,56 @@
+"""The standard events: steps of both set-points and of a disturbance of both outputs, as in the paper's Figs. 6 to 9.
+
+The paper gives neither their sizes nor their times; both are chosen.
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from typing import NamedTuple
+
+from fsw_control import Reference
+from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
+
+REST = Reference(DEPTH_MM, TEMPERATURE_C)
+
+
+class Step(NamedTuple):
+    """When and by how much a set-point or what is shown of an output changes, and stays so."""
+
+    at_s: float
+    depth_mm: float = 0.0
+    temperature_c: float = 0.0
+
+    @property
+    def of_depth(self) -> bool:
+        """Whether it is a step of the depth, not of the temperature."""
+        return self.depth_mm != 0.0
+
+    @property
+    def size(self) -> str:
+        """Its size in words, e.g. "+0.2 mm"."""
+        text = f"{self.depth_mm:+g} mm" if self.of_depth else f"{self.temperature_c:+g} °C"
+        return text.replace("-", "−")
+
+    def after(self, reference: Reference) -> Reference:
+        """The set-points that follow these ones."""
+        return Reference(reference.depth_mm + self.depth_mm, reference.temperature_c + self.temperature_c)
+
+
+SET_POINTS = {
+    "z up": Step(40.0, depth_mm=0.2),
+    "T up": Step(80.0, temperature_c=10.0),
+    "z down": Step(120.0, depth_mm=-0.2),
+    "T down": Step(160.0, temperature_c=-10.0),
+}
+DISTURBANCES = {"dz": Step(40.0, depth_mm=0.1), "dT": Step(100.0, temperature_c=-5.0)}
+#: Events of the two cases, each case from rest at the operating point, and how long a case takes.
+CASES = {"tracking": SET_POINTS, "disturbances": DISTURBANCES}
+DURATION_S = {"tracking": 200.0, "disturbances": 160.0}
+#: All events, by name.
+EVENTS = SET_POINTS | DISTURBANCES
+
+
+def set_points() -> list[Reference]:
+    """The set-points before the first step, and after each one."""
+    return list(accumulate(SET_POINTS.values(), lambda reference, step: step.after(reference), initial=REST))
