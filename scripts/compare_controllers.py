@@ -17,7 +17,7 @@ from _bootstrap import WORKSPACE, ensure
 if __name__ == "__main__":
     ensure()
 
-from fsw_experiment.comparison import figures, report, study
+from fsw_experiment.comparison import figures, other_models, report, study
 from fsw_experiment.comparison.cases import DECENTRALIZED, SWEEP
 
 
@@ -36,6 +36,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
     parser.add_argument("--out", type=Path, default=Path("out/comparison"), help="folder for the results")
     parser.add_argument("--plants", type=int, default=500, help="random plants (default 500)")
+    parser.add_argument("--models", type=int, default=0, metavar="N", help="also N other models, some minutes each")
     parser.add_argument("--publish", action="store_true", help="into docs/results, and README's table and figure")
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
@@ -64,11 +65,17 @@ def main() -> int:
         data["bounds"] = study.bounds(progress)
         figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
         data["margins"] = study.margins(progress)
+        data["aggressiveness"] = study.aggressiveness(progress)
         data["wins"] = study.wins(progress)
         data["random"] = study.random_plants(progress, arguments.plants)
         figures.random_plants(data["random"], out / "random_plants.png")
         if arguments.publish:
             publish(report.summary(data["nominal"], data["bounds"]))
+    models = out / "other_models.json"
+    if arguments.models > 0:
+        models.write_text(json.dumps(other_models.study(progress, arguments.models), indent=1) + "\n", encoding="utf-8")
+    if models.exists() and not arguments.quick:
+        data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
     (out / "README.md").write_text(report.page(data), encoding="utf-8")
     if "random" in data:  # the figure and the page show no more of them
         data["random"] = study.ratios(data["random"], DECENTRALIZED)

@@ -26,9 +26,11 @@ from fsw_plant import PlantConfig
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]
-_SENSORS = PlantConfig.from_values({}).sensors
+_PLANT = PlantConfig.from_values({})
 #: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m.
-NOISE = (_SENSORS.depth_noise_mm, _SENSORS.temperature_noise_c, _SENSORS.torque_noise_nm)
+NOISE = tuple(
+    _PLANT[f"sensors.{name}_noise_{unit}"] for name, unit in (("depth", "mm"), ("temperature", "c"), ("torque", "nm"))
+)
 #: rad/s; for peaks, and evenly spaced for variances
 _OMEGA = np.geomspace(2e-3, 0.95 * math.pi / STEP_S, 400)
 _EVEN = np.linspace(0.0, math.pi / STEP_S, 402)[1:-1]

@@ -9,7 +9,7 @@ from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.clairvoyant import Clairvoyant
 from fsw_experiment.comparison import figures as comparison_figures
-from fsw_experiment.comparison import report, study
+from fsw_experiment.comparison import other_models, report, study
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
 from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
 from fsw_experiment.standard_events import REST
@@ -118,6 +118,8 @@ def test_page_says_what_was_measured(nominal):
     data["margins"] = {
         DEFAULT: {"depth_gain": math.inf, "temperature_gain": 2.0, "depth_delay_s": 1.0, "temperature_delay_s": 2.0}
     }
+    data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
+    data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
     page = report.page(data)
     iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
@@ -125,6 +127,17 @@ def test_page_says_what_was_measured(nominal):
     assert "1 of 2 (50.0 %)" in page
     assert "tracking, noise, plant nominal: IAE, 1.50 times" in page
     assert "| > 8 | 2 |" in page
+    assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
+    assert "1 models with other gains" in page and "on 0 of these models" in page
+
+
+def test_the_tuning_by_rule_is_calm_on_another_model():
+    factors = other_models.draw(2)[1]
+    assert all(low <= factors[name] <= high for name, (low, high) in other_models.FACTORS.items())
+    found = other_models.compare(factors, evaluations=25)
+    assert not found[DEFAULT]["swings"]
+    for key in ("tracking iae_temperature_c_s", "disturbances iae_temperature_c_s"):
+        assert found[DEFAULT][key] < min(found[label][key] for label in DECENTRALIZED)
 
 
 def test_figures_say_whether_something_swings():

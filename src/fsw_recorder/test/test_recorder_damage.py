@@ -4,7 +4,7 @@ import struct
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
@@ -91,6 +91,10 @@ def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path,
     hits = data.draw(st.lists(st.integers(first, last), min_size=1, max_size=5))
     for hit in hits:
         damaged = changed(damaged, hit, bytes([data.draw(st.integers(0, 255))]))
+    messages = frames_of(content, 5)
+    ends = [at + HEAD + int.from_bytes(damaged[at + 1 : at + HEAD], "little") for at in messages]
+    # a length that by chance ends where another record begins cannot be told from a good one
+    assume(all(end == right or end not in messages for end, right in zip(ends, messages[1:], strict=False)))
     found, _ = indices(tmp_path / "a.mcap", damaged)
     # a hit takes at most the message that it is in and its neighbour; damaged numbers may repeat
     assert len(set(found) & set(range(COUNT))) >= COUNT - 3 * len(hits)

@@ -21,8 +21,8 @@ from fsw_nmpc import NmpcController
 
 
 def papers(folder: Path) -> None:
-    """The paper's Figs. 6 to 9, with all controllers, without noise."""
-    for case, numbers in (("tracking", (6, 7)), ("disturbances", (8, 9))):
+    """The paper's Figs. 6 to 9, with all controllers, without noise, and the study that it only mentions."""
+    for case, numbers in (("tracking", (6, 7)), ("disturbances", (8, 9)), ("model_uncertainty", (6, 7))):
         _draw([Run(label, weld(Job(label, case))) for label in CONTROLLERS], numbers, folder, case)
 
 

@@ -23,7 +23,7 @@ from fsw_experiment.controllers import make
 #: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
 KPIS = {
     key: f"{meaning} [{unit}]".replace("deg", "°").replace("^2", "²").replace("[um]", "[µm]")
-    for key, meaning, unit, _ in ROWS
+    for key, (meaning, unit, _) in ROWS.items()
     if key.startswith(("iae", "ise", "peak", "total_variation"))
 }
 VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
@@ -35,30 +35,35 @@ Figures = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """One controller (with its variant, e.g. ``nmpc:paper``) on one case, on a plant with these parameters."""
+    """One controller (with its variant, e.g. ``nmpc:paper``) on one case, with parameters of plant and controller."""
 
     controller: str
     case: str
     noise: bool = False
     plant: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __hash__(self) -> int:
-        return hash((self.controller, self.case, self.noise, *self.plant.items()))
+        return hash((self.controller, self.case, self.noise, *self.plant.items(), *self.parameters.items()))
 
     def __str__(self) -> str:
         return f"{self.controller}, {self.case}{', noise' if self.noise else ''}"
 
 
 @cache
-def _controller(label: str) -> Controller:
-    return make(label)
+def _controller(label: str, *parameters: tuple[str, Any]) -> Controller:
+    return make(label, dict(parameters))
+
+
+def _loop(job: Job) -> ClosedLoop:
+    name = job.controller.partition(":")[0]
+    made = scenario(job.case, {"noise": job.noise, **job.plant}, name)
+    return ClosedLoop(made, {name: _controller(job.controller, *job.parameters.items())})
 
 
 def weld(job: Job) -> WeldSignals:
     """Run a job and return all signals."""
-    name = job.controller.partition(":")[0]
-    made = scenario(job.case, {"noise": job.noise, **job.plant}, name)
-    return ClosedLoop(made, {name: _controller(job.controller)}).run()
+    return _loop(job).run()
 
 
 def figures(job: Job) -> Figures:
@@ -111,10 +116,11 @@ class _LateForce:
         self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
 
 
-def is_stable(controller: str, plant: Mapping[str, float], force_ticks: int = 0) -> bool:
+def is_stable(
+    controller: str, plant: Mapping[str, float], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
+) -> bool:
     """Whether small steps of both set-points die out, without noise, with the force so many ticks late."""
-    name = controller.partition(":")[0]
-    loop = ClosedLoop(scenario("small_steps", {"noise": False, **plant}, name), {name: _controller(controller)})
+    loop = _loop(Job(controller, "small_steps", plant=plant, parameters=parameters or {}))
     loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
     truth = _truth(loop.run())
     for value, floor in ((truth.depth_mm, 1e-4), (truth.temperature_c, 1e-2)):

@@ -40,6 +40,7 @@ JUDGED = {
 }
 #: Weights of 1 mm in °C for the front between both outputs, and for their joint optimum, which is one of them.
 _FRONT, _JOINT = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0), 100.0
+_AGGRESSIVENESS = (1.0, 0.7, 0.5, 0.35)
 _LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
 
 
@@ -100,12 +101,13 @@ def sweep(progress: Progress, processes: Mapping[str, Mapping[str, float]]) -> d
     jobs = [Job(label, case, True, plant) for plant in processes.values() for label in FINALISTS for case in CASES]
     results = run_all(jobs, progress)
     return {
-        name: {label: _judged({case: results[Job(label, case, True, plant)] for case in CASES}) for label in FINALISTS}
+        name: {label: judged({case: results[Job(label, case, True, plant)] for case in CASES}) for label in FINALISTS}
         for name, plant in processes.items()
     }
 
 
-def _judged(runs: Mapping[str, Figures]) -> Figures:
+def judged(runs: Mapping[str, Figures]) -> Figures:
+    """The judged figures of a controller's runs, their total variations, and whether something still swings."""
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
@@ -151,6 +153,23 @@ def _margins(label: str) -> dict[str, float]:
         "depth_delay_s": STEP_S * _latest(lambda ticks: is_stable(label, {}, force_ticks=ticks)),
         "temperature_delay_s": STEP_S * _latest(with_dead_time),
     }
+
+
+def aggressiveness(progress: Progress) -> dict[str, dict[str, float]]:
+    """What the NMPC's knob of the temperature trades: gain margin against errors, without noise."""
+    data: dict[str, dict[str, float]] = {}
+    for value in _AGGRESSIVENESS:
+        progress(f"temperature_aggressiveness {value:g}")
+        data[f"{value:g}"] = _with_knob({"temperature_aggressiveness": value}, progress)
+    return data
+
+
+def _with_knob(knob: Mapping[str, float], progress: Progress) -> dict[str, float]:
+    jobs = {case: Job(DEFAULT, case, parameters=knob) for case in CASES}
+    results = run_all(list(jobs.values()), progress)
+    errors = {case: results[job]["iae_temperature_c_s"] for case, job in jobs.items()}
+    margin = _largest_gain(lambda gain: is_stable(DEFAULT, {"model.thermal_gain_c_per_kw": gain}, parameters=knob))
+    return errors | {"temperature_gain": margin}
 
 
 def _largest_gain(stable: Callable[[float], bool]) -> float:

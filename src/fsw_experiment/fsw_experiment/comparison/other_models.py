@@ -1,0 +1,70 @@
+"""The NMPC's tuning by rule on other models, against decentralized tunings searched for each of them."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import yaml
+
+from fsw_experiment.comparison.cases import DEFAULT
+from fsw_experiment.comparison.runs import Job, figures
+from fsw_experiment.comparison.study import judged
+from fsw_experiment.standard_events import CASES
+from fsw_experiment.tune_decentral import NAMES, tune
+from fsw_model import nominal
+
+#: Factors on the paper's parameters, drawn independently and uniformly.
+FACTORS = {
+    "thermal_gain_c_per_kw": (0.6, 1.7),
+    "depth_gain_mm_per_kn_s": (0.6, 1.7),
+    "copper_lag_s": (0.5, 2.0),
+    "tool_lag_s": (0.5, 2.0),
+    "depth_zero_s": (0.5, 2.0),
+    "depth_pole_slow_s": (0.5, 2.0),
+    "dead_time_s": (1.8 / 2.8, 4.0 / 2.8),
+}
+#: Evaluations of the search for a decentralized tuning.
+EVALUATIONS = 600
+
+
+def draw(count: int, seed: int = 2026) -> list[dict[str, float]]:
+    """Factors of `count` models."""
+    generator = random.Random(seed)
+    return [{name: generator.uniform(*span) for name, span in FACTORS.items()} for _ in range(count)]
+
+
+def compare(factors: dict[str, float], evaluations: int = EVALUATIONS) -> dict[str, Any]:
+    """Tune for one model and run all three controllers on it, without noise: the judged figures by controller."""
+    parameters = nominal().scaled(**factors)
+    plant = {f"model.{name}": factor for name, factor in factors.items()}
+    with TemporaryDirectory() as scratch:
+        file = Path(scratch) / "model.yaml"
+        file.write_text(yaml.safe_dump(asdict(parameters)), encoding="utf-8")
+        own: dict[str, dict[str, Any]] = {
+            f"decentral:{name}": asdict(tune(name, parameters, evaluations)) for name in NAMES
+        }
+        own[DEFAULT] = {"model_file": str(file)}
+        return {
+            label: judged({case: figures(Job(label, case, plant=plant, parameters=values)) for case in CASES})
+            for label, values in own.items()
+        }
+
+
+def study(progress: Callable[[str], None], count: int, evaluations: int = EVALUATIONS) -> dict[str, Any]:
+    """`compare` on `count` models, on all cores."""
+    data = {}
+    drawn = draw(count)
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for i, found in enumerate(pool.map(partial(compare, evaluations=evaluations), drawn)):
+            progress(f"model {i + 1} of {count}")
+            found[DEFAULT]["factors"] = drawn[i]
+            data[f"{i + 1}"] = found
+    return data
