@@ -230,7 +230,7 @@ class Weld:
         return (self.roles(name) or [""])[-1]
 
     @property
-    def on_duty(self):
+    def leader(self):
         return next(name for name in self.supervisors if self.role(name) == "active")
 
     # ---- what is done to it

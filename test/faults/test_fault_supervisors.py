@@ -43,7 +43,7 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     weld.switch("nmpc")
     first = len(weld.truths)
     weld.ticks(5)
-    silent = weld.on_duty
+    silent = weld.leader
     other = next(name for name in weld.supervisors if name != silent)
     roles = weld.roles(other)
     weld.signal(silent, number)
@@ -66,7 +66,7 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_standby_falls_silent(weld, table, number):
     first = weld.restore()
-    standby = next(name for name in weld.supervisors if name != weld.on_duty)
+    standby = next(name for name in weld.supervisors if name != weld.leader)
     weld.signal(standby, number)
     weld.ticks(8)
     if number == signal.SIGSTOP:

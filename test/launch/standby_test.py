@@ -1,4 +1,4 @@
-"""The supervisor on duty is killed in mid-weld: the standby goes on with it."""
+"""The leading supervisor is killed in mid-weld: the standby goes on with it."""
 
 import itertools
 import math
@@ -27,7 +27,7 @@ def generate_test_description():
 
 
 class TestStandby(unittest.TestCase):
-    def test_the_weld_goes_on_when_the_supervisor_on_duty_is_killed(self, domain):
+    def test_the_weld_goes_on_when_the_leading_supervisor_is_killed(self, domain):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
             commands = eye.listen(WeldCommand, "fsw/command")
@@ -40,7 +40,7 @@ class TestStandby(unittest.TestCase):
             self.assertEqual({command.header.frame_id for command in commands}, {first})
             self.assertEqual(eye.node.count_publishers("/fsw/command"), 1)
             kill(domain, "fsw_supervisor", but="standby")
-            eye.until(lambda: states[-1].requested_by == "takeover", "the standby on duty")
+            eye.until(lambda: states[-1].requested_by == "takeover", "the standby leads")
             goal = len(commands) + TICKS
             eye.until(lambda: len(commands) > goal, f"{TICKS} more commands")
         self.assertEqual({command.source for command in commands}, {"decentral"})

@@ -68,10 +68,10 @@ class StatedReference:
 
 
 class KeptReference:
-    """Hears ``fsw/reference`` and, on duty, states on ``fsw/supervisor/reference`` what holds at present.
+    """Hears ``fsw/reference`` and, while leading, states on ``fsw/supervisor/reference`` what holds at present.
 
     An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
-    them. A topic of its own has one writer, the supervisor on duty, and can override nobody: it states when each
+    them. A topic of its own has one writer, the leading supervisor, and can override nobody: it states when each
     set-point was issued, and of two the one issued last holds. A supervisor that was away learns from the controllers.
     """
 
@@ -87,12 +87,12 @@ class KeptReference:
         _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
 
     def open(self) -> None:
-        """Go on duty: state from the next tick on."""
+        """Lead: state from the next tick on."""
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
 
     def close(self) -> None:
-        """Leave duty."""
+        """Stop stating."""
         if self._statement is not None:
             self._statement.close()
             self._statement = None
