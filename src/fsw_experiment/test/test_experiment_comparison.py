@@ -125,7 +125,7 @@ def test_page_says_what_was_measured(nominal):
     iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
     assert f"| {DEFAULT} | {iae:.3g} |" in page
     assert "1 of 2 (50.0 %)" in page
-    assert "tracking, noise, plant nominal: IAE, 1.50 times" in page
+    assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in page
     assert "| > 8 | 2 |" in page
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
     assert "1 models with other gains" in page and "on 0 of these models" in page

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 _HEADER = Path(__file__).parent / "kernel" / "fsw_controller.h"
-_TEXT = re.sub(r"/\*.*?\*/", "", _HEADER.read_text(encoding="utf-8"), flags=re.DOTALL)
+_TEXT = re.sub(r"\s*/\*.*?\*/", "", _HEADER.read_text(encoding="utf-8"), flags=re.DOTALL)
 _SIZES = dict(re.findall(r"#define (\w+)\s+(.+)", _TEXT))
 _BODIES = {name: body for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", _TEXT, re.DOTALL)}
 _TYPES: dict[str, Any] = {"int": ctypes.c_int, "double": ctypes.c_double}
@@ -101,3 +101,4 @@ class ControllerHead(ctypes.Structure):
 
 
 MAX_CHANGES, N_STATES = size("FSW_MAX_CHANGES"), size("FSW_STATES")
+RETURN_SHARE = float(_SIZES["FSW_RETURN_SHARE"])

@@ -106,3 +106,20 @@ def test_corridors_of_the_paper(library, kind, ticks, first):
     assert width[0] == pytest.approx(0.004) and width[1] == pytest.approx(0.2)
     if kind != "constant":
         assert (2.76 - depth) / (2.76 - depth[0]) == pytest.approx(np.exp(-(time_s - 0.1) / 5.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("depth_mm", [-1e12, 0.0, 1e12])
+@pytest.mark.parametrize("temperature_c", [-1e9, 816.4, 1e9])
+def test_absurd_set_points_give_finite_trajectories(library, depth_mm, temperature_c):
+    _, paths, _ = trajectories(library, depth_mm, temperature_c)
+    assert np.isfinite(paths).all()
+
+
+def test_a_large_temperature_step_leaves_the_depth_its_force(library):
+    """The temperature rises no faster than the fastest speed can heat at the set-point's depth, softening included."""
+    time_s, (_, temperature), _ = trajectories(library, temperature_c=876.4)
+    rate = np.diff(temperature) / np.diff(time_s)
+    fastest_kw = 500.0 / 407.576 * 43.6
+    kn_per_rate = 2.66 * 0.0021 / (0.0016 * 29.6 / 14.7)
+    softer = 1.0 + 18.1 / 30.5 * fastest_kw / 78.4 * kn_per_rate  # torque is about proportional to force
+    assert 2.5 < rate.max() <= 18.1 / 30.5 * (fastest_kw - 43.6) / softer

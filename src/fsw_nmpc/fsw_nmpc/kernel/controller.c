@@ -7,8 +7,6 @@
 #define LONGEST_GAP_S 3.0
 /* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
 #define ACCEPTED 1e-6
-/* share of the largest moves that an input outside its bounds must use to come back (as in rows.c) */
-#define RETURN_SHARE 0.98
 /* A solve is repeated about its solution when that begins with a move so far from the expected one, in largest moves;
  * unless it took so many iterations that two would take too long. */
 #define FAR 0.5
@@ -169,7 +167,7 @@ static int judge(const fsw_controller *c, const double *moves, const double *dep
       const double move = moves[2 * b + q], most = t->move_max[q] * m->block_reach[b];
       if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
       input += move;
-      reach += RETURN_SHARE * most; /* an input outside its bounds must come back, as fast as it may */
+      reach += FSW_RETURN_SHARE * most; /* an input outside its bounds must come back, as fast as it may */
       if (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i]) continue;
       if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_BEYOND;
       if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_BEYOND;

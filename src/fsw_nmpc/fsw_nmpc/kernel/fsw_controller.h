@@ -22,6 +22,7 @@
 #define FSW_MODES 10
 #define FSW_STATES 10
 #define FSW_TICK_S 0.1
+#define FSW_RETURN_SHARE 0.98                /* share of the largest moves with which an input outside its bounds comes back */
 
 /* The model: constant tables. */
 typedef struct {

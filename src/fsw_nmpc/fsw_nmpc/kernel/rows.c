@@ -4,6 +4,10 @@
  * reach; the moves' own rows and the inputs at the ends of the blocks (sums of moves) need no matrix. */
 #include "internal.h"
 
+/* of scaled moves: a start so close to the limits is taken back; a move without a cost still has a smallest one */
+#define INSIDE 0.95
+#define LEAST_CURVATURE 1e-9
+
 /* Four partial sums, so that the compiler may vectorise without changing the order of additions. */
 double fsw_dot(const double *restrict a, const double *restrict b, int n) {
   double sum[4] = {0.0, 0.0, 0.0, 0.0};
@@ -25,11 +29,11 @@ static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_s
   w->n_moves = 0;
   for (int j = 0; j < nv; j++) {
     const int q = j & 1;
-    const double limit = 0.95, scale = t->move_max[q] * m->block_reach[j >> 1], z = v[j] / scale;
+    const double scale = t->move_max[q] * m->block_reach[j >> 1], z = v[j] / scale;
     w->scale[j] = scale;
     w->size[j] = intervals[j >> 1] * scale;
-    w->z[j] = z > limit ? limit : (z < -limit ? -limit : z);
-    w->diagonal[j] = t->move_square[q] * scale * w->size[j] / m->block_reach[j >> 1] + 1e-9;
+    w->z[j] = fsw_clip(z, -INSIDE, INSIDE);
+    w->diagonal[j] = t->move_square[q] * scale * w->size[j] / m->block_reach[j >> 1] + LEAST_CURVATURE;
     /* L1 of a move: weight |z| = 2 weight max(0, z) - weight z, one side instead of two */
     const double weight = t->move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
@@ -37,7 +41,7 @@ static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_s
       w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
       w->move[w->n_moves++] = j;
     }
-    reach[q] += 0.98 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
+    reach[q] += FSW_RETURN_SHARE * w->size[j]; /* an input outside its bounds must come back as fast as it may */
     const double low = t->input_min[q] - now[q], high = t->input_max[q] - now[q];
     w->input_low[j] = low < reach[q] ? low : reach[q];
     w->input_high[j] = high > -reach[q] ? high : -reach[q];
