@@ -65,7 +65,7 @@ class NodeEntities:
         return self._default_callback_group
 
     def __add(self, entity: Entity, entities: list[Entity]) -> Entity:
-        if entity.callback_group is not None:
+        if entity.callback_group is not None and not isinstance(entity, Publisher):
             entity.callback_group.add_entity(entity)
         entities.append(entity)
         self.__waitables.extend(getattr(entity, "event_handlers", ()))

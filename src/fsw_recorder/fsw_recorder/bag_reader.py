@@ -138,7 +138,8 @@ class BagReader:
         for name in list(present):
             if f"{name}.zstd" in present and f"{name}.zstd" not in self.metadata.files:
                 del present[f"{name}.zstd"]  # compressing was stopped half-way
-        return [present[name] for name in sorted(present, key=_natural)]
+        listed = [name for name in self.metadata.files if name in present]
+        return [present[name] for name in dict.fromkeys([*listed, *sorted(present, key=_natural)])]
 
     def _open_file(self, file: Path) -> McapFile | SqliteFile:
         source = self._decompressed(file) if file.suffix == ".zstd" else file

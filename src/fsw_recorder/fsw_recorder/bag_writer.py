@@ -144,8 +144,7 @@ class BagWriter:
     def statistics(self) -> dict[str, int]:
         """Counters since the start.
 
-        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in files, and refused;
-        ``files`` counts closed ones and the one that is open or that the next message begins.
+        ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in files, and refused.
         """
         with self._lock:
             files = self._files()
@@ -153,7 +152,7 @@ class BagWriter:
                 "received": self._received,
                 "written": sum(one.counts.total() for one in files),
                 "dropped": self._dropped,
-                "files": len(self._finished) + (self.error is None and not self._closing),
+                "files": len(files),
                 "bytes": sum(one.size_bytes for one in files),
                 "pending_bytes": self._put_bytes - self._taken_bytes,
             }

@@ -64,7 +64,7 @@ def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) 
     wins over ``depth``, so that all latched messages are heard.
     """
     requests = list(present)
-    for offer in sorted(offers, key=lambda one: -is_reliable(one) - is_latched(one)):
+    for offer in sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))):
         if not any(_matches(request, offer) for request in requests):
             requests.append(profile(is_reliable(offer), is_latched(offer), max(depth, offer.depth)))
     return requests[len(present) :]

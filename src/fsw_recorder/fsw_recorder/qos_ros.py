@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fsw_recorder.qos import INFINITE
@@ -20,15 +20,18 @@ def profile_of(qos: Qos) -> QoSProfile:
 
 
 def offered_by(profile: QoSProfile) -> Qos:
-    """What a publisher offers, as a bag says it."""
+    """What a publisher offers, as a bag says it; what the middleware did not tell is the default."""
+    best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     return Qos(
         QosHistory[profile.history.name],
         int(profile.depth),
-        QosReliability[profile.reliability.name],
-        QosDurability[profile.durability.name],
+        QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
         _time(profile.deadline),
         _time(profile.lifespan),
-        QosLiveliness[profile.liveliness.name],
+        QosLiveliness.MANUAL_BY_TOPIC if manual else QosLiveliness.AUTOMATIC,
         _time(profile.liveliness_lease_duration),
         False,
     )

@@ -120,6 +120,7 @@ class RecorderNode(Node):  # type: ignore[misc]
 
     def _discover(self) -> None:
         if self.writer.error is not None:
+            self.get_logger().fatal(str(self.writer.error))
             self._report()
             rclpy.try_shutdown()
             return

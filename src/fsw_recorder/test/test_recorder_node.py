@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 from rosbags.rosbag2 import Reader
@@ -175,6 +176,8 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
         reports.extend(status.message for status in message.status)
 
     graph.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+    logged: list[str] = []
+    graph.node.create_subscription(Log, "/rosout", lambda line: logged.append(line.msg), 100)
     recorder = start_recorder(
         graph, bag, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
     )
@@ -185,6 +188,7 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
     code, output = graph.end(recorder)
     assert code == 1 and "writing failed: File too large" in output
     assert any("writing failed" in report for report in reports)
+    graph.until(lambda: any("writing failed" in line for line in logged))
     with BagReader(bag) as reader:
         assert len(list(reader.records(["/fsw/depth"]))) > 100
 
