@@ -12,6 +12,13 @@ from fsw_experiment.comparison.study import FINALISTS, JUDGED, failed, quantiles
 from fsw_experiment.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
 
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
+_WHY_WORSE = (
+    "Twice the thermal gain, or half the copper's lag, doubles the gain of a fast temperature loop, and the margin is",
+    "2.4 (see above): a smaller `temperature_aggressiveness` swings less there. With 0.85 of the torque the speed that",
+    "holds the temperature is near its bound, and the depth waits for it; the temperature has half the conservative",
+    "PI's error.",
+    "",
+)
 _WHY_LOST = (
     "Every loss is in comparison.json. Why they are lost:",
     "",
@@ -245,11 +252,7 @@ def page(data: Mapping[str, Any]) -> str:
         "Where the default NMPC is worse than the conservative PI:",
         "",
         *worse_than_conservative(data["sweep"]),
-        "Twice the thermal gain, or half the copper's lag, doubles the gain of a fast temperature loop, and the margin is",
-        "2.4 (see above): a smaller `temperature_aggressiveness` swings less there. With 0.85 of the torque the speed that",
-        "holds the temperature is near its bound, and the depth waits for it; the temperature has half the conservative",
-        "PI's error.",
-        "",
+        *_WHY_WORSE,
         "![IAE relative to the conservative PI](sweep.png)",
         "",
     ]
