@@ -50,7 +50,7 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         return Candidate(command, words, malformed=True)
     if not proposal.healthy:
         return Candidate(command, proposal.reason or "the controller says it is unhealthy, without a reason")
-    refused = refusal(command, limits, previous, limits)
+    refused = refusal(command, limits, previous)
     if refused is not None:
         return Candidate(command, refused.words, malformed=True, jump=refused.flaw is Flaw.JUMP)
     return Candidate(command)
