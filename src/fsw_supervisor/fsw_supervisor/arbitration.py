@@ -194,7 +194,7 @@ class Arbitration:
             self._fall_back(tick, final)
 
     def _apply_active(self, tick: Tick, final: bool) -> None:
-        """Apply the active controller's proposal, hold where it is not to blame, or note its failure."""
+        """Apply the active controller's proposal, hold if that does not count as its failure, or note the failure."""
         machine = self.machine
         name = machine.active
         candidate, record = tick.candidates.get(name), self.registry.get(name)

@@ -58,7 +58,7 @@ class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
     It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock means nothing, a
-    shadow controller may lag behind without blame.
+    shadow controller that lags behind does not count as failed.
     """
 
     def __init__(self, machine: Machine, safety: SafetyMonitor, lockstep: bool) -> None:
