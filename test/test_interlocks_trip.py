@@ -23,7 +23,7 @@ class Loop:
 
     def __init__(self):
         self.plant = PlantEmulator(PlantConfig.from_values({"noise": False}))
-        self.arbiter = Arbiter(ArbiterSettings())
+        self.arbiter = Arbiter(ArbiterSettings.from_values({}))
         self.start = self.plant.applied
         self.now_s = 100.0
 

@@ -18,7 +18,7 @@ def graph(tmp_path_factory):
     scenario = load("quick", ["duration_s=600", "events=[]"])
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
-        launcher.wait_for_text("supervisor", "controller decentral is warm", 60.0)
+        launcher.wait_for_text("supervisor", "controller decentral is ready", 60.0)
         yield domain
         launcher.check()
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 
+#: Periods of the measurements without a command after which its writer counts as silent.
+SILENT_PERIODS = 1.5
 #: More than a controller ever lags behind.
 _KEPT = 100
 _BEFORE_ALL_NS = -1
@@ -39,8 +41,7 @@ class AppliedCommands:
     Anybody can write to the topic. So one writer is followed, and another one (a standby that takes over) only when
     that one has fallen silent.
 
-    Until the first command ``initial`` is taken as applied. After 1.5 periods of the measurements without a command a
-    writer counts as silent.
+    Until the first command ``initial`` is taken as applied.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class AppliedCommands:
     """
 
     def __init__(self, initial: Command, period_s: float = 0.1) -> None:
-        self._silence_s = 1.5 * period_s
+        self._silence_s = SILENT_PERIODS * period_s
         self._kept: deque[AppliedCommand] = deque([AppliedCommand(_BEFORE_ALL_NS, initial)], maxlen=_KEPT)
         self._heard_s = 0.0
         self.ignored = 0

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 from fsw_control import weld
 
 SENSORS = ("depth", "torque", "thermocouple")
+#: sources of commands that are no controllers: modes of the supervisor
+BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
 
 
 @dataclass(frozen=True, slots=True)

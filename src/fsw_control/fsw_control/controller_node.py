@@ -16,8 +16,9 @@ from rclpy.node import Node
 from fsw_control import messages_ros as convert
 from fsw_control.applied import AppliedCommand, AppliedCommands
 from fsw_control.contract import Command, Controller, Proposal
+from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
-from fsw_control.message_synchronizer import MessageSynchronizer, Tick
+from fsw_control.message_synchronizer import MessageSynchronizer, SampleSet
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, load_path, problem
 from fsw_control.parameters_ros import ParameterValues, declare
@@ -89,11 +90,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._predictions = self.create_publisher(Prediction, f"fsw/{self._controller_name}/prediction", STREAM)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._deadline = self.create_timer(self._patience_s(), self._on_deadline, clock=steady)
-        self._deadline.cancel()
-        self._armed_s: float | None = None
-        self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=steady)
+        self._deadline = DeadlineTimer(self, self._on_deadline)
+        self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         subscribe_references(self, self._references, self._on_bad_reference)
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
@@ -126,8 +124,6 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self._on_bad_reference(str(error))
 
     def _on_deadline(self) -> None:
-        self._armed_s = None
-        self._deadline.cancel()
         self._consume(self._synchronizer.expire(time.monotonic(), self._patience_s()))
 
     def _patience_s(self) -> float:
@@ -136,21 +132,13 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             return float(self._settings["lockstep_deadline"])
         return float(self._settings["deadline"])
 
-    def _consume(self, ticks: list[Tick]) -> None:
+    def _consume(self, ticks: list[SampleSet]) -> None:
         for tick in ticks:
             self._tick(tick)
         begun_s = self._synchronizer.begun_s
-        due_s = begun_s + self._patience_s() if begun_s is not None else None
-        if due_s == self._armed_s:
-            return
-        self._armed_s = due_s
-        if due_s is None:
-            self._deadline.cancel()
-            return
-        self._deadline.timer_period_ns = max(100_000, round((due_s - time.monotonic()) * 1e9))
-        self._deadline.reset()
+        self._deadline.set(begun_s + self._patience_s() if begun_s is not None else None)
 
-    def _tick(self, tick: Tick) -> None:
+    def _tick(self, tick: SampleSet) -> None:
         if tick.restarted:
             self._guard.reset()
             self._applied.restart()
@@ -232,7 +220,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
         name, now_ns = f"{self.get_name()}: controller {self._controller_name}", self.get_clock().now().nanoseconds
         text = reason or ", ".join(faults) or "proposing"
-        self._diagnostics.publish(convert.diagnostics_message(now_ns, name, level, text, values))
+        status = convert.diagnostic_status(name, level, text, values)
+        self._diagnostics.publish(convert.diagnostics_message(now_ns, [status]))
 
 
 def run_controller(

@@ -19,7 +19,7 @@ _KEPT_DRIVES = 16
 
 
 @dataclass(slots=True)
-class Tick:
+class SampleSet:
     """The samples of one stamp.
 
     Attributes
@@ -120,7 +120,7 @@ class MessageSynchronizer:
         self._command_ns: int | None = None
         self._awaits_command = True
         self._unanswered = 0
-        self._pending: list[Tick] = []
+        self._pending: list[SampleSet] = []
         self._restarted = False
         self._drives: dict[int, Command] = {}
         self._await_drives = await_drives
@@ -142,7 +142,7 @@ class MessageSynchronizer:
             lacking.add("command")
         return frozenset(lacking)
 
-    def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
+    def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
         """Take a sample that came at ``now_s`` on a steady clock; return the ticks that it completes, oldest first."""
         believed = self.stamps.offer(sensor, stamp_ns, value, now_s)
         if believed is None or believed.jumped:
@@ -154,14 +154,14 @@ class MessageSynchronizer:
             return []
         return self._accept(sensor, stamp_ns, value, now_s)
 
-    def add_command(self, stamp_ns: int) -> list[Tick]:
+    def add_command(self, stamp_ns: int) -> list[SampleSet]:
         """Note that the command that answers ``stamp_ns`` is known; return the ticks that this completes."""
         self._command_ns = stamp_ns
         self._awaits_command = True
         self._unanswered = 0
         return self._release()
 
-    def add_drives(self, stamp_ns: int, acting: Command) -> list[Tick]:
+    def add_drives(self, stamp_ns: int, acting: Command) -> list[SampleSet]:
         """Take a sample of the drives; return the ticks that it completes."""
         self._drives_come = True
         self._drives[stamp_ns] = acting
@@ -169,7 +169,7 @@ class MessageSynchronizer:
             del self._drives[next(iter(self._drives))]
         return self._release()
 
-    def expire(self, now_s: float, patience_s: float) -> list[Tick]:
+    def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
         """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return what that releases.
 
         When the call itself is late by more than that, this process could not run: what is in the queues is heard
@@ -185,13 +185,13 @@ class MessageSynchronizer:
             return [self._pop(), *self._release()]
         return []
 
-    def _accept(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Tick]:
+    def _accept(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
         tick = next((tick for tick in self._pending if tick.stamp_ns == stamp_ns), None)
         if tick is None:
             if len(self._pending) == _PENDING_TICKS and stamp_ns < self._pending[0].stamp_ns:
                 self.counts[sensor]["late"] += 1
                 return []
-            tick = Tick(stamp_ns, now_s)
+            tick = SampleSet(stamp_ns, now_s)
             insort(self._pending, tick, key=lambda tick: tick.stamp_ns)
         if sensor in tick.values:
             self.counts[sensor]["duplicate"] += 1
@@ -212,16 +212,16 @@ class MessageSynchronizer:
         lacking = self.lacking
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
-    def _sources_of(self, tick: Tick) -> set[str]:
+    def _sources_of(self, tick: SampleSet) -> set[str]:
         return {*tick.values, "drives"} if tick.stamp_ns in self._drives else set(tick.values)
 
-    def _release(self) -> list[Tick]:
-        ticks: list[Tick] = []
+    def _release(self) -> list[SampleSet]:
+        ticks: list[SampleSet] = []
         while self._pending and not self._waits():
             ticks.append(self._pop())
         return ticks
 
-    def _pop(self) -> Tick:
+    def _pop(self) -> SampleSet:
         tick = self._pending.pop(0)
         missed = [sensor for sensor in SENSORS if sensor not in tick.values]
         for sensor in missed:
@@ -240,7 +240,7 @@ class MessageSynchronizer:
         self._last_ns, self._restarted = tick.stamp_ns, False
         return tick
 
-    def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[Tick]:
+    def _jump(self, stamp_ns: int, samples: dict[str, float], now_s: float) -> list[SampleSet]:
         """Forget the past; the first tick after a jump of time follows."""
         ticks = [self._pop() for _ in range(len(self._pending))]
         self._last_ns, self._command_ns, self.missed = None, None, frozenset()

@@ -192,10 +192,14 @@ def prediction_message(plan: Plan, time_ns: int) -> Prediction:
     )
 
 
-def diagnostics_message(
-    time_ns: int, name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
-) -> DiagnosticArray:
+def diagnostic_status(
+    name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
+) -> DiagnosticStatus:
     """Diagnostics of one component; ``level`` is a constant of ``DiagnosticStatus``."""
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
-    return DiagnosticArray(header=header(time_ns), status=[status])
+    return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
+
+
+def diagnostics_message(time_ns: int, status: list[DiagnosticStatus]) -> DiagnosticArray:
+    """Diagnostics of all components of a node."""
+    return DiagnosticArray(header=header(time_ns), status=status)

@@ -16,6 +16,14 @@ _CHANCE = 1e-9
 _ROUNDING = 1e-9
 #: share of reversals of direction above which a signal counts as noisy (white noise: 2/3, a smooth signal: ~0)
 _NOISY = 0.25
+#: samples before which no sensor is judged to be frozen
+_LEARNT = 20
+#: largest share of equal neighbours that is reckoned with
+_LARGEST_SHARE = 0.95
+#: standard deviations added to that share, because it was estimated from few samples
+_DEVIATIONS = 3.0
+#: changes are judged as if at least this time had passed, because stamps jitter [s]
+_LEAST_ELAPSED_S = 0.05
 #: samples over which the noise and the share of equal neighbours are averaged
 _MEMORY = 150
 
@@ -25,7 +33,7 @@ class SensorLimits:
     """What one sensor may show, in its unit (mm, N m, degC); see the parameters ``validity.*`` in ``controller.yaml``.
 
     A change faster than ``max_rate`` against the last good sample is a spike, unless ``confirm_samples`` samples in a
-    row agree with each other. So many are also needed to become valid again.
+    row agree with each other. As many are needed to become valid again.
     """
 
     minimum: float
@@ -114,11 +122,11 @@ class Frozen:
         return 1.0 / self._count
 
     def _is_frozen(self, samples: int) -> bool:
-        if not samples or self._run < samples - 1 or self._count < 20 or self._reversed < _NOISY:
+        if not samples or self._run < samples - 1 or self._count < _LEARNT or self._reversed < _NOISY:
             return False
-        # three standard deviations up, because the share was estimated from few samples
         likely = max(self._equal, 1.0 / self._count)
-        share = min(likely + 3.0 * math.sqrt(likely * (1.0 - likely) / (2.0 * self._count)), 0.95)
+        deviation = math.sqrt(likely * (1.0 - likely) / (2.0 * self._count))
+        share = min(likely + _DEVIATIONS * deviation, _LARGEST_SHARE)
         return self._run >= math.log(_CHANCE) / math.log(share)
 
 
@@ -176,7 +184,7 @@ class SensorValidity:
         return "too fast" if self._valid else "recovering"
 
     def _near(self, value: float, other: float, elapsed_s: float) -> bool:
-        return abs(value - other) <= self.limits.max_rate * max(elapsed_s, 0.05)
+        return abs(value - other) <= self.limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S)
 
 
 class SensorGuard:

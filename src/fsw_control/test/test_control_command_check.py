@@ -24,7 +24,7 @@ LIMITS, BEFORE = Limits(), Command(78.4, 407.5)
     ],
 )
 def test_a_bad_command_is_refused_in_words(command, flaw, words):
-    refused = refusal(command, LIMITS, BEFORE, LIMITS)
+    refused = refusal(command, LIMITS, BEFORE)
     assert refused.flaw is flaw
     assert words in refused.words
 
@@ -38,9 +38,9 @@ def test_what_is_not_asked_for_is_not_checked():
 @given(st.floats(), st.floats(), st.floats(60.0, 95.0), st.floats(300.0, 500.0))
 def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(force, speed, force_before, speed_before):
     before, command = Command(force_before, speed_before), Command(force, speed)
-    if refusal(command, LIMITS, before, LIMITS) is None:
+    if refusal(command, LIMITS, before) is None:
         clipped = LIMITS.clip(command, before)
         assert clipped.force_kn == pytest.approx(force, abs=2e-6)
         assert clipped.speed_rpm == pytest.approx(speed, abs=2e-6)
     if refusal(command) is None:
-        assert refusal(LIMITS.clip(command, before), LIMITS, before, LIMITS) is None
+        assert refusal(LIMITS.clip(command, before), LIMITS, before) is None

@@ -111,7 +111,7 @@ def test_prediction_and_diagnostics():
     message = convert.prediction_message(plan, 0)
     assert list(message.depth) == pytest.approx([2.6e-3, 2.7e-3])
     assert list(message.spindle_speed) == pytest.approx([400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0])
-    array = convert.diagnostics_message(7, "name", DiagnosticStatus.WARN, "text", {"a": 1})
+    array = convert.diagnostics_message(7, [convert.diagnostic_status("name", DiagnosticStatus.WARN, "text", {"a": 1})])
     assert array.status[0].level == DiagnosticStatus.WARN
     assert [(pair.key, pair.value) for pair in array.status[0].values] == [("a", "1")]
 

@@ -9,11 +9,10 @@ from typing import Any
 from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load, problem
+from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_decentral.gains import Gains
 from fsw_decentral.loops import KW_PER_NM_RPM, FeedbackLoop, PowerLoop
 
-#: rad/s2 per rpm/s
-_RAD_PER_RPM = KW_PER_NM_RPM * 1e3
 #: two commands nearer than this (kN, rpm) are the same one, rounded on the wire
 _SAME = 1e-6
 _LONGEST_STEP_S = 1.0
@@ -186,7 +185,7 @@ class DecentralController:
         self._blind_torque_s = 0.0
         constant, linear, quadratic = (self._values[f"friction.{name}"] for name in ("constant", "linear", "quadratic"))
         friction_nm = constant + (linear + quadratic * applied_rpm) * applied_rpm
-        inertia = self._values["spindle_inertia"] * _RAD_PER_RPM
+        inertia = self._values["spindle_inertia"] * RAD_PER_S_PER_RPM
         torque_nm = measurement.torque_nm - friction_nm - inertia * acceleration_rpm_per_s
         self._power.measure(max(torque_nm, _LEAST_TORQUE_NM))
 

@@ -7,10 +7,12 @@ a command from somewhere else sets it at once, so that the loop continues from t
 
 from __future__ import annotations
 
-from math import exp, isnan, nan, pi
+from math import exp, isnan, nan
+
+from fsw_control.units import RAD_PER_S_PER_RPM
 
 #: kW per N m rpm
-KW_PER_NM_RPM = pi / 30.0e3
+KW_PER_NM_RPM = RAD_PER_S_PER_RPM * 1e-3
 
 
 def share(time_constant_s: float, dt_s: float) -> float:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
@@ -24,19 +25,17 @@ from fsw_control.topics_ros import LATEST, STREAM
 from fsw_model import OperatingPointError
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
-from fsw_plant import reports
+from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.events import DisturbanceError
-from fsw_plant.reports import ERROR, OK, WARN, Report
+from fsw_plant.reports_ros import ERROR, OK, WARN, Report
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import FROM_WIRE, truth_message
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-#: sources of commands that are no controllers
-BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
 _PATROL_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
@@ -247,12 +246,11 @@ class PlantNode(Node):
 
     def _publish_reports(self, lines: list[Report]) -> None:
         now_ns = self._plant.measure().stamp_ns if self._simulated and self._running else self._now_ns()
-        whole = DiagnosticArray(header=convert.header(now_ns))
-        for part, level, text, values in lines:
-            name = f"{self.get_name()}: {part}"
-            message = convert.diagnostics_message(now_ns, name, level, text, values, self._guard.hardware_id)
-            whole.status.append(message.status[0])
-        self._diagnostics.publish(whole)
+        status = [
+            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
+            for part, level, text, values in lines
+        ]
+        self._diagnostics.publish(convert.diagnostics_message(now_ns, status))
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

@@ -200,7 +200,7 @@ class Arbiter:
         self.leading = True
         if reason:
             self.machine.lead(reason)
-        self.operator.manual = self.applied
+        self.operator.keep(self.applied)
         self._send()
         return self._decide()
 
@@ -209,7 +209,7 @@ class Arbiter:
         self._take_back(unsent)
         self.leading = False
         # What was decided last has perhaps not been obeyed: what acts is heard from the leader or the drives.
-        self._start.applied = None
+        self._start.forget_applied()
         if self.tick is not None:
             self.tick.answered, self.tick.before = True, None
         self.operator.drop(f"refused: {reason}")
@@ -228,7 +228,11 @@ class Arbiter:
     # ---------------------------------------------------------------- ticks
 
     def _see(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
-        """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to."""
+        """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to.
+
+        The controllers' ``MessageSynchronizer`` hands over a tick once it is complete; here it begins with its first
+        sample, because proposals to it arrive meanwhile and the deadline counts from there.
+        """
         self._pass_time(now_s)
         newest_ns = self._stamps.newest_ns
         believed = self._stamps.offer(source, stamp_ns, value, now_s)

@@ -26,7 +26,7 @@ class Arbitration:
     machine: Machine
     registry: ControllerRegistry
     safety: SafetyMonitor
-    requests: OperatorRequests
+    operator: OperatorRequests
     watch: CommandWatch
     start: BumplessStart
     lockstep: bool
@@ -46,7 +46,7 @@ class Arbitration:
         if not final and not self._inputs_complete(tick):
             return
         if not tick.judged:
-            self.safety.judge(tick, self.start.acting(tick))
+            self.safety.judge(tick, self.start.acting(tick, self.safety.hold_s))
             if not self.watch.seen_lately(now_s):
                 self.start.learn_offset(tick, self.machine.settings.limits)
         if tick.answered:
@@ -100,15 +100,16 @@ class Arbitration:
             found, origin = start.seen, "the last command seen"
         elif candidate is not None and not candidate.refusal:
             found, origin = candidate.command, f"the proposal of {machine.target}"
-        elif machine.mode is Mode.MANUAL and self.requests.manual is not None:
-            found, origin = self.requests.manual, "the operator's values"
+        elif machine.mode is Mode.MANUAL and self.operator.manual is not None:
+            found, origin = self.operator.manual, "the operator's values"
         else:
             return False
         self._begin_from(tick, found, origin)
         return True
 
     def _begin_from(self, tick: Tick, found: Command, origin: str) -> Command:
-        applied = self.start.applied = tick.before = self.machine.settings.limits.clip(found, None)
+        applied = tick.before = self.machine.settings.limits.clip(found, None)
+        self.start.begin_from(applied)
         text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
         self.machine.log(Level.INFO, "start", text)
         return applied
@@ -132,7 +133,7 @@ class Arbitration:
         if not informed:
             # A command now would make every controller say that it is not selected; and what acts may still change.
             tick.decide()
-            start.applied = None
+            start.forget_applied()
             return
         self._believe_who_was_active(tick)
         candidate = tick.candidates.get(name)
@@ -140,12 +141,12 @@ class Arbitration:
         if not why_not:
             reason = f"{name} was active before" if start.was_active else f"{name} is configured to start with"
             machine.want(name)
-            start.was_active = ""
+            start.forget_active()
             machine.fire(Trigger.READY, reason, "start", name)
             return
         if not tick.blameless:
             if start.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
-                start.was_active = ""
+                start.forget_active()
                 machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
                 return
             # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
@@ -193,7 +194,7 @@ class Arbitration:
             self._fall_back(tick, final)
 
     def _apply_active(self, tick: Tick, final: bool) -> None:
-        """Apply the active controller's proposal, hold where it is not to blame, or note its failure."""
+        """Apply the active controller's proposal, hold if that does not count as its failure, or note the failure."""
         machine = self.machine
         name = machine.active
         candidate, record = tick.candidates.get(name), self.registry.get(name)
@@ -229,7 +230,7 @@ class Arbitration:
         if record is not None and inhibit:
             record.inhibit(reason)
         self.machine.log(Level.ERROR, "failover", tick.failure)
-        self.requests.failed(name, tick.failure)
+        self.operator.failed(name, tick.failure)
 
     def _fall_back(self, tick: Tick, final: bool) -> None:
         machine, settings = self.machine, self.machine.settings
@@ -275,8 +276,8 @@ class Arbitration:
         machine, settings, applied = self.machine, self.machine.settings, self.start.applied
         assert applied is not None
         wanted = applied
-        if machine.mode is Mode.MANUAL and self.requests.manual is not None:
-            wanted = self.requests.manual
+        if machine.mode is Mode.MANUAL and self.operator.manual is not None:
+            wanted = self.operator.manual
         elif machine.mode is Mode.SAFE_STOP:
             step_kn = settings.safe_rate_kn_per_s * settings.tick_period_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)

@@ -11,8 +11,6 @@ from fsw_supervisor.tick import Decision, Tick, same
 
 #: for so long a foreign command is remembered [s]
 _FOREIGN_S = 5.0
-#: for so long the drives' last sample stands in for one that has not come, as a sensor's does
-_DRIVES_HOLD_NS = 3 * NANOSECONDS // 10
 
 
 class CommandWatch:
@@ -73,6 +71,18 @@ class BumplessStart:
         """Take a command that has been sent, here or by the leader."""
         self.applied, self.asking = command, False
 
+    def begin_from(self, found: Command) -> None:
+        """Take the command that was found to be in force; none has been sent yet."""
+        self.applied = found
+
+    def forget_applied(self) -> None:
+        """Find out again which command is in force."""
+        self.applied = None
+
+    def forget_active(self) -> None:
+        """Wait no longer for the controller that was active before."""
+        self.was_active = ""
+
     def interrupt(self, active: str) -> None:
         """Keep the own state for later at a gap in the measurements: what acts must be found out again."""
         self.asking, self.was_active = False, active or self.was_active
@@ -115,12 +125,12 @@ class BumplessStart:
         """The command that the drives obey when they report ``drives``: a load cell sees everything that pushes."""
         return Command(drives.force_kn - self._offset.force_kn, drives.speed_rpm - self._offset.speed_rpm)
 
-    def acting(self, tick: Tick) -> Command | None:
-        """Force and speed that act: as the drives say, or said a moment ago; without them as commanded."""
+    def acting(self, tick: Tick, hold_s: float) -> Command | None:
+        """Force and speed that act: as the drives report, or have reported within ``hold_s``; else as commanded."""
         if tick.drives is not None or self._drives is None:
             return tick.drives or self.applied
         stamp_ns, feedback = self._drives
-        return feedback if 0 <= tick.stamp_ns - stamp_ns <= _DRIVES_HOLD_NS else self.applied
+        return feedback if 0 <= tick.stamp_ns - stamp_ns <= round(hold_s * NANOSECONDS) else self.applied
 
 
 def _more_than(move: float, difference: float) -> float:

@@ -58,7 +58,7 @@ class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
     It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock means nothing, a
-    shadow controller may lag behind without blame.
+    shadow controller that lags behind does not count as failed.
     """
 
     def __init__(self, machine: Machine, safety: SafetyMonitor, lockstep: bool) -> None:
@@ -95,7 +95,7 @@ class ControllerRegistry:
         if not record.present and not record.consecutive_good:
             return f"{name} has left the graph"
         if record.consecutive_good < settings.warm_ticks:
-            return f"{name} is not warm yet: {record.consecutive_good} of {settings.warm_ticks} good proposals in a row"
+            return f"{name} is not ready: {record.consecutive_good} of {settings.warm_ticks} good proposals in a row"
         return self.blind(name)
 
     def blind(self, name: str) -> str:
@@ -255,8 +255,8 @@ class ControllerRegistry:
         record.consecutive_good += 1
         record.silent_ticks = 0
         record.problem = ""
-        if record.consecutive_good == machine.settings.warm_ticks:
-            machine.log(Level.INFO, record.name, f"controller {record.name} is warm")
+        if record.consecutive_good == machine.settings.warm_ticks and not record.inhibited:
+            machine.log(Level.INFO, record.name, f"controller {record.name} is ready")
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
             record.inhibited = ""
             machine.log(Level.INFO, record.name, f"controller {record.name} is readmitted after good shadow ticks")

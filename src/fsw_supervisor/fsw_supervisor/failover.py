@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from fsw_control.applied import SILENT_PERIODS
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command
 from fsw_control.units import NANOSECONDS
@@ -52,8 +53,8 @@ class Failover:
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
         self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
-        self.asserting = False  #: another one that leads, too, has to hear of this one; cleared by who tells it
-        self.rival_writer = False  #: somebody publishes commands who was not heard yet; set by who sees the graph
+        self.asserting = False  #: another supervisor that leads, too, has to be told that this one does
+        self._rival_writer = False
         self._arbiter = arbiter
         self._identity = identity
         self._term = self._heard_term = 0
@@ -72,11 +73,6 @@ class Failover:
     def token(self) -> str:
         """Term and identity: what this supervisor signs its commands and its state with."""
         return f"{self._term}.{self._identity}"
-
-    @property
-    def commanding(self) -> bool:
-        """Whether this supervisor sends what it decides: it leads and does not keep its commands back."""
-        return self.role is Role.ACTIVE and self._fence_s is None
 
     @property
     def wakeup_s(self) -> float | None:
@@ -121,7 +117,7 @@ class Failover:
         tick = self._arbiter.tick
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if self.role is Role.ACTIVE:
-            if 0 <= age_ns <= NANOSECONDS and self.on_claim(token, stamp_ns):
+            if 0 <= age_ns <= NANOSECONDS and self.on_leader_state(token, stamp_ns):
                 self._follow(stamp_ns, source, command)
             return
         self._heard_term = max(self._heard_term, term)
@@ -131,8 +127,16 @@ class Failover:
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
-    def on_claim(self, token: str, answered_ns: int) -> bool:
-        """Take the word of a supervisor that it leads and has answered the tick ``answered_ns`` (0: none) last.
+    def told(self) -> None:
+        """Note that this supervisor's state has been published."""
+        self.asserting = False
+
+    def note_writers(self, others: bool) -> None:
+        """Note whether other nodes publish commands, perhaps a leader that has not been heard yet."""
+        self._rival_writer = others
+
+    def on_leader_state(self, token: str, answered_ns: int) -> bool:
+        """Take the state of a supervisor that leads and has answered the tick ``answered_ns`` (0: none) last.
 
         Returns whether its state has to be followed.
         """
@@ -153,7 +157,7 @@ class Failover:
 
     @property
     def _listening_ends_s(self) -> float:
-        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
+        return self._started_s + (_LISTEN_LONG_S if self._rival_writer else LISTEN_S)
 
     @property
     def _needed(self) -> int:
@@ -202,7 +206,7 @@ class Failover:
         settings = self._arbiter.settings
         if self._arbiter.lockstep:
             return settings.takeover_s(True) / 2.0
-        return max(1.5, self._needed - 0.5) * settings.tick_period_s
+        return max(SILENT_PERIODS, self._needed - 0.5) * settings.tick_period_s
 
     def _leave_fence(self) -> list[Decision]:
         """Commands that were kept back; none when something else has moved the drives meanwhile."""

@@ -115,6 +115,10 @@ class OperatorRequests:
         machine.fire(OPERATOR_TRIGGERS[wanted], f"{who} asked for {wanted}", who, controller)
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
 
+    def keep(self, applied: Command | None) -> None:
+        """Let the manual mode of a standby that leads from now on go on with the command in force."""
+        self.manual = applied
+
     def serve(self, now_s: float) -> None:
         """Make the swap that is asked for, if it can be made; to be called between two ticks."""
         self.expire(now_s)

@@ -86,6 +86,7 @@ class SafetyMonitor:
 
     def __init__(self, machine: Machine) -> None:
         self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
+        self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self._machine = machine
         self._guard = SensorGuard()
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
@@ -94,6 +95,7 @@ class SafetyMonitor:
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Judge by the node's parameters from now on, without forgetting."""
+        self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
         self._interlocks = interlocks_from(values)
         self._persistence_ticks = values["interlocks.persistence_ticks"]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any
 
-from fsw_control import weld
 from fsw_control.contract import Limits
+from fsw_control.parameters import load, validate
+
+#: share of the time from the deadline to the next measurement after which a tick counts as unanswered: 95 ms (chosen)
+_UNANSWERED_SHARE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
 class ArbiterSettings:
-    """Settings of the arbiter: names, units, ranges, meanings and defaults are those of ``supervisor.yaml``.
+    """Settings of the arbiter; names, units, ranges, meanings and defaults are in ``supervisor.yaml``.
 
     Raises
     ------
@@ -20,30 +23,30 @@ class ArbiterSettings:
         When settings contradict each other; the message says which.
     """
 
-    controller: str = "decentral"
-    fallbacks: tuple[str, ...] = ("decentral", "nmpc")
-    limits: Limits = field(default_factory=Limits)
-    tick_period_s: float = weld.TICK_S
-    deadline_s: float = 0.08
-    lockstep_deadline_s: float = 1.5
-    lockstep_shadow_wait_s: float = 0.5
-    sensor_grace_s: float = 0.01
-    stall_tolerance_s: float = 0.05
-    takeover_wait_s: float = 0.3
-    takeover_ticks: int = 2
-    warm_ticks: int = 5
-    readmit_ticks: int = 30
-    force_transition_kn: float = weld.FORCE_STEP_KN
-    speed_transition_rpm: float = weld.SPEED_STEP_RPM
-    transition_ticks: int = 20
-    hold_timeout_s: float = 10.0
-    storm_swaps: int = 4
-    storm_window_s: float = 30.0
-    switch_interval_s: float = 0.3
-    safe_force_kn: float = 65.0
-    safe_rate_kn_per_s: float = 2.0
-    return_to_target: bool = False
-    duplicate_ticks: int = 3
+    controller: str
+    fallbacks: tuple[str, ...]
+    limits: Limits
+    tick_period_s: float
+    deadline_s: float
+    lockstep_deadline_s: float
+    lockstep_shadow_wait_s: float
+    sensor_grace_s: float
+    stall_tolerance_s: float
+    takeover_wait_s: float
+    takeover_ticks: int
+    warm_ticks: int
+    readmit_ticks: int
+    force_transition_kn: float
+    speed_transition_rpm: float
+    transition_ticks: int
+    hold_timeout_s: float
+    storm_swaps: int
+    storm_window_s: float
+    switch_interval_s: float
+    safe_force_kn: float
+    safe_rate_kn_per_s: float
+    return_to_target: bool
+    duplicate_ticks: int
 
     def __post_init__(self) -> None:
         lim, period_s = self.limits, self.tick_period_s
@@ -64,15 +67,24 @@ class ArbiterSettings:
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
-        """Settings from the parameters of ``supervisor.yaml``."""
-        limits = Limits(**{item.name: values[f"limits.{item.name}"] for item in fields(Limits)})
-        own = {item.name: values[item.name] for item in fields(cls) if item.name in values}
-        return cls(**(own | {"limits": limits, "fallbacks": tuple(values["fallbacks"])}))
+        """Settings from the parameters of ``supervisor.yaml``; what is left out has its default.
+
+        Raises
+        ------
+        ValueError
+            As the class does, and when a name is unknown or a value does not fit.
+        """
+        checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
+        limits = Limits(**{item.name: checked[f"limits.{item.name}"] for item in fields(Limits)})
+        own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
+        return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))
 
     def ticks(self, time_s: float) -> int:
         """Ticks that ``time_s`` is long, at least 1."""
         return max(1, round(time_s / self.tick_period_s))
 
     def takeover_s(self, lockstep: bool) -> float:
-        """Time after a measurement at which a standby calls it unanswered: the leader has decided by then."""
-        return 2.0 * self.lockstep_deadline_s if lockstep else (self.deadline_s + 3.0 * self.tick_period_s) / 4.0
+        """Time after a measurement at which a standby counts it as unanswered: the leader has decided by then."""
+        if lockstep:
+            return 2.0 * self.lockstep_deadline_s
+        return self.deadline_s + _UNANSWERED_SHARE * (self.tick_period_s - self.deadline_s)

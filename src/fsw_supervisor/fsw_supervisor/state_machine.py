@@ -9,6 +9,7 @@ from collections import deque
 from enum import StrEnum
 from typing import NamedTuple
 
+from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -177,7 +178,7 @@ class Machine:
 
     def mirror(self, source: str) -> None:
         """On standby: be in the mode in which the leader sends a command of ``source``."""
-        mode = Mode(source) if source in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) else Mode.AUTO
+        mode = Mode(source) if source in BUILT_IN_SOURCES else Mode.AUTO
         active = source if mode is Mode.AUTO else ""
         if (mode, active) != (self.mode, self.active):
             self.mode, self.active = mode, active

@@ -20,22 +20,23 @@ from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.contract import Command
+from fsw_control.contract import BUILT_IN_SOURCES, Command
+from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController
-from fsw_supervisor import reports
+from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter, problem
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
-#: no controller may be called so: sources that are none, and whose topics would be mistaken
-RESERVED = ("manual", "hold", "safe_stop", "supervisor")
+#: names that no controller may have: those of other sources, and of the supervisor's topics
+RESERVED = (*BUILT_IN_SOURCES, "supervisor")
 _HOUSEKEEPING_S = 0.2
 _REPORT_S = 1.0
 _ON_STANDBY = "refused: this supervisor is on standby now; ask again"
@@ -79,14 +80,13 @@ class SupervisorNode(Node):
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_claim, LATEST)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST)
         for name in (values["controller"], *values["fallbacks"]):
             self._subscribe(name)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._wakeup = self.create_timer(0.08, self._on_wakeup, clock=steady)
-        self._wakeup.cancel()
-        self._armed_s: float | None = None
-        self._housekeeping = self.create_timer(_HOUSEKEEPING_S, self._on_housekeeping, clock=steady)
+        self._wakeup = DeadlineTimer(self, self._on_wakeup)
+        self._housekeeping = self.create_timer(
+            _HOUSEKEEPING_S, self._on_housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._on_housekeeping()
 
     # ---------------------------------------------------------------- topics
@@ -111,8 +111,8 @@ class SupervisorNode(Node):
         self._failover.on_command(token, stamp_ns, message.source, convert.command(message))
         self._publish([])
 
-    def _on_claim(self, message: SupervisorState) -> None:
-        if self._failover.on_claim(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
+    def _on_leader_state(self, message: SupervisorState) -> None:
+        if self._failover.on_leader_state(message.header.frame_id, convert.stamp_ns(message.applied.header.stamp)):
             inhibited = {item.name: item.reason for item in message.controllers if item.latched_out}
             self._arbiter.follow_operator(message.target_controller, message.target_mode, inhibited)
         self._publish([])
@@ -124,8 +124,6 @@ class SupervisorNode(Node):
             self._publish([])
 
     def _on_wakeup(self) -> None:
-        self._wakeup.cancel()
-        self._armed_s = None
         if self._arbiter.machine.mode is Mode.START:
             # Who is in the graph decides whose word on who was active has to be waited for.
             self._look_for_controllers()
@@ -189,19 +187,9 @@ class SupervisorNode(Node):
             self._open_commands().publish(reports.command(decision, self._failover.token))
         if self._arbiter.tick is not None:
             self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
-        self._arm(self._failover.wakeup_s)
+        self._wakeup.set(self._failover.wakeup_s)
         if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
             self._tell()
-
-    def _arm(self, wakeup_s: float | None) -> None:
-        if wakeup_s == self._armed_s:
-            return
-        self._armed_s = wakeup_s
-        if wakeup_s is None:
-            self._wakeup.cancel()
-            return
-        self._wakeup.timer_period_ns = max(100_000, round((wakeup_s - time.monotonic()) * 1e9))
-        self._wakeup.reset()
 
     def _open_commands(self) -> Publisher:
         if self._commands is None:
@@ -240,7 +228,7 @@ class SupervisorNode(Node):
         """Publish the state and log what has happened."""
         machine, logger = self._arbiter.machine, self.get_logger()
         self._published_revision = machine.revision
-        self._failover.asserting = False
+        self._failover.told()
         while machine.events:
             event = machine.events.popleft()
             text = f"[{event.who}] {event.text}"
@@ -260,7 +248,8 @@ class SupervisorNode(Node):
     def _on_housekeeping(self) -> None:
         now_s = time.monotonic()
         self._look_for_controllers()
-        self._failover.rival_writer = self.count_publishers(f"{self._prefix}command") > (self._commands is not None)
+        own = self._commands is not None
+        self._failover.note_writers(others=self.count_publishers(f"{self._prefix}command") > own)
         self._publish(self._arbiter.on_time(now_s))
         if self._role is not Role.ACTIVE:
             self._close()
@@ -296,15 +285,15 @@ class SupervisorNode(Node):
         self._kept_reference.hear(name)
 
     def _diagnose(self) -> None:
-        now = self.get_clock().now().to_msg()
+        now_ns = self.get_clock().now().nanoseconds
         if self._role is not Role.ACTIVE:
-            report = reports.standby(now, self.get_name(), str(self._role), self._failover.unanswered)
+            report = reports.standby(now_ns, self.get_name(), str(self._role), self._failover.unanswered)
         else:
             names = [record.name for record in self._arbiter.registry]
             namesakes = {name: self.count_publishers(f"{self._prefix}{name}/proposal") for name in names}
             limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
             writers = self.count_publishers(f"{self._prefix}command")
-            report = reports.diagnostics(self._arbiter, now, writers, namesakes, limits)
+            report = reports.diagnostics(self._arbiter, now_ns, writers, namesakes, limits)
         self._diagnostics.publish(report)
 
 

@@ -50,7 +50,7 @@ def check(name: str, proposal: ProposalInput, previous: Command | None, limits: 
         return Candidate(command, words, malformed=True)
     if not proposal.healthy:
         return Candidate(command, proposal.reason or "the controller says it is unhealthy, without a reason")
-    refused = refusal(command, limits, previous, limits)
+    refused = refusal(command, limits, previous)
     if refused is not None:
         return Candidate(command, refused.words, malformed=True, jump=refused.flaw is Flaw.JUMP)
     return Candidate(command)
@@ -103,15 +103,15 @@ class Tick:
     absent: tuple[str, ...] = ()  #: sensors that have not come although they came in the tick before
     failure: str = ""  #: why the active controller has failed in this tick
     extended: bool = False  #: lockstep gives a slow fallback more time
-    stalled: bool = False  #: the arbiter itself was held up, so that nobody can be blamed
+    stalled: bool = False  #: the arbiter itself was held up, so that no controller counts as failed
     answered: bool = False  #: by the leader, while this supervisor stands by
     decided: bool = False  #: with a command or without one
     decision: Decision | None = None  #: the command, until it is sent
-    excuse: str = ""  #: why nobody is blamed for the way it was decided; empty if somebody may be
+    excuse: str = ""  #: why no controller counts as failed, however it was decided; empty if one may
 
     @property
     def blameless(self) -> str:
-        """Why no controller can be blamed for not having answered; empty if it can. Settled with the decision."""
+        """Why a silent controller does not count as failed; empty if it does. Settled with the decision."""
         if self.decided:
             return self.excuse
         if self.stalled:

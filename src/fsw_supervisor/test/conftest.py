@@ -34,7 +34,7 @@ class Rig:
     """
 
     def __init__(self, settings: ArbiterSettings | None = None, lockstep: bool = False) -> None:
-        self.arbiter = Arbiter(settings if settings is not None else ArbiterSettings(), lockstep=lockstep)
+        self.arbiter = Arbiter(settings if settings is not None else ArbiterSettings.from_values({}), lockstep=lockstep)
         self.names = ["decentral", "nmpc"]
         self.silent: set[str] = set()
         self.delays_s: dict[str, float] = {}

@@ -90,7 +90,7 @@ def test_a_stamp_from_the_future_answers_nothing(rig):
 
 
 def test_no_controller_left_means_hold_then_safe_stop(make_rig):
-    rig = make_rig(ArbiterSettings(hold_timeout_s=2.0)).run(10)
+    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 2.0})).run(10)
     rig.silent |= {"decentral", "nmpc"}
     held = rig.arbiter.applied
     rig.run(1)
@@ -130,7 +130,7 @@ def test_the_failed_one_is_readmitted_after_good_shadow_ticks_and_not_before(rig
 
 
 def test_return_to_target_goes_back_by_itself_when_asked_for(make_rig):
-    rig = make_rig(ArbiterSettings(return_to_target=True)).run(10)
+    rig = make_rig(ArbiterSettings.from_values({"return_to_target": True})).run(10)
     rig.silent.add("decentral")
     rig.run(1)
     rig.silent.clear()
@@ -159,7 +159,7 @@ def test_a_fallback_that_is_not_warm_is_not_taken(make_rig):
 
 
 def test_the_fallback_list_is_followed_in_order(make_rig):
-    rig = make_rig(ArbiterSettings(fallbacks=("third", "nmpc")))
+    rig = make_rig(ArbiterSettings.from_values({"fallbacks": ("third", "nmpc")}))
     rig.names = ["decentral", "nmpc", "third"]
     rig.run(10)
     rig.silent.add("decentral")
@@ -171,7 +171,7 @@ def test_the_fallback_list_is_followed_in_order(make_rig):
 
 
 def test_switching_storms_end_in_hold(make_rig):
-    settings = ArbiterSettings(storm_swaps=3, readmit_ticks=1, warm_ticks=1)
+    settings = ArbiterSettings.from_values({"storm_swaps": 3, "readmit_ticks": 1, "warm_ticks": 1})
     rig = make_rig(settings).run(5)
     for count in range(4):
         failing = rig.arbiter.machine.active

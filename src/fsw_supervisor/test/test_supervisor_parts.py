@@ -29,10 +29,13 @@ def drawing():
     return module
 
 
-def test_the_shipped_parameters_are_the_defaults_of_the_core():
+def test_what_is_left_out_has_the_shipped_value():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
     assert problem(values) is None
-    assert ArbiterSettings.from_values(values) == ArbiterSettings()
+    shipped = ArbiterSettings.from_values(values)
+    assert ArbiterSettings.from_values({"warm_ticks": 7}) == replace(shipped, warm_ticks=7)
+    with pytest.raises(ParameterError, match="warm"):
+        ArbiterSettings.from_values({"warm": 7})
 
 
 @pytest.mark.parametrize(
@@ -115,7 +118,7 @@ def test_the_diagram_needs_its_marks(drawing, tmp_path):
 
 
 def test_events_that_nobody_takes_do_not_fill_the_memory():
-    machine = Machine(ArbiterSettings())
+    machine = Machine(ArbiterSettings.from_values({}))
     for count in range(1000):
         machine.log(Level.INFO, "a", str(count))
     assert machine.events[-1].text == "999"
@@ -134,7 +137,7 @@ def test_only_the_first_answer_to_a_request_counts():
 def test_new_interlock_limits_hold_at_once():
     values = defaults(load("fsw_supervisor", "supervisor.yaml"))
     changes = {"persistence_ticks": 1, "temperature_high.warn": 840.0, "temperature_high.trip": 845.0}
-    safety = SafetyMonitor(Machine(ArbiterSettings()))
+    safety = SafetyMonitor(Machine(ArbiterSettings.from_values({})))
     safety.configure(values | {f"interlocks.{key}": value for key, value in changes.items()})
     safety.watch({"temperature_c": 850.0})
     assert safety.tripped == ("temperature_high",)

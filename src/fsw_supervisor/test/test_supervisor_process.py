@@ -44,7 +44,7 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
 
 
 def test_nobody_copes_means_hold_then_safe_stop(make_rig):
-    rig = make_rig(ArbiterSettings(hold_timeout_s=1.0)).run(10)
+    rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 1.0})).run(10)
     rig.values["torque"] = NAN
     rig.run(6)
     assert rig.last.source == "hold"
@@ -145,7 +145,7 @@ def test_a_spike_trips_nothing(rig):
 @pytest.fixture
 def monitor():
     """A monitor with the default limits, which believes a level after 3 ticks."""
-    return SafetyMonitor(Machine(ArbiterSettings()))
+    return SafetyMonitor(Machine(ArbiterSettings.from_values({})))
 
 
 def test_hysteresis_of_warning_and_trip(monitor):

@@ -42,15 +42,17 @@ class ArbiterMachine(RuleBasedStateMachine):
     )
     def start(self, transition, lockstep, returning, storm, warm, drives):
         """Make an arbiter with some settings."""
-        self.settings = ArbiterSettings(
-            fallbacks=("decentral", "nmpc", "third"),
-            force_transition_kn=transition,
-            return_to_target=returning,
-            storm_swaps=storm,
-            warm_ticks=warm,
-            readmit_ticks=3,
-            hold_timeout_s=0.5,
-            storm_window_s=2.0,
+        self.settings = ArbiterSettings.from_values(
+            {
+                "fallbacks": ("decentral", "nmpc", "third"),
+                "force_transition_kn": transition,
+                "return_to_target": returning,
+                "storm_swaps": storm,
+                "warm_ticks": warm,
+                "readmit_ticks": 3,
+                "hold_timeout_s": 0.5,
+                "storm_window_s": 2.0,
+            }
         )
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
         self.drives = Command(78.4, 407.5) if drives else None

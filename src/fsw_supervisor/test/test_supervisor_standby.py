@@ -45,8 +45,14 @@ class Member:
             self.world.command(self.failover.token, decision)
         seen = (self.failover.role, self.arbiter.machine.revision)
         if seen != self.told or self.failover.asserting or self.world.now_s >= self.tell_s:
-            self.told, self.failover.asserting, self.tell_s = seen, False, self.world.now_s + 1.0
+            self.told, self.tell_s = seen, self.world.now_s + 1.0
+            self.failover.told()
             self.world.tell(self)
+
+    @property
+    def commanding(self):
+        """Whether it leads and does not keep its commands back."""
+        return self.failover.role is Role.ACTIVE and self.failover._fence_s is None
 
     def go_on(self):
         self.running = True
@@ -59,7 +65,7 @@ class World:
     """Plant, controllers and wires; obeys the first command of each stamp, as the plant does."""
 
     def __init__(self, settings=None):
-        self.settings = settings if settings is not None else ArbiterSettings()
+        self.settings = settings if settings is not None else ArbiterSettings.from_values({})
         self.now_s = 100.0
         self.stamp_ns = 10**12
         self.acting = Command(78.4, 407.5)
@@ -98,7 +104,7 @@ class World:
         mode = str(teller.arbiter.machine.target_mode)
 
         def claim(member):
-            if member.failover.on_claim(token, answered_ns):
+            if member.failover.on_leader_state(token, answered_ns):
                 member.arbiter.follow_operator(target, mode, {})
 
         if teller.failover.role is Role.ACTIVE:
@@ -126,7 +132,7 @@ class World:
         for step in range(100):
             self.now_s = start_s + step * 1e-3
             self._wires()
-            commanding = [member for member in self.members if member.running and member.failover.commanding]
+            commanding = [member for member in self.members if member.running and member.commanding]
             together = together + 1 if len(commanding) > 1 else 0
             self.together_s = max(self.together_s, together * 1e-3)
             for member in self.members:
@@ -246,7 +252,7 @@ def test_of_two_leaders_each_command_settles_it():
 def test_a_claim_or_command_that_is_not_signed_moves_nobody(world, token):
     for member in world.members:
         role = member.failover.role
-        assert not member.failover.on_claim(token, 2**60)
+        assert not member.failover.on_leader_state(token, 2**60)
         member.failover.on_command(token, world.stamp_ns, "x", Command(78.0, 407.0))
         assert member.failover.role is role
     world.tick(10)
@@ -348,7 +354,7 @@ steps = st.lists(
 @given(steps=steps, takeover_ticks=st.integers(1, 3))
 @hypothesis_settings(max_examples=40, deadline=None)
 def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, takeover_ticks):
-    world = World(ArbiterSettings(takeover_ticks=takeover_ticks))
+    world = World(ArbiterSettings.from_values({"takeover_ticks": takeover_ticks}))
     world.add("a")
     world.tick(3)
     world.add("b", standby=True)

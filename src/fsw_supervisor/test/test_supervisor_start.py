@@ -212,7 +212,7 @@ def test_a_repeated_copy_of_an_own_command_is_foreign(rig):
 
 
 def test_a_babbling_graph_does_not_fill_the_memory():
-    arbiter = Arbiter(ArbiterSettings())
+    arbiter = Arbiter(ArbiterSettings.from_values({}))
     for count in range(1000):
         arbiter.on_proposal(f"c{count}", ProposalInput(0, f"c{count}", Command(78.0, 400.0)), 0.0)
     assert len(list(arbiter.registry)) == 32

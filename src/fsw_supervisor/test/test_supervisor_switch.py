@@ -43,7 +43,7 @@ def test_strict_is_refused_with_the_reason(rig):
     assert ask(rig, "nmpc").message == "refused: nmpc is not usable: no reference"
     rig.edit.clear()
     rig.run(2)
-    assert ask(rig, "nmpc").message == "refused: nmpc is not warm yet: 2 of 5 good proposals in a row"
+    assert ask(rig, "nmpc").message == "refused: nmpc is not ready: 2 of 5 good proposals in a row"
     rig.delays_s["nmpc"] = 0.09
     rig.run(1)
     assert "late: 90 ms" in ask(rig, "nmpc").message
@@ -140,7 +140,7 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
 
 
 def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
-    rig = make_rig(ArbiterSettings(force_transition_kn=0.1, speed_transition_rpm=0.5)).run(10)
+    rig = make_rig(ArbiterSettings.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})).run(10)
     rig.edit["nmpc"] = lambda p: replace(p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm))
     ask(rig, "nmpc")
     rig.run(1)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
 
-_MODES = ("auto", "manual", "hold", "safe_stop")
+_MODES = ("auto", *BUILT_IN_SOURCES)
 
 
 def add_commands(commands: Any) -> None:

@@ -154,7 +154,7 @@ def _print_state(state: SupervisorState | None) -> None:
 def _health(controller: Any) -> str:
     if controller.reason:
         return f"cannot be selected: {controller.reason}"
-    return "ready" if controller.warm else "warming up"
+    return "ready" if controller.warm else "not ready yet"
 
 
 def reference(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from math import ceil, sqrt
 from statistics import fmean
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from fsw_control import messages_ros as convert
 from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
@@ -75,16 +75,15 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
     return message
 
 
-def standby(now: Time, name: str, role: str, unanswered: int) -> DiagnosticArray:
+def standby(now_ns: int, name: str, role: str, unanswered: int) -> DiagnosticArray:
     """Diagnostics of node ``name`` that does not lead, and has seen ``unanswered`` ticks in a row."""
     level = WARN if unanswered else OK
-    status = _status(role, level, f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered})
-    status.hardware_id = name
-    return _array(now, [status])
+    text, values = f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered}
+    return convert.diagnostics_message(now_ns, [_status(role, level, text, values, name)])
 
 
 def diagnostics(
-    arbiter: Arbiter, now: Time, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
+    arbiter: Arbiter, now_ns: int, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
 ) -> DiagnosticArray:
     """Diagnostics of the arbiter, its inputs and every controller.
 
@@ -92,7 +91,7 @@ def diagnostics(
     ----------
     arbiter : Arbiter
         Whose state.
-    now : Time
+    now_ns : int
         Stamp.
     writers : int
         Publishers of the command topic, this one included.
@@ -104,20 +103,14 @@ def diagnostics(
     controllers = [
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry
     ]
-    return _array(
-        now, [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
-    )
+    status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
+    return convert.diagnostics_message(now_ns, status)
 
 
-def _array(now: Time, status: list[DiagnosticStatus]) -> DiagnosticArray:
-    message = DiagnosticArray(status=status)
-    message.header.stamp = now
-    return message
-
-
-def _status(name: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return DiagnosticStatus(name=f"fsw_supervisor: {name}", level=level, message=text, hardware_id="fsw", values=pairs)
+def _status(
+    name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
+) -> DiagnosticStatus:
+    return convert.diagnostic_status(f"fsw_supervisor: {name}", level, text, values, hardware_id)
 
 
 def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
