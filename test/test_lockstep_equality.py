@@ -58,6 +58,16 @@ events:
   - {at_s: 20.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
   - {at_s: 22.0, fault: {sensor: depth, kind: nan, duration_s: 5.0}}
 """
+ALONE = """
+name: alone
+duration_s: 25.0
+controller: nmpc
+plant: {seed: 5}
+events:
+  - {at_s: 1.0, reference: {depth_mm: 2.72}}
+  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
+  - {at_s: 13.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
+"""
 SIGNALS = (
     "depth_mm",
     "torque_nm",
@@ -70,7 +80,7 @@ SIGNALS = (
 TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
 
 
-@pytest.mark.parametrize("text", [CLOSED, OPEN, FALLBACK], ids=["closed", "open", "fallback"])
+@pytest.mark.parametrize("text", [CLOSED, OPEN, FALLBACK, ALONE], ids=["closed", "open", "fallback", "alone"])
 def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text(text)

@@ -32,6 +32,7 @@ from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.timeline import references, switches
 from fsw_model import STEP_S
 from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant.events import Fault
 
 #: ticks between two reports of progress
 _PROGRESS_TICKS = 100
@@ -70,9 +71,10 @@ class ClosedLoop:
     """Runs a scenario offline.
 
     All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command.
-    Of several, the supervisor's arbiter applies one, with fallback, inhibition, interlocks and all else, so that the
-    trajectory is that of the graph in lockstep. One alone is studied without supervisor: its proposal is limited and
-    applied, and the last command is held while it is unhealthy.
+    The supervisor's arbiter applies one of several, with fallback, inhibition, interlocks and all else, so that the
+    trajectory is that of the graph in lockstep; and so it does with one alone when the scenario has sensor faults.
+    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is
+    held while it is unhealthy.
 
     Parameters
     ----------
@@ -118,7 +120,9 @@ class ClosedLoop:
         changes, swaps = references(scenario, start_reference(scenario)), deque(switches(scenario).items())
         reference, applied = changes[0], plant.applied
         first = OpenLoopController.name if scenario.open_loop else scenario.controller
-        supervisor = OfflineSupervisor(self._controllers, first) if len(self._controllers) > 1 else None
+        faulty = any(isinstance(event, Fault) for event in scenario.events)
+        supervised = faulty or len(self._controllers) > 1
+        supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
         (active, mode), reason = (first, "auto"), ""
         plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in changes.items()]) if scenario.announced else None
         guard = SensorGuard()
