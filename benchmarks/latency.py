@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 from report import parser
-from worlds import BareParticipant, RclpyNode, Side, compare, output
+from sides import BareParticipant, RclpyNode, Side, compare, output
 
 PAYLOADS = {"small": 64, "1mb": 1_000_000}
 

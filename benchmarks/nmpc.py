@@ -44,9 +44,9 @@ from report import Figures, parser, save, show
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
+from fsw_nmpc.ipopt_solver import cumulation, input_bounds, objective
 from fsw_nmpc.kernel_structs import ProblemStruct
 from fsw_nmpc.library import Fate, Vector
-from fsw_nmpc.reference import cumulation, input_bounds, objective
 from fsw_test_support.nmpc_problems import make_library, random_problem
 
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.

@@ -2,7 +2,7 @@
 
 All of them get the same problem: the steps and tables of the horizon, the moves, bounds, dead-bands and weights. None
 gets help from a solution: moves start at zero. What a solver needs to be told about a problem is made ready before its
-clock starts. IPOPT is given the moves only (``fsw_nmpc.reference``), GEKKO and do-mpc the states of every step too;
+clock starts. IPOPT is given the moves only (``fsw_nmpc.ipopt_solver``), GEKKO and do-mpc the states of every step too;
 with do-mpc the power under way in the dead time is a line of states.
 """
 
@@ -19,10 +19,10 @@ import numpy as np
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
+from fsw_nmpc.ipopt_solver import ReferenceSolver
 from fsw_nmpc.kernel_structs import ProblemStruct, TuningStruct
 from fsw_nmpc.library import Fate, Library, Vector
 from fsw_nmpc.prediction import start_vector
-from fsw_nmpc.reference import ReferenceSolver
 
 
 @dataclass(frozen=True, slots=True)

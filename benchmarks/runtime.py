@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from report import parser
-from worlds import BareParticipant, RclpyNode, Side, compare, output
+from sides import BareParticipant, RclpyNode, Side, compare, output
 
 SIZES = {"small": 64, "1mb": 1_000_000}
 RATES_HZ = (10, 100, 1000)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, bag."""
+"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, model, bag."""
 
 from _bootstrap import start
 

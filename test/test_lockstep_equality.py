@@ -44,6 +44,30 @@ events:
   - {at_s: 5.0, command: {speed_rpm: 420.0}}
   - {at_s: 10.0, command: {force_kn: 78.4, speed_rpm: 407.6}}
 """
+FALLBACK = """
+name: fallback
+duration_s: 30.0
+controller: nmpc
+plant: {seed: 5}
+events:
+  - {at_s: 1.0, reference: {depth_mm: 2.72}}
+  - {at_s: 2.0, switch: decentral}
+  - {at_s: 3.0, switch: nmpc}
+  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
+  - {at_s: 12.0, switch: nmpc}
+  - {at_s: 20.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
+  - {at_s: 22.0, fault: {sensor: depth, kind: nan, duration_s: 5.0}}
+"""
+ALONE = """
+name: alone
+duration_s: 25.0
+controller: nmpc
+plant: {seed: 5}
+events:
+  - {at_s: 1.0, reference: {depth_mm: 2.72}}
+  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
+  - {at_s: 13.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
+"""
 SIGNALS = (
     "depth_mm",
     "torque_nm",
@@ -56,7 +80,7 @@ SIGNALS = (
 TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
 
 
-@pytest.mark.parametrize("text", [CLOSED, OPEN], ids=["closed", "open"])
+@pytest.mark.parametrize("text", [CLOSED, OPEN, FALLBACK, ALONE], ids=["closed", "open", "fallback", "alone"])
 def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text(text)
@@ -79,6 +103,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path):
             getattr(there.truth, name), getattr(here.truth, name), rtol=0.0, atol=1e-9, err_msg=f"truth {name}"
         )
     assert list(there.command_source) == list(here.command_source)
+    assert list(there.command_reason) == list(here.command_reason)
     assert list(there.truth.active_faults) == list(here.truth.active_faults)
     assert shares == sorted(shares)
     assert 0.0 < elapsed_s < 60.0

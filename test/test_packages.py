@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fsw_control import weld
+from fsw_control import references, weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ProcessModel, nominal
+from fsw_recorder import weld_clock
 
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw_*/package.xml") if path.parent.name != "fsw_msgs")
@@ -182,3 +183,8 @@ def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
     assert weld.SPEED_MIN_RPM < weld.SPEED_RPM < weld.SPEED_MAX_RPM
     assert plant["limits.force_rate_kn_per_s"] * weld.TICK_S == pytest.approx(weld.FORCE_STEP_KN)
     assert plant["limits.speed_rate_rpm_per_s"] * weld.TICK_S == pytest.approx(weld.SPEED_STEP_RPM)
+
+
+def test_recorder_and_controllers_agree_on_what_another_clock_is() -> None:
+    """The reader of bags must not import ``fsw_control``."""
+    assert weld_clock.OTHER_CLOCK_NS == references.OTHER_CLOCK_NS

@@ -4,20 +4,19 @@ from runpy import run_path
 from setuptools import Extension, find_packages, setup
 
 package_name = "fsw_nmpc"
-sources = sorted(str(path) for path in Path(package_name, "kernel").glob("*.c"))
-identity = run_path(str(Path(package_name, "kernel_build.py")))["source_id"]()
+build = run_path(str(Path(package_name, "kernel_build.py")))
 
 setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
-    # The kernel is loaded with ctypes. It may fail to build here: then it is built at the first start, or done without.
+    # The kernel is loaded with ctypes. It may fail to build here: then it is built at the first start.
     ext_modules=[
         Extension(
             "fsw_nmpc._kernel",
-            sources,
-            define_macros=[("FSW_CONTROLLER_ID", f'"{identity}"')],
+            [str(Path(package_name, "kernel", name)) for name in build["SOURCES"]],
+            define_macros=[("FSW_CONTROLLER_ID", f'"{build["source_id"]()}"')],
             extra_compile_args=["-std=c99", "-O3", "-ffp-contract=off"],
             optional=True,
         )

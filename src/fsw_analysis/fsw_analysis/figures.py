@@ -74,6 +74,7 @@ class _Panel:
 
 
 _LIMITS = Limits()
+_DEAD_BANDS = f"dead-band (±{1e3 * DEAD_BAND_DEPTH_MM:g} µm, ±{DEAD_BAND_TEMPERATURE_C:g} °C)"
 _FREE_DEPTH = _Panel("Shoulder depth", "depth [mm]", "depth_mm", 0.02, sensor="depth_mm")
 _FREE_TEMPERATURE = _Panel("Stir-zone temperature", "temperature [°C]", "temperature_c", 1.0, sensor="temperature_c")
 _DEPTH = replace(_FREE_DEPTH, reference="reference_depth_mm")
@@ -136,17 +137,26 @@ def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = 
     pages = [(f"{prefix}fig{number}.png", *_FIGURES[number], 1) for number in numbers]
     pages.append((f"{prefix}overview.png", "Overview", _OVERVIEW, 2))
     paths: list[Path] = []
-    with matplotlib.rc_context(STYLE):
-        for file, title, panels, columns in pages:
-            figure, axes = _page(title + suffix, panels, columns)
-            for axis, panel in zip(axes, panels, strict=True):
-                draw_runs = _draw_panel if panel.error is None else _draw_error
-                draw_runs(axis, panel, runs)
-            if len(runs) == 1:
-                _mark_swaps(axes, runs[0].signals)
-            _finish(figure, axes, folder / file)
-            paths.append(folder / file)
+    for file, title, panels, columns in pages:
+        _draw_page(runs, title + suffix, panels, columns, folder / file)
+        paths.append(folder / file)
     return paths
+
+
+def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
+    """Draw depth, temperature and their errors, as the paper's Figs. 6 and 8, under a title of one's own."""
+    _draw_page(runs, title, _OUTPUTS, 1, path)
+
+
+def _draw_page(runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, path: Path) -> None:
+    with matplotlib.rc_context(STYLE):
+        figure, axes = _page(title, panels, columns)
+        for axis, panel in zip(axes, panels, strict=True):
+            draw_runs = _draw_panel if panel.error is None else _draw_error
+            draw_runs(axis, panel, runs)
+        if len(runs) == 1:
+            _mark_swaps(axes, runs[0].signals)
+        _finish(figure, axes, path)
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
@@ -231,9 +241,7 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
         values = getattr(run.signals, panel.sensor) if values is None else values
         error = factor * (values - getattr(run.signals, panel.reference))
         axis.plot(experiment_time_s(run.signals), error, color=colour, label=run.label)
-    axis.axhspan(
-        -factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label="dead-band (±2 µm, ±0.1 °C)"
-    )
+    axis.axhspan(-factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS)
     axis.set_ylim(-span, span)
     axis.margins(x=0.01)
 

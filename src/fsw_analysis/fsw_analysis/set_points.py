@@ -15,12 +15,11 @@ import numpy as np
 
 from fsw_analysis.messages import ISSUED, WeldMessages
 from fsw_analysis.weld_signals import MM, IntArray
+from fsw_control.references import OTHER_CLOCK_NS
 from fsw_control.units import NANOSECONDS
 
 #: topics of set-points: as sent, and as the supervisor says they hold at present
 SENT, HELD = "/fsw/reference", "/fsw/supervisor/reference"
-#: a stamp further than this from the weld's ticks comes from another clock, and means "at once"
-OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 #: a recorder that joins has received what was sent before after this time
 _JOINING_NS = 2 * NANOSECONDS
 #: before everything

@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw_analysis.columns import Column, Kind
 from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages
-from fsw_analysis.set_points import HELD, OTHER_CLOCK_NS, SENT, read_set_points, timeline
+from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
     MM,
     DriveSignals,
@@ -23,6 +23,7 @@ from fsw_analysis.weld_signals import (
     TruthSignals,
     WeldSignals,
 )
+from fsw_control.references import OTHER_CLOCK_NS
 from fsw_recorder.errors import BagError
 
 Group = TypeVar("Group", ProposalSignals, StatusSignals, DriveSignals, TruthSignals)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fsw_analysis.weld_signals import IntArray
+from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
@@ -18,7 +19,7 @@ from fsw_recorder.stamps import is_ticking, stamp_ns
 _SHORTEST_PERIOD_NS = 10_000_000
 _MOST_GAPS = 1000
 #: longest pause of all topics that still is a gap; beyond it the plant was started again
-_LONGEST_GAP_NS = 60 * 1_000_000_000
+_LONGEST_GAP_NS = 60 * NANOSECONDS
 
 
 class TickGaps(NamedTuple):

@@ -20,7 +20,7 @@ from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.parameters import ParameterError, load, validate
-from fsw_control.units import kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
+from fsw_control.units import NANOSECONDS, kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_recorder.errors import BagError
 
@@ -29,7 +29,7 @@ Make = Callable[[dict[str, Any]], Controller]
 Entry = TypeVar("Entry")
 
 #: a longer pause of the measurements is a restart of time, as for the controller's node
-_JUMP_NS = 1_000_000_000
+_JUMP_NS = NANOSECONDS
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
 _PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
 
@@ -172,7 +172,7 @@ def _replay(
             guard.reset()
             controller.reset(applied)
             last_ns = None
-        dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / 1e9
+        dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / NANOSECONDS
         last_ns = stamp_ns
         values = {sensor: samples[stamp_ns] for sensor, samples in recorded.samples.items() if stamp_ns in samples}
         measurement = guard.measure(stamp_ns * 1e-9, values, recorded.drives.get(stamp_ns))

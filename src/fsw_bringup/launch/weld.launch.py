@@ -20,14 +20,13 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph, for_standby
+from fsw_experiment.controllers import CONTROLLER_MODULES
+from fsw_experiment.graph import STANDBY, WeldGraph, for_standby
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.scenario_file import load, parse, shipped
 
 #: exit code of a node whose arguments or parameters are wrong
 REFUSED = 2
-#: package and program of controllers that are not the program <name> of the package fsw_<name>
-OTHER_PROGRAMS = {"open_loop": ("fsw_experiment", "open_loop")}
 ARGUMENTS = {
     "controllers": (
         "decentral,nmpc",
@@ -98,7 +97,7 @@ def weld(context: LaunchContext) -> list[Any]:
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
     actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
-    actions += [node(*OTHER_PROGRAMS.get(name, (f"fsw_{name}", name)), **_respawn()) for name in controllers]
+    actions += [node(CONTROLLER_MODULES[name].partition(".")[0], name, **_respawn()) for name in controllers]
     actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
     if standby:
         actions.append(node.standby(**_respawn()))

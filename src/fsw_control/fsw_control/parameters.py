@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -185,8 +186,14 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
     """
     unknown = sorted(set(values) - set(specs))
     if unknown:
-        raise ParameterError(f"unknown parameters {', '.join(unknown)}; known: {', '.join(specs)}")
+        near = dict.fromkeys(match for name in unknown for match in get_close_matches(name, specs))
+        raise ParameterError(f"unknown parameters {', '.join(unknown)}; {_suggestion(near, specs)}")
     return defaults(specs) | {name: specs[name].check(value) for name, value in values.items()}
+
+
+def _suggestion(near: Iterable[str], known: Iterable[str]) -> str:
+    """What may have been meant; all that is known where nothing is similar."""
+    return f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}"
 
 
 def problem(make: Callable[[Mapping[str, Any]], object], values: Mapping[str, Any]) -> str | None:

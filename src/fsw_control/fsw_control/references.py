@@ -9,8 +9,8 @@ from typing import NamedTuple
 from fsw_control.contract import Coming, Reference
 from fsw_control.units import NANOSECONDS
 
-#: longest time that a reference may be sent ahead
-_HORIZON_NS = 36_000 * NANOSECONDS
+#: longest time that a reference may be sent ahead; a stamp further away comes from another clock
+OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 #: most coming set-points that a controller is given
 MOST_COMING = 8
 
@@ -68,7 +68,7 @@ class ReferenceQueue:
         """Return the reference that holds at a tick, None before the first; to be called in order of time."""
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
-            if not tick_ns < one.stamp_ns <= tick_ns + _HORIZON_NS:
+            if not tick_ns < one.stamp_ns <= tick_ns + OTHER_CLOCK_NS:
                 self._current, self.issued_ns = one.reference, one.issued_ns
                 del self._waiting[: index + 1]
                 break

@@ -104,7 +104,7 @@ def test_empty_file_describes_nothing(tmp_path):
 def test_validate_completes_and_refuses_unknown_names():
     specs = parameters.parse(TEXT)
     assert parameters.validate(specs, {"deadline": 2})["deadline"] == 2.0
-    with pytest.raises(ParameterError, match="unknown parameters dead_line"):
+    with pytest.raises(ParameterError, match="unknown parameters dead_line; did you mean deadline"):
         parameters.validate(specs, {"dead_line": 2})
 
 

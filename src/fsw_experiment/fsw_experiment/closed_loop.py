@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from math import nan
@@ -25,13 +26,14 @@ from fsw_control.contract import Command, Controller, Limits, Proposal, Referenc
 from fsw_control.host import answer
 from fsw_control.references import ReferencePlan
 from fsw_control.validity import SensorGuard
+from fsw_experiment.offline_supervisor import OfflineSupervisor
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.timeline import references, switches
 from fsw_model import STEP_S
-from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant.events import Fault
 
-TICK_NS = 100_000_000
 #: ticks between two reports of progress
 _PROGRESS_TICKS = 100
 
@@ -59,16 +61,20 @@ class _Tick(NamedTuple):
     answers: dict[str, tuple[Proposal, float]]
     applied: Command
     source: str
-    selected: str
+    reason: str
+    active: str
+    mode: str
     truth: Truth
 
 
 class ClosedLoop:
     """Runs a scenario offline.
 
-    All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command;
-    the selected one's proposal is limited and applied. While it is unhealthy the first healthy other one takes its
-    place for the tick, and with none the last command is held.
+    All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command.
+    The supervisor's arbiter applies one of several, with fallback, inhibition, interlocks and all else, so that the
+    trajectory is that of the graph in lockstep; and so it does with one alone when the scenario has sensor faults.
+    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is
+    held while it is unhealthy.
 
     Parameters
     ----------
@@ -111,9 +117,13 @@ class ClosedLoop:
             Called now and then with the share done, 0 to 1.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
-        changes, swaps = references(scenario, start_reference(scenario)), switches(scenario)
+        changes, swaps = references(scenario, start_reference(scenario)), deque(switches(scenario).items())
         reference, applied = changes[0], plant.applied
-        selected = OpenLoopController.name if scenario.open_loop else scenario.controller
+        first = OpenLoopController.name if scenario.open_loop else scenario.controller
+        faulty = any(isinstance(event, Fault) for event in scenario.events)
+        supervised = faulty or len(self._controllers) > 1
+        supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
+        (active, mode), reason = (first, "auto"), ""
         plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in changes.items()]) if scenario.announced else None
         guard = SensorGuard()
         ticks: list[_Tick] = []
@@ -121,7 +131,6 @@ class ClosedLoop:
             reference = changes.get(tick, reference)
             if plan is not None:
                 reference = replace(reference, coming=plan.after(tick * TICK_NS))
-            selected = swaps.get(tick, selected)
             reading = plant.measure()
             stamp_ns, drives = reading.stamp_ns, reading.drives
             sent = {"depth": reading.depth_mm, "torque": reading.torque_nm, "thermocouple": reading.temperature_c}
@@ -137,11 +146,20 @@ class ClosedLoop:
                 began = time.perf_counter()
                 proposal = answer(controller, measurement, reference, applied, STEP_S)
                 answers[name] = proposal, time.perf_counter() - began
-            healthy = [name for name, (proposal, _) in answers.items() if proposal.healthy]
-            source = selected if selected in healthy else healthy[0] if healthy else "hold"
-            applied = limits.clip(answers[source][0].command if healthy else applied, applied)
+            if supervisor is None:
+                proposal, _ = answers[first]
+                source = first if proposal.healthy else "hold"
+                applied = limits.clip(proposal.command if proposal.healthy else applied, applied)
+            else:
+                proposals = {name: proposal for name, (proposal, _) in answers.items()}
+                decision = supervisor.decide(stamp_ns, values, drives, proposals)
+                applied, source, reason = decision.command, decision.source, decision.reason
+                active, mode = supervisor.state
+                while swaps and swaps[0][0] <= tick + 1:
+                    supervisor.switch(swaps.popleft()[1])
             truth = plant.truth()
-            ticks.append(_Tick(stamp_ns, values, drives, reference, answers, applied, source, selected, truth))
+            row = _Tick(stamp_ns, values, drives, reference, answers, applied, source, reason, active, mode, truth)
+            ticks.append(row)
             plant.apply(applied, stamp_ns, source)
             plant.step()
             if progress is not None and tick % _PROGRESS_TICKS == 0:
@@ -162,10 +180,10 @@ class ClosedLoop:
             force_kn=_numbers(tick.applied.force_kn for tick in ticks),
             speed_rpm=_numbers(tick.applied.speed_rpm for tick in ticks),
             command_source=_texts(tick.source for tick in ticks),
-            command_reason=_texts("" for _ in ticks),
+            command_reason=_texts(tick.reason for tick in ticks),
             command_latency_s=_numbers(nan for _ in ticks),
-            actual_controller=_texts(tick.selected for tick in ticks),
-            actual_mode=_texts("auto" for _ in ticks),
+            actual_controller=_texts(tick.active for tick in ticks),
+            actual_mode=_texts(tick.mode for tick in ticks),
             proposals={name: _proposal_signals(ticks, name) for name in self._controllers},
             statuses={name: _status_signals(ticks, name) for name in self._controllers},
             drives=_group(DriveSignals, [tick.drives for tick in ticks]),

@@ -8,12 +8,18 @@ from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, load, validate
+from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import ScenarioError
 
 #: Controller name: module, class, parameter file, and the parameter that a ``:variant`` sets.
 KNOWN: dict[str, tuple[str, str, str, str]] = {
     "decentral": ("fsw_decentral", "DecentralController", "decentral.yaml", "tuning"),
     "nmpc": ("fsw_nmpc", "NmpcController", "nmpc.yaml", "preset"),
+}
+#: Controller name: module with the ``main`` of its node; in ROS 2 it is the program of that name of its package.
+CONTROLLER_MODULES = {
+    **{name: f"{package}.{name}_node" for name, (package, *_) in KNOWN.items()},
+    OpenLoopController.name: "fsw_experiment.open_loop_node",
 }
 
 

@@ -70,12 +70,10 @@ def simulate(
     model = process_model(parameters or nominal())
     inertia = model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     start = model.equilibrium(REST.depth_mm, REST.temperature_c)
-    state, controller, reference, changes = (
-        start.state.copy(),
-        DecentralController(asdict(gains)),
-        REST,
-        references or {},
-    )
+    state = start.state.copy()
+    controller = DecentralController(asdict(gains))
+    reference = REST
+    changes = references or {}
     queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)
     controller.reset(queue[0])
     rows = []

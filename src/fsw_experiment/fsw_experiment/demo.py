@@ -16,7 +16,8 @@ from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder
-from fsw_experiment.graph import WeldGraph, installed_controllers
+from fsw_experiment.controllers import KNOWN
+from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario import Scenario
 from fsw_experiment.scenario_file import load, parse, shipped
@@ -43,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         "--controller",
         action="append",
         metavar="NAME",
-        help="compare only these controllers, in this order (default: all that are installed)",
+        help="compare only these controllers, in this order (default: all)",
     )
     whole.add_argument("--out", type=Path, help="folder for the results (default: out/<date>)")
     return whole
@@ -57,11 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _demonstrate(parsed: argparse.Namespace) -> int:
-    installed = installed_controllers()
-    controllers = list(dict.fromkeys(parsed.controller or installed))
-    unknown = [name for name in controllers if name not in installed]
+    controllers = list(dict.fromkeys(parsed.controller or KNOWN))
+    unknown = [name for name in controllers if name not in KNOWN]
     if unknown:
-        raise CommandError(f"no controller {', '.join(unknown)}; installed: {', '.join(installed)}")
+        raise CommandError(f"no controller {', '.join(unknown)}; known: {', '.join(KNOWN)}")
     names = list(parsed.scenario or DEFAULT_SCENARIOS)
     if not parsed.scenario and len(controllers) > 1:
         names.append(SWAP_SCENARIO)

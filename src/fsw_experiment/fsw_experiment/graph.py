@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +12,11 @@ import yaml
 
 from fsw_control.parameters import validate
 from fsw_experiment.closed_loop import plant_of
+from fsw_experiment.controllers import CONTROLLER_MODULES
 from fsw_experiment.launcher import Child, Launcher, LaunchError
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario
 from fsw_plant.config import specs as plant_parameters
-
-#: Modules with a ``main`` by controller name.
-CONTROLLER_MODULES = {
-    "decentral": "fsw_decentral.decentral_node",
-    "nmpc": "fsw_nmpc.nmpc_node",
-    OpenLoopController.name: "fsw_experiment.open_loop_node",
-}
 
 #: Node name of the supervisor that stands by.
 STANDBY = "fsw_supervisor_standby"
@@ -35,15 +28,6 @@ _SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([
 def for_standby(parameter_file: str) -> str:
     """Text of a parameter file in which the entries for the supervisor, in any namespace, are those of the standby."""
     return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
-
-
-def installed_controllers() -> list[str]:
-    """Controllers of this project that can be started here."""
-    return [
-        name
-        for name, module in CONTROLLER_MODULES.items()
-        if name != OpenLoopController.name and find_spec(module.partition(".")[0])
-    ]
 
 
 @dataclass(slots=True)

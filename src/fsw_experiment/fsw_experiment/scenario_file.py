@@ -118,7 +118,10 @@ def _override(content: dict[str, Any], override: str) -> None:
     for parent in parents:
         inside = inside.setdefault(parent, {})
         if not isinstance(inside, dict):
-            raise ScenarioError(f"override {override!r}: {parent} is not a mapping")
+            raise ScenarioError(
+                f"override {override!r}: {parent} has no named values; give {parent} as a whole, in YAML, "
+                "or change the scenario file"
+            )
     inside[last] = Place(f"override {override!r}", failure=ScenarioError).yaml(value)
 
 

@@ -23,10 +23,11 @@ from fsw_control import messages_ros as convert
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import declare
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
-from fsw_experiment.closed_loop import TICK_NS, start_reference
+from fsw_experiment.closed_loop import start_reference
 from fsw_experiment.scenario_file import load
 from fsw_experiment.timeline import references, switches
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference, WeldReferencePlan
+from fsw_plant import TICK_NS
 
 #: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
 #: what the topic keeps.

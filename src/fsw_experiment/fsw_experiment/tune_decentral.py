@@ -23,7 +23,7 @@ from fsw_decentral import Gains, tunings
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.decentral_loop import errors, noise_moves, sensitivity, simulated_sensitivity
-from fsw_model import ModelParameters, OperatingPointError, ParameterError, nominal
+from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, nominal
 
 Vector = NDArray[np.float64]
 #: A bound and a target are kept with so much to spare, so that they hold after rounding.
@@ -276,7 +276,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--check changes nothing: leave out --write")
     try:
         _run(parsed)
-    except (CommandError, ParameterError, OperatingPointError) as error:
+    except (CommandError, ModelParameterError, OperatingPointError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

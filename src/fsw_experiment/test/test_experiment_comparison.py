@@ -10,7 +10,7 @@ from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.clairvoyant import Clairvoyant
 from fsw_experiment.comparison import figures as comparison_figures
 from fsw_experiment.comparison import other_models, report, study
-from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_processes, scenario
+from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_factors, scenario
 from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
 from fsw_experiment.standard_events import REST
 from fsw_model import ProcessModel
@@ -98,8 +98,8 @@ def test_a_plant_that_cannot_run_is_told_in_the_table():
 
 
 def test_random_plants_are_the_same_each_time():
-    assert random_processes(3) == random_processes(3)
-    assert random_processes(3)[0] != random_processes(3)[1]
+    assert random_factors(3) == random_factors(3)
+    assert random_factors(3)[0] != random_factors(3)[1]
 
 
 def test_ratios_take_the_better_rival():
@@ -132,7 +132,7 @@ def test_page_says_what_was_measured(nominal):
 
 
 def test_the_tuning_by_rule_is_calm_on_another_model():
-    factors = other_models.draw(2)[1]
+    factors = random_factors(2, other_models.FACTORS)[1]
     assert all(low <= factors[name] <= high for name, (low, high) in other_models.FACTORS.items())
     found = other_models.compare(factors, evaluations=25)
     assert not found[DEFAULT]["swings"]

@@ -65,13 +65,13 @@ class Failing:
     name = "decentral"
     tolerated_sensors = ()
 
-    def __init__(self, fails_from):
-        self.fails_from = fails_from
+    def __init__(self, fails_from, fails_until=10**9):
+        self.fails_from, self.fails_until = fails_from, fails_until
         self.steps = 0
 
     def step(self, measurement, reference, applied, dt_s):
         self.steps += 1
-        if self.steps > self.fails_from:
+        if self.fails_from < self.steps <= self.fails_until:
             raise RuntimeError("broken on purpose")
         return Proposal(Command(applied.force_kn, applied.speed_rpm))
 
@@ -87,6 +87,24 @@ def test_a_failing_controller_is_replaced_and_without_another_the_command_is_hel
     held = run("quick", {"decentral": Failing(100)})
     assert set(held.command_source[100:]) == {"hold"}
     assert np.ptp(held.force_kn) == 0.0
+
+
+def test_a_controller_that_recovers_is_not_taken_back_by_itself():
+    signals = run("quick", {"decentral": Failing(100, 105), "backup": make("decentral")})
+    assert set(signals.command_source[100:]) == {"backup"}
+    assert set(signals.actual_controller[100:]) == {"backup"}
+    assert signals.proposals["decentral"].healthy[100] == 0.0
+    assert signals.proposals["decentral"].healthy[105] == 1.0
+
+
+def test_several_controllers_stop_safely_when_all_have_failed():
+    other = Failing(100)
+    other.name = "other"
+    signals = run("quick", {"decentral": Failing(100), "other": other})
+    assert set(signals.actual_mode[:100]) == {"auto"}
+    assert set(signals.command_source[100:200]) == {"hold"}
+    assert set(signals.command_source[201:]) == {"safe_stop"}
+    assert np.all(np.diff(signals.force_kn[201:]) <= 0.0)
 
 
 def test_switch_takes_place_at_its_tick(tmp_path):

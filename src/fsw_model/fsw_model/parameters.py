@@ -13,7 +13,7 @@ import yaml
 _POSITIVE, _NOT_NEGATIVE, _ANY = (nextafter(0.0, 1.0), inf), (0.0, inf), (-inf, inf)
 
 
-class ParameterError(ValueError):
+class ModelParameterError(ValueError):
     """A parameter is unknown, not a number or out of range."""
 
 
@@ -51,7 +51,7 @@ class ModelParameters:
 
     Raises
     ------
-    ParameterError
+    ModelParameterError
         If a value is not finite, not physical, or beyond what the model's step of 0.1 s can do.
     """
 
@@ -84,19 +84,19 @@ class ModelParameters:
         for one in fields(self):
             value, (low, high) = getattr(self, one.name), one.metadata["allowed"]
             if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-                raise ParameterError(f"model parameter {one.name!r} is {value!r}: give a finite number")
+                raise ModelParameterError(f"model parameter {one.name!r} is {value!r}: give a finite number")
             if not low <= value <= high:
                 bounds = f"{low:g} to {high:g}" if high < inf else "> 0" if low > 0.0 else ">= 0"
-                raise ParameterError(f"model parameter {one.name!r} is {value!r}: must be {bounds}")
+                raise ModelParameterError(f"model parameter {one.name!r} is {value!r}: must be {bounds}")
         if self.depth_pole_slow_s <= self.depth_pole_fast_s:
-            raise ParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
+            raise ModelParameterError("model parameter 'depth_pole_slow_s' must be larger than 'depth_pole_fast_s'")
 
     def scaled(self, **factors: float) -> ModelParameters:
         """A copy with some values multiplied, e.g. ``scaled(thermal_gain_c_per_kw=1.2)``: a plant unlike its model.
 
         Raises
         ------
-        ParameterError
+        ModelParameterError
             If a name is unknown or a value is not valid.
         """
         _check_names(factors, "scaled()")
@@ -115,23 +115,23 @@ class ModelParameters:
 
         Raises
         ------
-        ParameterError
+        ModelParameterError
             If the text is not a mapping, or a name or value is not valid.
         """
         try:
             data = yaml.safe_load(text)
         except yaml.YAMLError as error:
-            raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
+            raise ModelParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
         data = {} if data is None else data
         if not isinstance(data, dict):
-            raise ParameterError(
+            raise ModelParameterError(
                 f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}"
             )
         _check_names(data, where)
         try:
             return cls(**{name: _number(value) for name, value in data.items()})
-        except ParameterError as error:
-            raise ParameterError(f"{where}: {error}") from None
+        except ModelParameterError as error:
+            raise ModelParameterError(f"{where}: {error}") from None
 
     @classmethod
     def from_file(cls, path: str | Path) -> ModelParameters:
@@ -146,7 +146,7 @@ ORIGIN: dict[str, str] = {one.name: one.metadata["origin"] for one in fields(Mod
 def _check_names(names: Any, where: str) -> None:
     unknown = sorted(str(name) for name in names if name not in ORIGIN)
     if unknown:
-        raise ParameterError(
+        raise ModelParameterError(
             f"{where}: unknown model parameter {', '.join(unknown)}; known: {', '.join(sorted(ORIGIN))}"
         )
 

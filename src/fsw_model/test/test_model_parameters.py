@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 import pytest
 import yaml
 
-from fsw_model import ModelParameters, ParameterError, nominal
+from fsw_model import ModelParameterError, ModelParameters, nominal
 from fsw_model.parameters import ORIGIN
 
 NAMES = [field.name for field in fields(ModelParameters)]
@@ -61,12 +61,12 @@ def test_some_parameters_over_the_nominal_ones(tmp_path):
     ],
 )
 def test_wrong_yaml_is_one_clear_error(text, words):
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(ModelParameterError) as caught:
         ModelParameters.from_yaml(text, "my.yaml")
     message = str(caught.value)
     assert message.startswith("my.yaml: ") and words in message and "\n" not in message
 
 
 def test_unknown_names_in_code():
-    with pytest.raises(ParameterError, match=r"scaled\(\): unknown model parameter depth"):
+    with pytest.raises(ModelParameterError, match=r"scaled\(\): unknown model parameter depth"):
         nominal().scaled(depth=2.0)

@@ -21,7 +21,7 @@ _BLIND = ((1, "depth"), (2, "torque"), (4, "thermocouple"))
 
 
 class Solver(Protocol):
-    """Solves the problem of a tick in place of the library's own solver; see ``fsw_nmpc.reference``."""
+    """Solves the problem of a tick in place of the library's own solver; see ``fsw_nmpc.ipopt_solver``."""
 
     name: str
 
@@ -114,7 +114,7 @@ class NmpcController:
         self._use(self.settings, library, solver)
 
     def finish_changes(self, timeout_s: float = 60.0) -> None:
-        """Wait until a new solver is in use; for tests and offline studies."""
+        """Wait until a new solver is in use; only tests need that."""
         while (maker := self._maker) is not None:
             maker.join(timeout_s)
             if maker.is_alive():
@@ -199,7 +199,7 @@ def _make(settings: Settings) -> tuple[Library, Solver | None]:
         raise ValueError(f"nmpc: {error}") from None
     if settings.solver == "rti":
         return library, None
-    from fsw_nmpc.reference import ReferenceSolver  # IPOPT takes a second to make ready
+    from fsw_nmpc.ipopt_solver import ReferenceSolver  # IPOPT takes a second to make ready
 
     return library, ReferenceSolver(library, settings.model)
 

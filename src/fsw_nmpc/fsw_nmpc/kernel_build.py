@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "kernel"
-SOURCES = ("controller.c", "estimator.c", "trajectory.c", "predict.c", "solve.c", "rows.c", "factor.c", "torque.c")
+SOURCES = tuple(sorted(path.name for path in FOLDER.glob("*.c")))
 # no contraction: the same results on every machine, whatever the width of its vectors
 FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
 #: for a library that stays on this machine; left out where the compiler does not support it

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from fsw_control import Limits
+from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.horizon import BLOCKS
 from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
@@ -18,6 +19,8 @@ from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
 TRAJECTORIES = ("approach", "constant", "cold_start", "recentred")
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
+#: what the node's parameters are when nobody sets them
+_NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +167,9 @@ class Tuning:
     def struct(
         self,
         limits: Limits,
-        max_iterations: int = 50,
-        plan_reuse: int = 5,
-        blind_limit_s: float = 3.0,
+        max_iterations: int = _NODE["max_iterations"],
+        plan_reuse: int = _NODE["plan_reuse"],
+        blind_limit_s: float = _NODE["blind_limit"],
         tolerance: float = 1e-6,
     ) -> TuningStruct:
         """The tuning as the library takes it."""

@@ -10,8 +10,7 @@ from typing import Any
 
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
-from fsw_model import STEP_S, ModelParameters
-from fsw_model import ParameterError as ModelParameterError
+from fsw_model import STEP_S, ModelParameterError, ModelParameters
 
 
 @lru_cache(maxsize=1)

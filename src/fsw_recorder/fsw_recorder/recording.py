@@ -19,7 +19,7 @@ _MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json"
 
 
 def output_folder(wanted: str, now: datetime) -> Path:
-    """Folder of the bag; without a wish one that tells when the recording began."""
+    """Folder of the bag; where none is given, one named after the time at which the recording began."""
     return Path(wanted).expanduser() if wanted else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
 
 

@@ -16,8 +16,9 @@ from fsw_recorder.stamps import is_ticking, stamp_ns
 
 #: ends of the topics that show the weld's time, the best first
 _CLOCKS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/clock")
-#: further than this from the receive time, a stamp comes from another clock
-_OTHER_CLOCK_NS = 36_000 * 1_000_000_000
+#: further than this from the receive time, a stamp comes from another clock; fsw_control.references
+#: has the same limit (only the nodes of this package import fsw_control)
+OTHER_CLOCK_NS = 36_000 * 1_000_000_000
 #: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is ignored
 _DISORDER_NS = 500_000_000
 #: what answers a measurement, or has no stamp, is played this long after it
@@ -83,6 +84,6 @@ def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
         return reader
     first = next(reader.records([clock]))
     stamp = stamp_ns(first.data)
-    if stamp is None or abs(first.log_time_ns - stamp) < _OTHER_CLOCK_NS:
+    if stamp is None or abs(first.log_time_ns - stamp) < OTHER_CLOCK_NS:
         return reader
     return WeldClockReader(reader, clock, stamp)

@@ -16,6 +16,7 @@ from fsw_analysis.export import export_weld
 from fsw_analysis.signals import load_weld
 from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.units import NANOSECONDS
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.scenario import ScenarioError
@@ -168,7 +169,7 @@ def _info_lines(info: BagInfo, gaps: dict[str, TickGaps]) -> list[str]:
 
 
 def _when(time_ns: int) -> str:
-    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
     try:
         text = datetime.fromtimestamp(seconds, tz=UTC).strftime("%Y-%m-%d %H:%M:%S")
     except (ValueError, OverflowError, OSError):

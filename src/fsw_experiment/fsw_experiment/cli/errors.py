@@ -11,11 +11,24 @@ from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
 from fsw_experiment.launcher import LaunchError
 from fsw_experiment.scenario import ScenarioError
+from fsw_model import ModelParameterError
 from fsw_recorder.errors import BagError
 
 
 class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
+
+
+_TOLD = (
+    CommandError,
+    ScenarioError,
+    ParameterError,
+    ModelParameterError,
+    BagError,
+    KpiError,
+    LaunchError,
+    NoFreeDomainError,
+)
 
 
 def exit_code(action: Callable[[], int]) -> int:
@@ -24,7 +37,7 @@ def exit_code(action: Callable[[], int]) -> int:
         code = action()
         sys.stdout.flush()
         return code
-    except (CommandError, ScenarioError, ParameterError, BagError, KpiError, LaunchError, NoFreeDomainError) as error:
+    except _TOLD as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -18,7 +18,7 @@ from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.ranges import DURATION_S, Range
 from fsw_experiment.scenario import ScenarioError
-from fsw_model import ModelParameters, OperatingPointError, ParameterError, ProcessModel
+from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, ProcessModel
 from fsw_plant.event_schema import Place
 
 COLUMNS = (
@@ -147,7 +147,7 @@ def _run(arguments: argparse.Namespace) -> int:
         course = simulate(steps, last_tick, ProcessModel(parameters))
     except OSError as error:
         raise CommandError(f"cannot read model {arguments.model}: {error.strerror}") from None
-    except (ParameterError, OperatingPointError, UnicodeDecodeError) as error:
+    except (ModelParameterError, OperatingPointError, UnicodeDecodeError) as error:
         raise CommandError(f"model: {error}") from None
     files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: write_table(course, path)}
     if arguments.figure is not None:

@@ -15,8 +15,7 @@ from fsw_experiment.cli.bags import add_command, print_notes, read_weld, write_j
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import assignment
-from fsw_experiment.controllers import KNOWN
-from fsw_experiment.graph import CONTROLLER_MODULES, installed_controllers
+from fsw_experiment.controllers import CONTROLLER_MODULES, KNOWN
 from fsw_experiment.shadow_run import ShadowRun
 from fsw_recorder.player import check_rate
 
@@ -117,7 +116,7 @@ def _shadow(arguments: argparse.Namespace) -> int:
 
 
 def _module_of(name: str) -> str:
-    if name not in installed_controllers():
-        available = ", ".join(installed_controllers())
-        raise CommandError(f"controller {name} is not one of {available}; give the module that runs it with --module")
+    if name not in KNOWN:
+        known = ", ".join(KNOWN)
+        raise CommandError(f"controller {name} is not one of {known}; give the module that runs it with --module")
     return CONTROLLER_MODULES[name]

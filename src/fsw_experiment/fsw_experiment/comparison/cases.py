@@ -13,12 +13,14 @@ from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment import scenario_file
 from fsw_experiment.scenario import Scenario
 from fsw_experiment.standard_events import DISTURBANCES, DURATION_S, SET_POINTS, set_points
+from fsw_model import nominal
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE
 
 CONSERVATIVE, TIGHT = "decentral:conservative", "decentral:tight"
 PAPER, DEFAULT = "nmpc:paper", "nmpc:default"
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 CONTROLLERS = (*DECENTRALIZED, PAPER, DEFAULT)
+DEAD_TIME_S = nominal().dead_time_s
 
 Event = dict[str, Any]
 
@@ -87,7 +89,7 @@ SWEEP: dict[str, dict[str, float]] = {
     },
     **{f"softening × {k:g}": {"model.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
     **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
-    **{f"dead time {s:g} s": {"model.dead_time_s": s / 2.8} for s in (1.8, 3.8)},
+    **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
     "drive lag 0.3 s": {"actuators.lag_s": 0.3},
 }
 #: The nine of the count of wins.
@@ -111,14 +113,16 @@ _RANDOM: dict[str, tuple[float, float]] = {
     "model.depth_zero_s": (0.8, 1.25),
     "model.sliding_friction": (0.9, 1.1),
     "model.softening_per_c": (0.5, 2.0),
-    "model.dead_time_s": (1.8 / 2.8, 3.8 / 2.8),
+    "model.dead_time_s": (1.8 / DEAD_TIME_S, 3.8 / DEAD_TIME_S),
 }
 
 
-def random_processes(count: int, seed: int = 2026) -> list[dict[str, float]]:
-    """Parameters of `count` plants, drawn independently and uniformly."""
+def random_factors(
+    count: int, spans: Mapping[str, tuple[float, float]] = _RANDOM, seed: int = 2026
+) -> list[dict[str, float]]:
+    """Factors of `count` processes, drawn independently and uniformly."""
     generator = random.Random(seed)
-    return [{name: generator.uniform(*span) for name, span in _RANDOM.items()} for _ in range(count)]
+    return [{name: generator.uniform(*span) for name, span in spans.items()} for _ in range(count)]
 
 
 def scenario(case: str, plant: Mapping[str, float | bool] | None = None, controller: str = "decentral") -> Scenario:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +11,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from fsw_analysis.figures import COLOURS, STYLE, Run, draw
+from fsw_analysis.figures import COLOURS, STYLE, Run, draw, draw_outputs
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT, scenario
 from fsw_experiment.comparison.runs import Job, weld
@@ -27,11 +26,9 @@ def papers(folder: Path) -> None:
 
 
 def set_point_steps(path: Path) -> None:
-    """The paper's Fig. 6 with both controllers as they are shipped, with noise."""
+    """The set-point steps of the paper's Fig. 6 with both controllers as they are shipped, with noise."""
     runs = [Run(label, weld(Job(label, "reference_tracking", noise=True))) for label in ("decentral", "nmpc")]
-    with TemporaryDirectory() as scratch:
-        _draw(runs, (6,), Path(scratch))
-        shutil.move(Path(scratch) / "fig6.png", path)
+    draw_outputs(runs, "Set-point steps of 0.2 mm and 10 °C, with sensor noise", path)
 
 
 def corridors(folder: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
@@ -14,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from fsw_experiment.comparison.cases import DEFAULT
+from fsw_experiment.comparison.cases import DEAD_TIME_S, DEFAULT, random_factors
 from fsw_experiment.comparison.runs import Job, figures
 from fsw_experiment.comparison.study import judged
 from fsw_experiment.standard_events import CASES
@@ -29,16 +28,10 @@ FACTORS = {
     "tool_lag_s": (0.5, 2.0),
     "depth_zero_s": (0.5, 2.0),
     "depth_pole_slow_s": (0.5, 2.0),
-    "dead_time_s": (1.8 / 2.8, 4.0 / 2.8),
+    "dead_time_s": (1.8 / DEAD_TIME_S, 4.0 / DEAD_TIME_S),
 }
 #: Evaluations of the search for a decentralized tuning.
 EVALUATIONS = 600
-
-
-def draw(count: int, seed: int = 2026) -> list[dict[str, float]]:
-    """Factors of `count` models."""
-    generator = random.Random(seed)
-    return [{name: generator.uniform(*span) for name, span in FACTORS.items()} for _ in range(count)]
 
 
 def compare(factors: dict[str, float], evaluations: int = EVALUATIONS) -> dict[str, Any]:
@@ -61,7 +54,7 @@ def compare(factors: dict[str, float], evaluations: int = EVALUATIONS) -> dict[s
 def study(progress: Callable[[str], None], count: int, evaluations: int = EVALUATIONS) -> dict[str, Any]:
     """`compare` on `count` models, on all cores."""
     data = {}
-    drawn = draw(count)
+    drawn = random_factors(count, FACTORS)
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for i, found in enumerate(pool.map(partial(compare, evaluations=evaluations), drawn)):
             progress(f"model {i + 1} of {count}")

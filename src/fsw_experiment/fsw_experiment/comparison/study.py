@@ -19,7 +19,7 @@ from fsw_experiment.comparison.cases import (
     SWEEP,
     TIGHT,
     VALIDATION_CASES,
-    random_processes,
+    random_factors,
 )
 from fsw_experiment.comparison.runs import KPIS, VARIATIONS, Figures, Job, is_stable, run_all
 from fsw_experiment.standard_events import CASES, DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
@@ -129,7 +129,7 @@ def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str]) -> 
 
 def random_plants(progress: Progress, count: int) -> dict[str, Any]:
     """The sweep on random processes."""
-    return sweep(progress, {f"{i}": plant for i, plant in enumerate(random_processes(count))})
+    return sweep(progress, {f"{i}": plant for i, plant in enumerate(random_factors(count))})
 
 
 def margins(progress: Progress) -> dict[str, dict[str, float]]:

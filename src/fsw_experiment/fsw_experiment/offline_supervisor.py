@@ -1,0 +1,60 @@
+"""The supervisor's arbiter without middleware, for several controllers in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fsw_control.contract import Command, Controller, Proposal
+from fsw_control.parameters import defaults, load
+from fsw_control.weld import TICK_S
+from fsw_supervisor import Arbiter, ArbiterSettings, Decision, ProposalInput
+
+
+class OfflineSupervisor:
+    """Decides every tick as the supervisor does in a lockstep graph, with its default parameters.
+
+    Controllers that its parameter ``fallbacks`` does not name follow those that it does.
+
+    Parameters
+    ----------
+    controllers : mapping of str to Controller
+    selected : str
+        Name of the controller to start with.
+    """
+
+    def __init__(self, controllers: Mapping[str, Controller], selected: str) -> None:
+        values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+        fallbacks = dict.fromkeys([*values["fallbacks"], *controllers])
+        settings = ArbiterSettings.from_values(values | {"controller": selected, "fallbacks": list(fallbacks)})
+        self._arbiter = Arbiter(settings, lockstep=True)
+        self._switch_timeout_s: float = values["switch_request_timeout_s"]
+        self._unheard = {name: controller.tolerated_sensors for name, controller in controllers.items()}
+        self._now_s = 0.0
+
+    @property
+    def state(self) -> tuple[str, str]:
+        """Active controller and mode."""
+        return self._arbiter.machine.active, str(self._arbiter.machine.mode)
+
+    def switch(self, name: str) -> None:
+        """Ask for a controller from the next tick on."""
+        self._arbiter.operator.ask_switch(name, False, self._switch_timeout_s, "scenario", self._now_s)
+
+    def decide(
+        self, stamp_ns: int, values: Mapping[str, float], drives: Command, proposals: Mapping[str, Proposal]
+    ) -> Decision:
+        """The command that answers the measurement of a tick, given the samples by sensor (mm, N m, degC)."""
+        arbiter = self._arbiter
+        self._now_s += TICK_S
+        decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
+        assert arbiter.tick is not None
+        arbiter.tick.samples.update(values)  # all at once: half the time of on_sample for each
+        for name, proposal in proposals.items():
+            given = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, proposal.reason)
+            decisions += arbiter.on_proposal(name, given, self._now_s)
+            if name in self._unheard:
+                decisions += arbiter.on_status(name, self._unheard.pop(name), False, self._now_s)
+        while not decisions and (wakeup_s := arbiter.wakeup_s) is not None:
+            self._now_s = wakeup_s
+            decisions = arbiter.on_time(wakeup_s)
+        return decisions[-1]
