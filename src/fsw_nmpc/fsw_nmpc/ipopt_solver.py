@@ -9,13 +9,11 @@ import numpy as np
 
 from fsw_model import ModelParameters
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.kernel_structs import ProblemStruct, TuningStruct
+from fsw_nmpc.kernel_structs import RETURN_SHARE, ProblemStruct, TuningStruct
 from fsw_nmpc.library import Fate, Library, Vector
 from fsw_nmpc.prediction import prediction_function, start_vector
 
 _LONGEST_ITERATIONS = 500
-#: Share of the largest moves that an input outside its bounds must use to come back (as in the library).
-_RETURN_SHARE = 0.98
 
 
 def cumulation(horizon: Horizon) -> Vector:
@@ -26,7 +24,7 @@ def cumulation(horizon: Horizon) -> Vector:
 
 def input_bounds(problem: ProblemStruct, tuning: TuningStruct, horizon: Horizon) -> tuple[Vector, Vector]:
     """Bounds (2 n_blocks,) on the inputs' change at the end of every block, relaxed to what can be reached."""
-    reach = _RETURN_SHARE * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), tuning.move_max[:])
+    reach = RETURN_SHARE * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), tuning.move_max[:])
     now = np.array([problem.start.force_kn, problem.start.speed_rpm])
     low, high = np.array(tuning.input_min) - now, np.array(tuning.input_max) - now
     return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
