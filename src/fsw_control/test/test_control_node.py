@@ -25,7 +25,7 @@ from fsw_msgs.msg import (
     WeldReference,
 )
 
-pytestmark = pytest.mark.usefixtures("domain_id")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
 
 PARAMETERS = """

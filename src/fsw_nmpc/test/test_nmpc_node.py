@@ -20,6 +20,8 @@ from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
 
+pytestmark = pytest.mark.slow
+
 STEP_NS = 100_000_000
 
 

@@ -18,6 +18,8 @@ from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.single_instance_ros import AnotherPlantError
 
+pytestmark = pytest.mark.slow
+
 TICK_NS = 100_000_000
 SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
 

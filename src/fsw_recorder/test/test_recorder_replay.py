@@ -13,6 +13,8 @@ from std_msgs.msg import Float64, String
 
 from fsw_recorder.bag_reader import BagReader
 
+pytestmark = pytest.mark.slow
+
 REPLAY = "fsw_recorder.replay_node"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -31,6 +31,8 @@ from fsw_msgs.msg import (  # noqa: E402
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController  # noqa: E402
 from fsw_supervisor.supervisor_node import SupervisorNode  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 STEP_NS = 100_000_000
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STRICT, BEST_EFFORT = SwitchController.Request.STRICT, SwitchController.Request.BEST_EFFORT
