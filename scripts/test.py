@@ -3,7 +3,7 @@
 
 usage: test.py [--lint] [--fast] [--oldest] [pytest arguments]
 
-``--lint`` also runs ruff and mypy and builds the documentation. ``--fast`` leaves out the tests that are marked as slow.
+``--lint`` also runs ruff and mypy and builds the documentation. ``--fast`` leaves out the tests marked as slow.
 ``--oldest`` runs the unit tests of the packages that compute, draw and read bags in an environment of its own with the
 oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without arguments all tests run: units first,
 then several processes over DDS.

@@ -78,6 +78,12 @@ class Weld:
         renamed = ["-r", f"__node:={STANDBY}"] if name == "standby" else []
         self.launcher.start(name, module, [*self.arguments, *renamed])
 
+    def restart(self, name, depth_mm):
+        """Kill a part; the one started in its place follows the set-point in force."""
+        self.kill(name)
+        self.start(name)
+        self.until_all_follow(depth_mm, name)
+
     def role(self, name):
         return self.launcher.children[name].text().rpartition("role: ")[2].split("\n")[0].strip()
 
@@ -105,22 +111,23 @@ def fsw(capsys, *arguments):
     return capsys.readouterr().out
 
 
+def assert_stays(weld, capsys, depth_mm):
+    """All follow one depth, and go on doing so."""
+    weld.ticks(10)
+    assert set(weld.depths().values()) == {depth_mm}
+    assert f"set-point {depth_mm} mm" in fsw(capsys, "status")
+
+
 def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=False)
-    weld.kill("nmpc")
-    weld.start("nmpc")
-    weld.until_all_follow(2.7, "nmpc")
+    weld.restart("nmpc", 2.7)
     fsw(capsys, "switch", "nmpc", "--wait", "20")
     weld.until(lambda: weld.commands[-1].source == "nmpc", "nmpc in command")
     assert "set-point 2.7 mm" in fsw(capsys, "status")
     fsw(capsys, "reference", "--depth", "2.72")
     weld.until_all_follow(2.72)
-    weld.kill("decentral")
-    weld.start("decentral")
-    weld.until_all_follow(2.72, "decentral")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}, "it stays so"
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("decentral", 2.72)
+    assert_stays(weld, capsys, 2.72)
 
 
 def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
@@ -128,12 +135,8 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
     weld = make_weld(standby=False)
     fsw(capsys, "reference", "--depth", "2.72")
     weld.until_all_follow(2.72)
-    weld.kill("supervisor")
-    weld.start("supervisor")
-    weld.until_all_follow(2.72, "supervisor")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("supervisor", 2.72)
+    assert_stays(weld, capsys, 2.72)
 
 
 def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
@@ -147,9 +150,5 @@ def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_we
         weld.until_all_follow(2.72, "supervisor")
         weld.start(dies)
         weld.until(lambda name=dies: weld.role(name) == "standby", "the one that was killed")
-    weld.kill("nmpc")
-    weld.start("nmpc")
-    weld.until_all_follow(2.72, "nmpc")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("nmpc", 2.72)
+    assert_stays(weld, capsys, 2.72)
