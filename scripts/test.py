@@ -3,10 +3,10 @@
 
 usage: test.py [--lint] [--fast] [--oldest] [pytest arguments]
 
-``--lint`` also runs ruff and mypy and builds the documentation. ``--fast`` runs the quick unit tests only. ``--oldest``
-runs the unit tests of the packages that compute, draw and read bags in an environment of its own with the oldest
-supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without arguments all tests run: units first, then
-several processes over DDS.
+``--lint`` also runs ruff and mypy and builds the documentation. ``--fast`` leaves out the tests marked as slow.
+``--oldest`` runs the unit tests of the packages that compute, draw and read bags in an environment of its own with the
+oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without arguments all tests run: units first,
+then several processes over DDS.
 """
 
 import signal
@@ -19,12 +19,6 @@ OLDEST = "--oldest"
 OLDEST_TESTS = [
     f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
 ]
-# files of tests that start processes or nodes, compile, or run many welds
-SLOW = (
-    *("*/conformance/*", "*/interop/*", "*/test_runtime_*", "*_node.py", "*_node_main.py", "*_process.py", "*_cli.py"),
-    *("*_lockstep.py", "*_replay.py", "*_kill.py", "*_launcher.py", "*_graph.py", "*_standby.py", "*_fuzz.py"),
-    *("*_nmpc_kernel.py", "*_nmpc_estimator.py", "*_nmpc_settings.py", "*_comparison.py", "*_decentral_tuning.py"),
-)
 ensure(dev=True, oldest=OLDEST in sys.argv)
 
 
@@ -54,7 +48,7 @@ def main() -> int:
         codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
     if "--fast" in arguments:
         arguments.remove("--fast")
-        arguments = ["src", "runtime", *(f"--ignore-glob={pattern}" for pattern in SLOW), *arguments]
+        arguments = ["-m", "not slow", *arguments]
     codes.append(run("pytest", "pytest", *arguments))
     return next((code for code in codes if code), 0)
 

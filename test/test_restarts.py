@@ -1,20 +1,19 @@
 """Parts of a weld are killed and started again after its set-points have changed: all follow those in force."""
 
-import time
-
 import pytest
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
 from fsw_control import messages_ros as convert
-from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_experiment.cli.main import main
 from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import parse
 from fsw_msgs.msg import WeldCommand, WeldReference
+from fsw_test_support.ros_graph import Spinner, domain_id
+
+__all__ = ["domain_id"]
 
 SCENARIO = """
 name: restarts
@@ -25,7 +24,7 @@ events:
 """
 
 
-class Weld:
+class Weld(Spinner):
     """A weld in real time whose parts can be killed, and what its nodes say that they follow."""
 
     def __init__(self, folder, domain, launcher, standby):
@@ -36,7 +35,7 @@ class Weld:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
         self.node = rclpy.create_node("observer", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        super().__init__(self.context)
         self.executor.add_node(self.node)
         self.follows, self.commands = {}, []
         for name in ("decentral", "nmpc", "supervisor"):
@@ -50,11 +49,8 @@ class Weld:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def until(self, condition, what, timeout_s=60.0):
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end_s, f"waited in vain for {what}; followed: {self.depths()}"
-            self.executor.spin_once(timeout_sec=0.05)
+    def seen(self):
+        return f"followed: {self.depths()}"
 
     def depths(self):
         return {name: round(convert.reference(message).depth_mm, 6) for name, message in self.follows.items()}
@@ -78,20 +74,24 @@ class Weld:
         renamed = ["-r", f"__node:={STANDBY}"] if name == "standby" else []
         self.launcher.start(name, module, [*self.arguments, *renamed])
 
+    def restart(self, name, depth_mm):
+        """Kill a part; the one started in its place follows the set-point in force."""
+        self.kill(name)
+        self.start(name)
+        self.until_all_follow(depth_mm, name)
+
     def role(self, name):
         return self.launcher.children[name].text().rpartition("role: ")[2].split("\n")[0].strip()
 
 
 @pytest.fixture
-def make_weld(tmp_path, monkeypatch):
+def make_weld(tmp_path, domain_id):
     """Makes a weld that has reached its second set-point, in a domain that is its own."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     welds = []
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    with Launcher(tmp_path / "log", domain_id) as launcher:
 
         def make(standby):
-            welds.append(Weld(tmp_path, domain, launcher, standby))
+            welds.append(Weld(tmp_path, domain_id, launcher, standby))
             welds[0].until_all_follow(2.7)
             return welds[0]
 
@@ -105,22 +105,23 @@ def fsw(capsys, *arguments):
     return capsys.readouterr().out
 
 
+def assert_stays(weld, capsys, depth_mm):
+    """All follow one depth, and go on doing so."""
+    weld.ticks(10)
+    assert set(weld.depths().values()) == {depth_mm}
+    assert f"set-point {depth_mm} mm" in fsw(capsys, "status")
+
+
 def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=False)
-    weld.kill("nmpc")
-    weld.start("nmpc")
-    weld.until_all_follow(2.7, "nmpc")
+    weld.restart("nmpc", 2.7)
     fsw(capsys, "switch", "nmpc", "--wait", "20")
     weld.until(lambda: weld.commands[-1].source == "nmpc", "nmpc in command")
     assert "set-point 2.7 mm" in fsw(capsys, "status")
     fsw(capsys, "reference", "--depth", "2.72")
     weld.until_all_follow(2.72)
-    weld.kill("decentral")
-    weld.start("decentral")
-    weld.until_all_follow(2.72, "decentral")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}, "it stays so"
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("decentral", 2.72)
+    assert_stays(weld, capsys, 2.72)
 
 
 def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
@@ -128,12 +129,8 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
     weld = make_weld(standby=False)
     fsw(capsys, "reference", "--depth", "2.72")
     weld.until_all_follow(2.72)
-    weld.kill("supervisor")
-    weld.start("supervisor")
-    weld.until_all_follow(2.72, "supervisor")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("supervisor", 2.72)
+    assert_stays(weld, capsys, 2.72)
 
 
 def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
@@ -147,9 +144,5 @@ def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_we
         weld.until_all_follow(2.72, "supervisor")
         weld.start(dies)
         weld.until(lambda name=dies: weld.role(name) == "standby", "the one that was killed")
-    weld.kill("nmpc")
-    weld.start("nmpc")
-    weld.until_all_follow(2.72, "nmpc")
-    weld.ticks(10)
-    assert set(weld.depths().values()) == {2.72}
-    assert "set-point 2.72 mm" in fsw(capsys, "status")
+    weld.restart("nmpc", 2.72)
+    assert_stays(weld, capsys, 2.72)

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
 from fsw_control import weld
 from fsw_control.contract import Command
+from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import (
     ControllerStatus,
     DriveFeedback,
@@ -30,6 +30,7 @@ from fsw_msgs.msg import (
     WeldReference,
 )
 from fsw_msgs.srv import SetFault
+from fsw_test_support.ros_graph import Spinner
 
 MODULES = {
     "plant": "fsw_plant.plant_node",
@@ -40,7 +41,6 @@ MODULES = {
     "recorder": "fsw_recorder.recorder_node",
 }
 SUPERVISORS = ("supervisor", "standby")
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=2000)
 LOSSY = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 MOVE_KN, MOVE_RPM = 1.0, 3.0
@@ -107,7 +107,7 @@ class Relay:
         self.commands.publish(message)
 
 
-class Weld:
+class Weld(Spinner):
     """The graph as processes and one observer; it can play a controller called ``rogue``, too."""
 
     def __init__(self, domain, launcher, folder, lockstep=False, relayed=False, standby=False):
@@ -121,15 +121,15 @@ class Weld:
         self.applied = Command(weld.FORCE_KN, weld.SPEED_RPM)
         rclpy.init(args=[], domain_id=domain)
         self.node = node = rclpy.create_node("observer")
-        self.executor = SingleThreadedExecutor()
+        super().__init__()
         self.executor.add_node(node)
         raw = "raw/" if relayed else ""
         node.create_subscription(WeldCommand, f"{raw}fsw/command", self.on_command, DEEP)
         node.create_subscription(PlantState, f"{raw}fsw/plant/truth", self.truths.append, DEEP)
-        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATCHED)
+        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
         node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, DEEP)
         node.create_subscription(Temperature, "fsw/thermocouple", self.on_measurement, DEEP)
-        self.references = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self.references = node.create_publisher(WeldReference, "fsw/reference", LATEST)
         self.requests = node.create_publisher(String, "fsw/switch_request", 10)
         self.proposals = node.create_publisher(WeldCommand, "fsw/rogue/proposal", 10)
         self.statuses = node.create_publisher(ControllerStatus, "fsw/rogue/status", 10)
@@ -174,7 +174,7 @@ class Weld:
                 self.start(name)
         roles = sorted(("active", "standby")[: len(self.supervisors)])
         self.until(lambda: sorted(map(self.role, self.supervisors)) == roles, what="one leading supervisor")
-        self.until(lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"), 60.0, "the weld to run")
+        self.until(lambda: len(self.truths) > 15 and self.ready("decentral", "nmpc", "rogue"), "the weld to run")
         self.switch("decentral")
         self.ticks(3)
         return len(self.truths)
@@ -200,22 +200,19 @@ class Weld:
         else:
             self.misbehave(proposal)
 
-    def spin(self, timeout_s=0.02):
+    def spin(self):
         now_s = time.monotonic()
         for at_s, proposal in [item for item in self.pending if item[0] <= now_s]:
             self.pending.remove((at_s, proposal))
             self.proposals.publish(proposal)
-        self.executor.spin_once(timeout_sec=timeout_s)
+        super().spin()
 
-    def until(self, condition, timeout_s=30.0, what="the condition"):
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end_s, f"{what} did not come; state: {self.states[-1:]}"
-            self.spin()
+    def seen(self):
+        return f"state: {self.states[-1:]}"
 
     def ticks(self, count):
         goal = len(self.truths) + count
-        self.until(lambda: len(self.truths) >= goal, 30.0 + count, f"{count} ticks")
+        self.until(lambda: len(self.truths) >= goal, f"{count} ticks", 30.0 + count)
 
     def ready(self, *names):
         health = {item.name: item for item in self.states[-1].controllers} if self.states else {}
@@ -240,10 +237,8 @@ class Weld:
         self.references.publish(WeldReference(header=header, depth=depth_mm * 1e-3, temperature=weld.TEMPERATURE_C))
 
     def call(self, client, request):
-        self.until(client.service_is_ready, what="the service")
-        future = client.call_async(request)
-        self.until(future.done, what="the answer")
-        assert future.result().ok, future.result().message
+        response = super().call(client, request)
+        assert response.ok, response.message
 
     def switch(self, name):
         """Ask for a controller until it is applied."""

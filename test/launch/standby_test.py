@@ -10,13 +10,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from weld_under_test import Observer, WeldUnderTest, exit_codes, kill, post_shutdown_test, stamp_ns
 
+from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth, SupervisorState, WeldCommand
 
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TICKS = 20
 MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
 
@@ -29,7 +28,7 @@ def generate_test_description():
 class TestStandby(unittest.TestCase):
     def test_the_weld_goes_on_when_the_leading_supervisor_is_killed(self, domain):
         with Observer(domain) as eye:
-            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
+            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
             depths = eye.listen(ShoulderDepth, "fsw/depth")
             eye.until(lambda: bool(commands) and commands[-1].source == "decentral", "the controller's command")

@@ -11,15 +11,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from builtin_interfaces.msg import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from weld_under_test import Observer, WeldUnderTest, exit_codes, post_shutdown_test, stamp_ns
 
+from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import SupervisorState, WeldCommand
 from fsw_msgs.srv import SwitchController
 
 WELD = WeldUnderTest("{name: switching, duration_s: 600.0}", ("decentral", "nmpc"))
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
 
 
@@ -41,7 +40,7 @@ def switch(eye, name):
 class TestSwitching(unittest.TestCase):
     def test_swap_there_and_back_without_a_bump(self, domain):
         with Observer(domain) as eye:
-            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
+            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
             requests = eye.node.create_publisher(String, "fsw/switch_request", 10)
             eye.until(lambda: is_in_command(states, "decentral"), "decentral in command")
@@ -61,7 +60,7 @@ class TestSwitching(unittest.TestCase):
 
     def test_unknown_controller_is_refused_with_the_reason(self, domain):
         with Observer(domain) as eye:
-            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATCHED)
+            states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             eye.until(lambda: states, "the supervisor's state")
             before = states[-1].actual_controller
             answer = eye.call(

@@ -36,6 +36,17 @@ _turns = itertools.count(os.getpid())
 collect_ignore_glob = ["test_*.py"] if _GENUINE else []
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "slow: starts nodes or processes")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What needs a domain starts nodes or processes."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents and "domain_id" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 @pytest.fixture
 def genuine() -> bool:
     """Whether rclpy is that of ROS 2; what differs is known and asks for this."""

@@ -1,7 +1,6 @@
 """Durations, time points, clocks: arithmetic, ranges, jumps and sleeping."""
 
 import threading
-import time
 from collections.abc import Callable
 
 import builtin_interfaces.msg
@@ -224,13 +223,12 @@ def test_shutdown_ends_a_sleep() -> None:
 
 
 @pytest.mark.parametrize("active", [True, False])
-def test_switching_ros_time_ends_a_sleep(active: bool) -> None:
+def test_switching_ros_time_ends_a_sleep(active: bool, wait_until: Callable[..., bool]) -> None:
     clock = ROSClock()
     clock._set_ros_time_is_active(active)
     sleeper = Sleeper(clock, clock.now() + Duration(seconds=1000)).asleep()
     # The switch counts from the moment when the sleeper listens for jumps.
-    while not clock._jump_handles and sleeper.is_alive():
-        time.sleep(0.001)
+    assert wait_until(lambda: clock._jump_handles)
     clock._set_ros_time_is_active(not active)
     assert sleeper.woken() is False
 

@@ -18,6 +18,7 @@ def is_png(path):
     return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_all_figures(weld, tmp_path):
     paths = draw([Run("one", weld)], [5, 6], tmp_path, "quick")
     assert [path.name for path in paths] == [
@@ -27,6 +28,7 @@ def test_all_figures(weld, tmp_path):
     assert all(is_png(path) for path in paths)
 
 
+@pytest.mark.slow
 def test_several_runs_and_missing_signals(weld, tmp_path):
     nothing = np.full(weld.n_ticks, np.nan)
     bare = dataclasses.replace(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control import Command, Controller, Measurement, Proposal, Reference
+from fsw_control import Command, Measurement, Proposal, Reference
 from fsw_control.host import answer
 
 APPLIED = Command(78.0, 400.0)
@@ -30,10 +30,6 @@ class Scripted:
 
     def reset(self, applied):
         pass
-
-
-def test_scripted_is_a_controller():
-    assert isinstance(Scripted(None), Controller)
 
 
 def test_good_proposal_passes_unchanged():

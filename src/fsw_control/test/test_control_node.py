@@ -1,13 +1,11 @@
 """The controller node among real topics: what goes in, what comes out, what goes wrong."""
 
 import math
-import time
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
 
@@ -24,8 +22,9 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldReference,
 )
+from fsw_test_support.ros_graph import Spinner
 
-pytestmark = pytest.mark.usefixtures("domain_id")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 STEP_NS = 100_000_000
 
 PARAMETERS = """
@@ -68,7 +67,7 @@ class Echo:
         self.gain = values["gain"]
 
 
-class Peer:
+class Peer(Spinner):
     """The node under test, and everything around it."""
 
     def __init__(self, path, args):
@@ -86,12 +85,12 @@ class Peer:
         self.drives = self.peer.create_publisher(DriveFeedback, "/fsw/drives", STREAM)
         self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
         self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
-        self.executor = SingleThreadedExecutor()
+        super().__init__()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
         outputs = (self.depths, self.torques, self.temperatures, self.drives, self.references, self.commands)
-        self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
-        self.wait(lambda: self.peer.count_publishers("/fsw/echo/proposal") == 1)
+        self.until(lambda: all(publisher.get_subscription_count() for publisher in outputs))
+        self.until(lambda: self.peer.count_publishers("/fsw/echo/proposal") == 1)
 
     def _make(self, values):
         self.controllers.append(Echo(values))
@@ -100,12 +99,6 @@ class Peer:
     @property
     def controller(self):
         return self.controllers[-1]
-
-    def wait(self, condition, seconds=10.0):
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, "condition not reached"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def sense(self, k, sensors=("depth", "torque", "thermocouple"), depth=2.66):
         stamp = k * STEP_NS
@@ -122,12 +115,12 @@ class Peer:
     def refer(self, depth=2.66, stamp=0):
         before = len(self.node._references._waiting)
         self.references.publish(convert.reference_message(Reference(depth, 850.0), stamp))
-        self.wait(lambda: len(self.node._references._waiting) > before)
+        self.until(lambda: len(self.node._references._waiting) > before)
 
     def tick(self, k, **how):
         count = len(self.got["proposal"])
         self.sense(k, **how)
-        self.wait(lambda: len(self.got["proposal"]) > count)
+        self.until(lambda: len(self.got["proposal"]) > count)
         return self.got["proposal"][-1]
 
     def end(self):
@@ -166,7 +159,7 @@ def test_answers_a_tick_with_its_stamp_in_si_units(start):
     assert reference.temperature_c == 850.0
     assert applied == Command(78.4, 407.576)
     assert dt_s == 0.1
-    peer.wait(lambda: peer.got["status"] and peer.got["prediction"])
+    peer.until(lambda: peer.got["status"] and peer.got["prediction"])
     status, prediction = peer.got["status"][-1], peer.got["prediction"][-1]
     assert status.controller == "echo" and not status.selected
     assert list(status.tolerated_sensors) == ["torque"]
@@ -182,9 +175,9 @@ def test_follows_the_applied_command_of_the_tick_before(start):
     peer.tick(0)
     peer.sense(1)
     peer.command(0, force=80.0)
-    peer.wait(lambda: len(peer.got["proposal"]) == 2)
+    peer.until(lambda: len(peer.got["proposal"]) == 2)
     assert peer.controller.seen[1][2].force_kn == pytest.approx(80.0)
-    peer.wait(lambda: peer.got["status"][-1].selected)
+    peer.until(lambda: peer.got["status"][-1].selected)
 
 
 def test_without_reference_it_is_not_healthy(start):
@@ -200,10 +193,10 @@ def test_who_starts_in_mid_weld_takes_the_reference_that_the_supervisor_keeps(st
     kept = peer.peer.create_publisher(WeldReference, "/fsw/supervisor/reference", LATCHED)
     issued_ns = peer.peer.get_clock().now().nanoseconds
     kept.publish(convert.reference_message(Reference(2.71, 850.0), 3 * STEP_NS, issued_ns + 10**12))
-    peer.wait(lambda: peer.node._references)
+    peer.until(lambda: peer.node._references)
     if not sender_is_gone:
         peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
-        peer.wait(lambda: len(peer.node._references._waiting) == 2)
+        peer.until(lambda: len(peer.node._references._waiting) == 2)
     assert peer.tick(9).healthy
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.71)
 
@@ -222,7 +215,7 @@ def test_hundreds_of_references_sent_ahead_all_arrive(start):
     peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
     for k in range(1, 400):
         peer.references.publish(convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 100 * k * STEP_NS))
-    peer.wait(lambda: len(peer.node._references._waiting) == 400)
+    peer.until(lambda: len(peer.node._references._waiting) == 400)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
     for k in (399 * 100 - 1, 399 * 100):
@@ -256,7 +249,7 @@ def test_what_the_drives_report_reaches_the_controller_with_its_tick(start):
     peer = start()
     peer.refer()
     peer.drives.publish(convert.drives_message(Command(81.5, 402.0), STEP_NS))
-    peer.wait(lambda: peer.node._synchronizer._drives)
+    peer.until(lambda: peer.node._synchronizer._drives)
     peer.tick(1)
     peer.tick(2)
     with_drives, without = (entry[0] for entry in peer.controller.seen)
@@ -281,7 +274,7 @@ def test_exception_in_the_controller_is_told_and_survived(start):
     proposal = peer.tick(1)
     assert not proposal.healthy
     assert "broken on purpose" in proposal.reason
-    peer.wait(lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"]))
+    peer.until(lambda: any(a.status[0].level == DiagnosticStatus.ERROR for a in peer.got["diagnostics"]))
     peer.controller.raises = False
     assert peer.tick(2).healthy
 
@@ -317,7 +310,7 @@ def test_commands_that_the_supervisor_did_not_send_are_ignored(start):
         message = convert.command_message(Command(61.0, 310.0), k * STEP_NS, "echo")
         message.header.frame_id = writer
         peer.commands.publish(message)
-    peer.wait(lambda: peer.node._applied.ignored == 5)
+    peer.until(lambda: peer.node._applied.ignored == 5)
     peer.tick(1001)
     assert peer.controller.seen[-1][2].force_kn == pytest.approx(77.0)
 
@@ -326,12 +319,12 @@ def test_parameters_reach_the_controller_at_runtime_if_they_are_good(start):
     peer = start("--ros-args", "-p", "gain:=2.0")
     assert peer.controller.gain == 2.0
     client = peer.peer.create_client(SetParameters, "/fsw_echo/set_parameters")
-    peer.wait(client.service_is_ready)
+    peer.until(client.service_is_ready)
 
     def set_gain(value):
         request = SetParameters.Request(parameters=[Parameter("gain", value=value).to_parameter_msg()])
         future = client.call_async(request)
-        peer.wait(future.done)
+        peer.until(future.done)
         return future.result().results[0]
 
     assert set_gain(3.0).successful
@@ -351,7 +344,7 @@ def test_lockstep_waits_for_the_command_without_a_clock(start):
     for k in range(1, 30):
         peer.sense(k)
         peer.command(k - 1, force=70.0 + k)
-        peer.wait(lambda k=k: len(peer.got["proposal"]) == k + 1)
+        peer.until(lambda k=k: len(peer.got["proposal"]) == k + 1)
     assert [entry[2].force_kn for entry in peer.controller.seen[1:]] == pytest.approx([70.0 + k for k in range(1, 30)])
 
 

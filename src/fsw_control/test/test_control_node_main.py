@@ -17,7 +17,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 
-pytestmark = pytest.mark.usefixtures("domain_id")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "my_controller.py"
 
 

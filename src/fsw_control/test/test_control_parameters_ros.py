@@ -44,11 +44,11 @@ weights:
 
 
 @pytest.fixture
-def start():
+def start(domain_id):
     nodes = []
 
     def make(*args):
-        rclpy.init(args=["test", *args], domain_id=66)
+        rclpy.init(args=["test", *args], domain_id=domain_id)
         nodes.append(rclpy.create_node("parameters_test"))
         return nodes[-1], ParameterValues(nodes[-1], parameters.parse(TEXT))
 

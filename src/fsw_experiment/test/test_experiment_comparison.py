@@ -15,6 +15,8 @@ from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
 from fsw_experiment.standard_events import REST
 from fsw_model import ProcessModel
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def nominal():

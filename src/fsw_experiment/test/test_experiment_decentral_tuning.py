@@ -35,6 +35,7 @@ def test_shipped_gains_reach_their_targets(name):
     assert found["unsettled_c"] < 0.3
 
 
+@pytest.mark.slow
 @BOTH
 def test_shipped_gains_are_stable_on_processes_unlike_the_model(name):
     for factors in MISMATCH.values():
@@ -87,6 +88,7 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
     assert tune_decentral.tune("tight", evaluations=100) == tune_decentral.tune("tight", evaluations=100)
 
 
+@pytest.mark.slow
 def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
     other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
     found = tune_decentral.tune("conservative", other, evaluations=60)
@@ -97,6 +99,7 @@ def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
         assert low <= getattr(found, key) <= high
 
 
+@pytest.mark.slow
 def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["--check", "--json", str(file)]) == 0
@@ -132,6 +135,7 @@ def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments,
     assert len(errors) == 1 and said in errors[0]
 
 
+@pytest.mark.slow
 def test_the_script_is_the_command():
     told = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
     assert told.returncode == 0

@@ -12,6 +12,8 @@ import pytest
 from fsw_control.free_domain import free_domain
 from fsw_experiment.launcher import Launcher, LaunchError
 
+pytestmark = pytest.mark.slow
+
 STUBBORN = """
     import signal
     def main():

@@ -139,6 +139,7 @@ def announced_steps(noise=False):
     return [f"plant.noise={str(noise).lower()}"], text
 
 
+@pytest.mark.slow
 def test_announced_set_points_are_prepared_for():
     overrides, text = announced_steps()
 
@@ -153,6 +154,7 @@ def test_announced_set_points_are_prepared_for():
     assert ahead[1] < 0.5 * behind[1]
 
 
+@pytest.mark.slow
 def test_announcement_that_is_withdrawn_or_unused_is_no_bump():
     """A plan appears, is changed and taken back while the weld rests; the moves stay those of an approach."""
     controller, limits = make("nmpc"), Limits()

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from fsw_test_support.nmpc_problems import make_library
+from fsw_test_support.ros_graph import domain_id
+
+__all__ = ["domain_id"]
 
 
 @pytest.fixture(scope="session", params=[20, 54])

@@ -61,6 +61,7 @@ def within(command, before):
     return near and force and inside
 
 
+@pytest.mark.slow
 def test_rests_at_the_operating_point():
     loop = Loop()
     for _ in range(50):
@@ -72,6 +73,7 @@ def test_rests_at_the_operating_point():
     assert set(proposal.diagnosis.disturbances) == {"force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "depth_mm", "temperature_c"), [("default", 1e-4, 0.01), ("paper", 3e-3, 0.2)])
 def test_tracks_both_set_points(preset, depth_mm, temperature_c):
     loop = Loop(NmpcController({"preset": preset}))
@@ -98,6 +100,7 @@ def test_plan_is_what_happens():
         loop.step(Reference(2.8, 826.4), follow=Command(plan.force_kn[k], plan.speed_rpm[k]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "factors",
     [
@@ -176,6 +179,7 @@ def test_absurd_samples_that_claim_to_be_valid(sensor, value):
     assert abs(loop.shown.temperature_c - 816.4) < 1.0
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     depth=st.floats(2.3, 3.0),
@@ -344,6 +348,7 @@ def test_another_horizon_goes_on_with_the_plan(tmp_path):
     assert proposal.command.force_kn - last.force_kn == pytest.approx(planned, abs=0.2)
 
 
+@pytest.mark.slow
 def test_reference_solver_in_the_loop_does_the_same():
     """Real-time iterations against problems solved to convergence, over a step of both set-points."""
     loops = [Loop(), Loop(NmpcController({"solver": "reference"}))]

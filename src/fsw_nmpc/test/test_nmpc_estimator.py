@@ -57,6 +57,7 @@ class Watch:
         return np.array(self.library.state.estimator.x)
 
 
+@pytest.mark.slow
 def test_rests_where_the_process_rests():
     watch = Watch(start=(2.8, 830.0))
     told = watch.run(300)
@@ -166,6 +167,7 @@ def test_every_state_is_detectable(tuning):
     assert visibility(unleaking)[0] < 1e-10  # what the leak is for
 
 
+@pytest.mark.slow
 def test_eight_hours_of_rest():
     """Deviations settle, and what is told of the disturbances stays true."""
     watch = Watch(noise=True)
@@ -192,6 +194,7 @@ def test_innovations_have_the_expected_size():
     assert np.abs(white).max() < 0.25, white
 
 
+@pytest.mark.slow
 def test_deviations_are_honest():
     """Over many noisy runs from wrong starts, the errors are as large as the told deviations say."""
     ratios = []

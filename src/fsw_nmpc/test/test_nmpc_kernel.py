@@ -107,6 +107,7 @@ def compile_c(arguments, **options):
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", [20, 54])
 def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
     (tmp_path / "tables.h").write_text(tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8")
@@ -136,6 +137,7 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
     assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", kernel_build.SOURCES)
 def test_strict_c99_without_a_warning(source, tmp_path):
     done = compile_c([*STRICT, "-c", str(kernel_build.FOLDER / source), "-o", str(tmp_path / "o")])
@@ -158,6 +160,7 @@ def test_every_size_is_checked(horizon):
         make_library(horizon=horizon)
 
 
+@pytest.mark.slow
 def test_structs_are_those_of_the_header(tmp_path):
     """Sizes in Python and in C are equal, field by field offsets too."""
     structs = {"fsw_input": Input, "fsw_output": Output, "fsw_model": Tables(P, horizon_of(P, 20)).model.__class__}
@@ -176,6 +179,7 @@ def test_structs_are_those_of_the_header(tmp_path):
     assert told == expected
 
 
+@pytest.mark.slow
 def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     built = kernel_build.build()
@@ -196,6 +200,7 @@ def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
         kernel_build.build()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="the ziglang wheel is not installed")
 def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -4,31 +4,23 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Temperature
 
 from fsw_control import Command, Reference
 from fsw_control import messages_ros as convert
 from fsw_control.controller_node import ControllerNode
-from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
+from fsw_test_support.ros_graph import Spinner
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
 
 STEP_NS = 100_000_000
-
-
-@pytest.fixture(autouse=True)
-def domain_id(monkeypatch):
-    """A ROS domain that no other test on this machine uses now."""
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        yield domain
 
 
 @pytest.fixture
@@ -39,7 +31,7 @@ def peer(domain_id):
     made.end()
 
 
-class Peer:
+class Peer(Spinner):
     """The node, and a plant that stands still around it."""
 
     def __init__(self):
@@ -52,19 +44,13 @@ class Peer:
         self.sensors = [self.peer.create_publisher(kind, f"/fsw/{name}", STREAM) for kind, name in kinds]
         self.references = self.peer.create_publisher(WeldReference, "/fsw/reference", LATCHED)
         self.commands = self.peer.create_publisher(WeldCommand, "/fsw/command", STREAM)
-        self.executor = SingleThreadedExecutor()
+        super().__init__()
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
         outputs = (*self.sensors, self.references, self.commands)
-        self.wait(lambda: all(publisher.get_subscription_count() for publisher in outputs))
-        self.wait(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
+        self.until(lambda: all(publisher.get_subscription_count() for publisher in outputs))
+        self.until(lambda: all(self.peer.count_publishers(f"/fsw/nmpc/{name}") for name in self.got))
         self.references.publish(convert.reference_message(Reference(2.66, 816.4), 0))
-
-    def wait(self, condition, seconds=20.0):
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, "condition not reached"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def tick(self, k):
         """Publish the sensors of tick ``k``; returns the answer once all of it is here."""
@@ -74,7 +60,7 @@ class Peer:
         for publisher, maker, value in zip(self.sensors, makers, (2.66, 1052.86, 816.4), strict=True):
             publisher.publish(maker(value, stamp))
         self.commands.publish(convert.command_message(Command(78.4, 407.576), stamp, "decentral"))
-        self.wait(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
+        self.until(lambda: len(self.got["proposal"]) > count["proposal"] and len(self.got["status"]) > count["status"])
         return self.got["proposal"][-1]
 
     def tick_until_healthy(self, k):
@@ -95,7 +81,7 @@ def test_proposal_status_and_prediction(peer):
     proposal = peer.tick(k + 1)
     assert proposal.source == "nmpc"
     assert proposal.axial_force == pytest.approx(78.4e3, abs=100.0)
-    peer.wait(lambda: peer.got["prediction"])
+    peer.until(lambda: peer.got["prediction"])
     status = peer.got["status"][-1]
     assert "solved" in status.solver_status
     assert status.iterations > 0

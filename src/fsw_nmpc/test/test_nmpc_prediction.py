@@ -64,6 +64,7 @@ def test_dead_time_is_exact(library, rng):
         assert h.time_s[first] == pytest.approx(0.1 * (tick + 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85, 1.83])
 def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, rng):
     p = replace(P, dead_time_s=dead_time_s)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
+from fsw_test_support.ros_graph import Spinner, domain_id
 
-class Graph:
+__all__ = ["domain_id"]
+
+
+class Graph(Spinner):
     """The plant's node, started with given parameters, and a peer that hears and answers it."""
 
     def __init__(self, domain):
@@ -17,7 +19,6 @@ class Graph:
     def start(self, *arguments, answer=None, connected=True, **parameters):
         """Start the plant with ROS arguments and parameters (``__`` for the dot), and wait for its first tick."""
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
 
         from fsw_plant.plant_node import PlantNode
 
@@ -25,27 +26,13 @@ class Graph:
         settings = [text for name, value in given.items() for text in ("-p", f"{name}:={value}")]
         rclpy.init(args=["test", "--ros-args", *arguments, *settings], domain_id=self.domain)
         self.peer = Peer(rclpy.create_node("peer", use_global_arguments=False), answer)
-        self.executor = SingleThreadedExecutor()
+        super().__init__()
         self.executor.add_node(self.peer.node)
         self.plant = PlantNode()
         self.executor.add_node(self.plant)
         if connected:
-            self.wait(lambda: all(self.peer.got[name] for name in ("depth", "torque", "temperature", "truth")))
+            self.until(lambda: all(self.peer.got[name] for name in ("depth", "torque", "temperature", "truth")))
         return self.peer
-
-    def wait(self, condition, seconds=20.0):
-        """Spin until the condition holds."""
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, "condition not reached"
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def call(self, client, request):
-        """Call a service of the plant; returns the response."""
-        assert client.wait_for_service(timeout_sec=10.0)
-        future = client.call_async(request)
-        self.wait(future.done)
-        return future.result()
 
     def stop(self):
         """End all."""
@@ -113,15 +100,8 @@ class Peer:
 
 
 @pytest.fixture
-def graph(monkeypatch):
+def graph(domain_id):
     """A graph in a domain that no other test on this machine uses now."""
-    from fsw_control.free_domain import free_domain
-
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        graph = Graph(domain)
-        try:
-            yield graph
-        finally:
-            graph.stop()
+    graph = Graph(domain_id)
+    yield graph
+    graph.stop()

@@ -18,6 +18,8 @@ from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.single_instance_ros import AnotherPlantError
 
+pytestmark = pytest.mark.slow
+
 TICK_NS = 100_000_000
 SENSOR_TOPICS = ("depth", "torque", "temperature", "truth")
 
@@ -38,7 +40,7 @@ def test_lockstep_gives_the_trajectory_of_the_emulator(graph):
             graph.peer.command(stamp, force, speed)
 
     peer = graph.start(speed=0.0, seed=5, model__copper_lag_s=1.1, scenario=f'"{events}"', answer=answer)
-    graph.wait(lambda: len(peer.got["temperature"]) > len(moves))
+    graph.until(lambda: len(peer.got["temperature"]) > len(moves))
     offline = PlantEmulator(
         PlantConfig.from_values({"seed": 5, "model.copper_lag_s": 1.1}), PlantSchedule.from_yaml(events)
     )
@@ -72,10 +74,10 @@ def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(gra
                 graph.peer.command(stamp, force_kn=90.0)  # a second answer to the same measurement
 
     peer = graph.start(speed=0.0, noise="false", answer=answer)
-    graph.wait(lambda: len(peer.got["truth"]) == 11)
+    graph.until(lambda: len(peer.got["truth"]) == 11)
     assert all(state.axial_force == pytest.approx(78.4e3, abs=1e-6) for state in peer.got["truth"])
     assert all(state.watchdog == PlantState.WATCHDOG_OK for state in peer.got["truth"])
-    graph.wait(lambda: peer.report("commands") and counts(peer)["repeated"] == 5)
+    graph.until(lambda: peer.report("commands") and counts(peer)["repeated"] == 5)
     seen = counts(peer)
     assert (seen["not_finite"], seen["out_of_range"], seen["unhealthy"]) == (2, 2, 1)
 
@@ -87,24 +89,24 @@ def counts(peer):
 
 def test_silent_lockstep_is_reported_sent_again_and_goes_on(graph):
     peer = graph.start(speed=0.0, lockstep_timeout_s=0.2)
-    graph.wait(lambda: peer.stamps("depth").count(TICK_NS) >= 2 and peer.stamps("truth").count(TICK_NS) >= 2)
+    graph.until(lambda: peer.stamps("depth").count(TICK_NS) >= 2 and peer.stamps("truth").count(TICK_NS) >= 2)
     assert set(peer.stamps("depth")) == {TICK_NS}
-    graph.wait(lambda: peer.report("clock") and peer.report("clock").message == "no command answers the last tick")
+    graph.until(lambda: peer.report("clock") and peer.report("clock").message == "no command answers the last tick")
     assert peer.report("clock").level == b"\x02"
     peer.command(peer.got["depth"][-1].header.stamp)
-    graph.wait(lambda: 2 * TICK_NS in peer.stamps("depth"))
+    graph.until(lambda: 2 * TICK_NS in peer.stamps("depth"))
 
 
 def test_dead_lockstep_ends_with_an_error(graph):
     graph.start(speed=0.0, lockstep_timeout_s=0.1, lockstep_give_up_s=0.3)
     with pytest.raises(SystemExit, match=r"no command for tick 1 within .* published by peer\); giving up"):
-        graph.wait(lambda: False)
+        graph.until(lambda: False)
 
 
 def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
     peer = graph.start()
     begin = time.time_ns()
-    graph.wait(lambda: len(peer.got["temperature"]) == 12)
+    graph.until(lambda: len(peer.got["temperature"]) == 12)
     took_s = (time.time_ns() - begin) * 1e-9
     assert took_s > 0.5
     stamps = peer.stamps("temperature")
@@ -118,32 +120,32 @@ def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
 
 def test_simulated_time_at_a_pace(graph):
     peer = graph.start(speed=20.0)
-    graph.wait(lambda: len(peer.got["depth"]) >= 100)
+    graph.until(lambda: len(peer.got["depth"]) >= 100)
     assert peer.stamps("depth")[:100] == [(k + 1) * TICK_NS for k in range(100)]
     assert len(peer.got["clock"]) > 50
 
 
 def test_use_sim_time_means_that_the_plant_makes_it(graph):
     peer = graph.start(use_sim_time="true")
-    graph.wait(lambda: len(peer.got["clock"]) >= 3)
+    graph.until(lambda: len(peer.got["clock"]) >= 3)
     assert peer.stamps("depth")[:3] == [TICK_NS, 2 * TICK_NS, 3 * TICK_NS]
 
 
 def test_watchdog_holds_and_ramps_and_a_command_ends_it(graph):
     peer = graph.start(speed=50.0, noise="false")
-    graph.wait(lambda: peer.got["depth"])
+    graph.until(lambda: peer.got["depth"])
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
-    graph.wait(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_HOLD)
+    graph.until(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_HOLD)
     assert peer.got["truth"][-1].axial_force == pytest.approx(80e3, abs=1.0)
-    graph.wait(lambda: peer.got["truth"][-1].axial_force < 65.001e3)
+    graph.until(lambda: peer.got["truth"][-1].axial_force < 65.001e3)
     assert peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_SAFE
     assert rpm_from_rad_s(peer.got["truth"][-1].spindle_speed) == pytest.approx(410.0)
     ramp = [state.axial_force for state in peer.got["truth"] if state.watchdog == PlantState.WATCHDOG_SAFE]
     assert all(0.0 <= a - b <= 201.0 for a, b in pairwise(ramp))
-    graph.wait(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
+    graph.until(lambda: (report := peer.report("watchdog")) and report.level == b"\x02")
     assert "force goes to 65 kN, spindle keeps turning" in peer.report("watchdog").message
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, 410.0)
-    graph.wait(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
+    graph.until(lambda: peer.got["truth"][-1].watchdog == PlantState.WATCHDOG_OK)
 
 
 def test_disturbance_and_fault_services(graph):
@@ -152,24 +154,24 @@ def test_disturbance_and_fault_services(graph):
     fault = peer.node.create_client(SetFault, "fsw/plant/set_fault")
     answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e-4))
     assert answer.ok and answer.message == "depth: step from the next tick on"
-    graph.wait(lambda: peer.got["truth"][-1].depth_disturbance == pytest.approx(1e-4))
-    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.76e-3))
+    graph.until(lambda: peer.got["truth"][-1].depth_disturbance == pytest.approx(1e-4))
+    graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.76e-3))
     speed = SetDisturbance.Request(channel="spindle_speed", shape="step", amplitude=1.0)
     assert graph.call(disturb, speed).ok
-    graph.wait(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
+    graph.until(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
     answer = graph.call(disturb, SetDisturbance.Request(channel="torque", shape="step", amplitude=1.0))
     assert not answer.ok and answer.message.startswith("refused: disturbance channel 'torque' is none of depth")
     assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok
-    graph.wait(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
+    graph.until(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
 
     assert graph.call(fault, SetFault.Request(sensor="depth", kind="bias", magnitude=5e-4)).ok
-    graph.wait(lambda: list(peer.got["truth"][-1].active_faults) == ["depth:bias"])
-    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(3.16e-3, abs=1e-5))
+    graph.until(lambda: list(peer.got["truth"][-1].active_faults) == ["depth:bias"])
+    graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(3.16e-3, abs=1e-5))
     assert graph.call(fault, SetFault.Request(sensor="thermocouple", kind="nan")).ok
-    graph.wait(lambda: math.isnan(peer.got["temperature"][-1].temperature))
+    graph.until(lambda: math.isnan(peer.got["temperature"][-1].temperature))
     answer = graph.call(fault, SetFault.Request(sensor="depth", kind="odd"))
     assert not answer.ok and "fault kind 'odd' is none of freeze" in answer.message
-    graph.wait(lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message)
+    graph.until(lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message)
 
 
 def test_reset_service(graph):
@@ -177,7 +179,7 @@ def test_reset_service(graph):
     reset = peer.node.create_client(ResetPlant, "fsw/plant/reset")
     answer = graph.call(reset, ResetPlant.Request(seed=-1, depth=2.8e-3, temperature=0.0))
     assert answer.ok and answer.message == "at equilibrium: 2.800 mm, 816.4 degC"
-    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.8e-3))
+    graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.8e-3))
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=0.0, temperature=560.0))
     assert not answer.ok and "beyond the drives' limits" in answer.message
     answer = graph.call(reset, ResetPlant.Request(seed=2, depth=math.nan, temperature=0.0))
@@ -186,7 +188,7 @@ def test_reset_service(graph):
 
 def test_first_tick_waits_for_subscribers(graph):
     peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
-    graph.wait(lambda: peer.report("clock") is not None)
+    graph.until(lambda: peer.report("clock") is not None)
     assert peer.report("clock").message == "first tick waits for subscribers" and not peer.got["depth"]
     from sensor_msgs.msg import Temperature
 
@@ -196,27 +198,27 @@ def test_first_tick_waits_for_subscribers(graph):
     peer.node.create_subscription(ShoulderDepth, "fsw/depth", second.append, 10)
     peer.node.create_subscription(SpindleTorque, "fsw/spindle_torque", second.append, 10)
     peer.node.create_subscription(Temperature, "fsw/thermocouple", second.append, 10)
-    graph.wait(lambda: len(second) == 3)
+    graph.until(lambda: len(second) == 3)
     assert all(message.header.stamp.nanosec == TICK_NS for message in second)
 
 
 def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     peer = graph.start(speed=50.0, noise="false")
     states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
-    graph.wait(lambda: states.get_subscription_count() == 1)
+    graph.until(lambda: states.get_subscription_count() == 1)
     states.publish(SupervisorState(controllers=[ControllerHealth(name="decentral")]))
-    graph.wait(lambda: peer.got["depth"])
+    graph.until(lambda: peer.got["depth"])
     peer.command(peer.got["depth"][-1].header.stamp, 79.0, source="anybody")
-    graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79e3, abs=1.0))
+    graph.until(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79e3, abs=1.0))
     second = peer.node.create_publisher(peer.commands.msg_type, "fsw/command", 10)
-    graph.wait(lambda: (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message)
+    graph.until(lambda: (report := peer.report("commands")) and "2 publishers: peer, peer" in report.message)
     assert peer.report("commands").level == b"\x01"  # as while a standby takes over
     peer.command(peer.got["depth"][-1].header.stamp, 80.0, source="intruder")
-    graph.wait(lambda: peer.got["truth"][-1].refused_commands >= 1)
-    graph.wait(lambda: peer.report("commands").level == b"\x02")
+    graph.until(lambda: peer.got["truth"][-1].refused_commands >= 1)
+    graph.until(lambda: peer.report("commands").level == b"\x02")
     assert "1 refused; last: source: source 'intruder'" in peer.report("commands").message
     peer.command(peer.got["depth"][-1].header.stamp, 79.5, source="decentral")
-    graph.wait(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79.5e3, abs=1.0))
+    graph.until(lambda: peer.got["truth"][-1].axial_force == pytest.approx(79.5e3, abs=1.0))
     assert max(state.axial_force for state in peer.got["truth"]) < 79.6e3
     assert second.topic_name == "/fsw/command"
 
@@ -231,9 +233,9 @@ def test_parameters_at_runtime(graph):
         return plant.set_parameters([Parameter(name, value=value)])[0]
 
     assert set_one("noise", False).successful
-    graph.wait(lambda: peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10))
+    graph.until(lambda: peer.got["depth"] and peer.got["depth"][-1].depth == pytest.approx(2.66e-3, abs=1e-10))
     assert set_one("scenario", "[{at_s: 0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.2}}]").successful
-    graph.wait(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
+    graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
         ("limits.force_min_kn", 96.0, "must be below limits.force_max"),
@@ -276,7 +278,7 @@ def run_plant(graph, *parameters):
     )
     try:
         if graph.plant is not None:
-            graph.wait(lambda: process.poll() is not None)
+            graph.until(lambda: process.poll() is not None)
         out, err = process.communicate(timeout=20.0)
     finally:
         process.kill()

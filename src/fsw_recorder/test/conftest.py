@@ -5,43 +5,36 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 
-from fsw_control.free_domain import free_domain
 from fsw_test_support.bags import genuine, genuine_bag, weld_bag
+from fsw_test_support.ros_graph import Spinner, domain_id
 
-__all__ = ["genuine", "genuine_bag", "weld_bag"]
+__all__ = ["domain_id", "genuine", "genuine_bag", "weld_bag"]
 
 
 @pytest.fixture
-def graph(monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
+def graph(domain_id: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
     """A ROS graph of its own: a DDS domain that no other test uses, with one node of the test in it."""
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-        graph = Graph(domain)
-        try:
-            yield graph
-        finally:
-            graph.close()
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    graph = Graph(domain_id)
+    yield graph
+    graph.close()
 
 
-class Graph:
+class Graph(Spinner):
     """The test's own node, spun until something holds, and programs in other processes."""
 
     def __init__(self, domain: int) -> None:
         self.context = rclpy.Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
         self.node = rclpy.create_node("test_node", context=self.context)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
+        super().__init__(self.context)
+        self.executor.add_node(self.node)
         self._programs: list[subprocess.Popen[str]] = []
 
     def start(self, module: str, *arguments: str, **options: Any) -> subprocess.Popen[str]:
@@ -56,22 +49,12 @@ class Graph:
         self._programs.append(program)
         return program
 
-    def until(self, condition: Callable[[], Any], timeout_s: float = 30.0) -> None:
-        """Spin until the condition holds; fail the test when it does not in time."""
-        end = time.monotonic() + timeout_s
-        while not condition():
-            if time.monotonic() > end:
-                pytest.fail(f"did not happen within {timeout_s} s")
-            self._executor.spin_once(timeout_sec=0.01)
-
-    def call(self, kind: Any, name: str, **fields: Any) -> Any:
-        """Call a service and return its response."""
+    def ask(self, kind: Any, name: str, **fields: Any) -> Any:
+        """Call a service by its name and return its response."""
         client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(kind.Request(**fields))
-        self.until(future.done)
+        response = self.call(client, kind.Request(**fields))
         self.node.destroy_client(client)
-        return future.result()
+        return response
 
     def end(self, program: subprocess.Popen[str], signal_number: int | None = None) -> tuple[int, str]:
         """Send a signal and wait; returns exit code and output."""
@@ -87,5 +70,5 @@ class Graph:
                 program.kill()
                 program.communicate()
         self.node.destroy_node()
-        self._executor.shutdown()
+        self.executor.shutdown()
         rclpy.shutdown(context=self.context)

@@ -19,6 +19,8 @@ from fsw_recorder.mcap_file import MAGIC
 from fsw_test_support.bags import GENUINE
 from fsw_test_support.sample_weld import write_sample_weld
 
+pytestmark = pytest.mark.slow
+
 MCAP = (GENUINE / "mcap_default" / "mcap_default_0.mcap").read_bytes()
 CHUNKED = (GENUINE / "mcap_zstd" / "mcap_zstd_0.mcap").read_bytes()
 FILE_ZSTD = (GENUINE / "mcap_filezstd" / "mcap_filezstd_0.mcap.zstd").read_bytes()

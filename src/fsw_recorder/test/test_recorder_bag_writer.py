@@ -223,6 +223,7 @@ def fail_while_writing(bag: Path, options: WriterOptions, count: int = 3000, in_
     return writer
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [700, 5_003, 20_011, 40_000])
 @pytest.mark.parametrize("compression", ["", "zstd"])
 def test_full_disk_leaves_a_readable_bag(

@@ -12,6 +12,8 @@ from rosbags.rosbag2 import Reader
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.recover import recover
 
+pytestmark = pytest.mark.slow
+
 #: messages without a commit before the writer is killed
 WAITING = 100
 WRITER = """

@@ -10,18 +10,20 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 
+from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
 
+pytestmark = pytest.mark.slow
+
 RECORDER = "fsw_recorder.recorder_node"
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -52,7 +54,7 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
     bag = tmp_path / "bag"
     scenario = tmp_path / "my scenario.yaml"
     scenario.write_text("name: test\n")
-    latched = graph.node.create_publisher(String, "/latched", LATCHED)
+    latched = graph.node.create_publisher(String, "/latched", LATEST)
     latched.publish(String(data="early"))
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     unreliable = graph.node.create_publisher(ShoulderDepth, "/unreliable", BEST_EFFORT)
@@ -89,7 +91,7 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
 def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     reliable = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
-    latched = graph.node.create_publisher(String, "/latched", LATCHED)
+    latched = graph.node.create_publisher(String, "/latched", LATEST)
     latched.publish(String(data="early"))
     recorder = start_recorder(graph, bag)
     talk(graph, reliable, 100)
@@ -117,15 +119,15 @@ def test_services(graph: Any, tmp_path: Path) -> None:
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     recorder = start_recorder(graph, bag, "topics:=[/fsw/depth]", "start_paused:=true")
     graph.until(lambda: depth.get_subscription_count() > 0)
-    assert graph.call(IsPaused, "/fsw_recorder/is_paused").paused
-    graph.call(Resume, "/fsw_recorder/resume")
+    assert graph.ask(IsPaused, "/fsw_recorder/is_paused").paused
+    graph.ask(Resume, "/fsw_recorder/resume")
     talk(graph, depth, 10)
     graph.until(lambda: (bag / "bag_0.mcap").stat().st_size > 1000)
-    graph.call(SplitBagfile, "/fsw_recorder/split_bagfile")
+    graph.ask(SplitBagfile, "/fsw_recorder/split_bagfile")
     talk(graph, depth, 10, first=10)
     graph.until(lambda: (bag / "bag_1.mcap").exists() and (bag / "bag_1.mcap").stat().st_size > 1000)
-    graph.call(Pause, "/fsw_recorder/pause")
-    assert graph.call(IsPaused, "/fsw_recorder/is_paused").paused
+    graph.ask(Pause, "/fsw_recorder/pause")
+    assert graph.ask(IsPaused, "/fsw_recorder/is_paused").paused
     talk(graph, depth, 10, first=100)
     assert graph.end(recorder, signal.SIGTERM)[0] == 0
     assert depths_of(bag) == list(range(20))
@@ -137,7 +139,7 @@ def test_snapshot_service(graph: Any, tmp_path: Path) -> None:
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
     recorder = start_recorder(graph, bag, "topics:=[/fsw/depth]", "snapshot_mode:=true")
     talk(graph, depth, 20)
-    assert graph.call(Snapshot, "/fsw_recorder/snapshot").success
+    assert graph.ask(Snapshot, "/fsw_recorder/snapshot").success
     talk(graph, depth, 20, first=20)
     assert graph.end(recorder, signal.SIGTERM)[0] == 0
     seen = depths_of(bag)

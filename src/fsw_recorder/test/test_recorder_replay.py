@@ -6,15 +6,17 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
 
+from fsw_control.topics_ros import LATEST
 from fsw_recorder.bag_reader import BagReader
 
+pytestmark = pytest.mark.slow
+
 REPLAY = "fsw_recorder.replay_node"
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -27,7 +29,7 @@ class Listener:
         self.clock_ns: list[int] = []
         node = graph.node
         node.create_subscription(Float64, f"{prefix}/depth", lambda m: self.depths.append(m.data), 1000)
-        node.create_subscription(String, f"{prefix}/latched", lambda m: self.latched.append(m.data), LATCHED)
+        node.create_subscription(String, f"{prefix}/latched", lambda m: self.latched.append(m.data), LATEST)
         node.create_subscription(
             Clock, "/clock", lambda m: self.clock_ns.append(m.clock.sec * 10**9 + m.clock.nanosec), CLOCK
         )
@@ -63,32 +65,32 @@ def test_control_while_paused(graph: Any, genuine: Path) -> None:
     parameters = ["start_paused:=true", "topics:=[/demo/depth]", "wait_settle:=0.0", "wait_for:=[/demo/depth]"]
     arguments = [word for parameter in [*parameters, "exit_at_end:=false"] for word in ("-p", parameter)]
     player = graph.start(REPLAY, str(bag), "--ros-args", *arguments)
-    assert graph.call(IsPaused, "/fsw_replay/is_paused").paused
-    graph.until(lambda: graph.call(PlayNext, "/fsw_replay/play_next").success)
-    assert graph.call(Burst, "/fsw_replay/burst", num_messages=4).actually_burst == 4
+    assert graph.ask(IsPaused, "/fsw_replay/is_paused").paused
+    graph.until(lambda: graph.ask(PlayNext, "/fsw_replay/play_next").success)
+    assert graph.ask(Burst, "/fsw_replay/burst", num_messages=4).actually_burst == 4
     graph.until(lambda: len(listener.depths) == 5)
     assert listener.depths == wanted[:5]
 
     last_second = info.end_ns - 1_000_000_000
     when = Time(sec=last_second // 10**9, nanosec=last_second % 10**9)
-    assert graph.call(Seek, "/fsw_replay/seek", time=when).success
-    assert not graph.call(Seek, "/fsw_replay/seek", time=Time(sec=1)).success
-    assert graph.call(SetRate, "/fsw_replay/set_rate", rate=5.0).success
-    assert not graph.call(SetRate, "/fsw_replay/set_rate", rate=-1.0).success
-    assert graph.call(GetRate, "/fsw_replay/get_rate").rate == 5.0
-    graph.call(Resume, "/fsw_replay/resume")
-    assert not graph.call(IsPaused, "/fsw_replay/is_paused").paused
+    assert graph.ask(Seek, "/fsw_replay/seek", time=when).success
+    assert not graph.ask(Seek, "/fsw_replay/seek", time=Time(sec=1)).success
+    assert graph.ask(SetRate, "/fsw_replay/set_rate", rate=5.0).success
+    assert not graph.ask(SetRate, "/fsw_replay/set_rate", rate=-1.0).success
+    assert graph.ask(GetRate, "/fsw_replay/get_rate").rate == 5.0
+    graph.ask(Resume, "/fsw_replay/resume")
+    assert not graph.ask(IsPaused, "/fsw_replay/is_paused").paused
     graph.until(lambda: listener.depths[-1] == wanted[-1])
     rest = listener.depths[5:]
     assert 8 <= len(rest) <= 12 and rest == wanted[-len(rest) :]
 
     start = Time(sec=info.start_ns // 10**9, nanosec=info.start_ns % 10**9)
-    graph.call(Pause, "/fsw_replay/pause")
-    assert graph.call(Seek, "/fsw_replay/seek", time=start).success
-    assert graph.call(Burst, "/fsw_replay/burst", num_messages=0).actually_burst == len(wanted)
-    graph.call(TogglePaused, "/fsw_replay/toggle_paused")
-    assert not graph.call(IsPaused, "/fsw_replay/is_paused").paused
-    graph.call(Stop, "/fsw_replay/stop")
+    graph.ask(Pause, "/fsw_replay/pause")
+    assert graph.ask(Seek, "/fsw_replay/seek", time=start).success
+    assert graph.ask(Burst, "/fsw_replay/burst", num_messages=0).actually_burst == len(wanted)
+    graph.ask(TogglePaused, "/fsw_replay/toggle_paused")
+    assert not graph.ask(IsPaused, "/fsw_replay/is_paused").paused
+    graph.ask(Stop, "/fsw_replay/stop")
     assert graph.end(player, signal.SIGINT)[0] == 0
 
 

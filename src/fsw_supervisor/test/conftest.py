@@ -11,6 +11,9 @@ from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.tick import Decision, ProposalInput
+from fsw_test_support.ros_graph import domain_id
+
+__all__ = ["domain_id"]
 
 PERIOD_NS = 100_000_000
 START = Command(78.4, 407.5)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
 from builtin_interfaces.msg import Duration  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import Temperature  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
-from fsw_control.free_domain import free_domain  # noqa: E402
+from fsw_control.topics_ros import LATEST  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
     ControllerStatus,
     DriveFeedback,
@@ -30,9 +26,11 @@ from fsw_msgs.msg import (  # noqa: E402
 )
 from fsw_msgs.srv import ListControllers, SetMode, SwitchController  # noqa: E402
 from fsw_supervisor.supervisor_node import SupervisorNode  # noqa: E402
+from fsw_test_support.ros_graph import Spinner  # noqa: E402
+
+pytestmark = pytest.mark.slow
 
 STEP_NS = 100_000_000
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 STRICT, BEST_EFFORT = SwitchController.Request.STRICT, SwitchController.Request.BEST_EFFORT
 
 
@@ -52,7 +50,7 @@ class Peer(Node):
         self.voices = {}
         self.wild = set()
         self.create_subscription(WeldCommand, "fsw/command", self.on_command, 10)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATCHED)
+        self.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
         self.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, 10)
         self.switching = self.create_client(SwitchController, "fsw/switch_controller")
         self.listing = self.create_client(ListControllers, "fsw/list_controllers")
@@ -100,24 +98,18 @@ class Peer(Node):
         return None
 
 
-class Bench:
+class Bench(Spinner):
     """Supervisor and peer in one executor, in a domain of their own."""
 
     def __init__(self, domain, arguments=(), remap=None):
         settings = [item for setting in ("lockstep:='on'", *arguments) for item in ("-p", setting)]
         settings += ["-r", remap] if remap else []
         rclpy.init(args=["test", "--ros-args", *settings], domain_id=domain)
-        self.executor = SingleThreadedExecutor()
+        super().__init__()
         self.peer = Peer()
         self.supervisor = SupervisorNode()
         self.executor.add_node(self.peer)
         self.executor.add_node(self.supervisor)
-
-    def until(self, condition, timeout_s=20.0):
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            assert time.monotonic() < end_s, "did not happen in time"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def run(self, *names):
         """Let the weld run under the first of ``names``."""
@@ -130,12 +122,6 @@ class Bench:
         self.until(lambda: peer.count_publishers(peer.resolve_topic_name("fsw/command")) == 1 and peer.states)
         peer.tick()
         self.until(lambda: len(peer.commands) > 8)
-
-    def call(self, client, request):
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
 
     def switch(self, name, strictness=STRICT, timeout_s=5.0):
         timeout = Duration(sec=int(timeout_s), nanosec=round(timeout_s % 1 * 1e9))
@@ -150,22 +136,17 @@ class Bench:
 
 
 @pytest.fixture
-def make_bench(monkeypatch):
+def make_bench(domain_id):
     """Makes the bench, in a domain that is this test's alone."""
     benches = []
-    with free_domain() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
-        def make(*arguments, remap=None):
-            benches.append(Bench(domain, arguments, remap))
-            return benches[-1]
+    def make(*arguments, remap=None):
+        benches.append(Bench(domain_id, arguments, remap))
+        return benches[-1]
 
-        try:
-            yield make
-        finally:
-            for bench in benches:
-                bench.close()
+    yield make
+    for bench in benches:
+        bench.close()
 
 
 @pytest.fixture
@@ -187,7 +168,7 @@ def test_forwards_the_selected_controller_and_answers_each_tick_once(bench):
 
 def test_the_state_is_latched_for_those_who_come_later(bench):
     late = []
-    bench.peer.create_subscription(SupervisorState, "fsw/supervisor/state", late.append, LATCHED)
+    bench.peer.create_subscription(SupervisorState, "fsw/supervisor/state", late.append, LATEST)
     bench.until(lambda: late)
     assert late[0].applied.source == "decentral"
 
@@ -340,16 +321,16 @@ def test_without_a_set_point_the_state_says_so(make_bench):
 def test_set_points_are_kept_for_those_who_come_when_their_sender_has_left(bench):
     bench.run()
     operator = rclpy.create_node("operator")
-    sender = operator.create_publisher(WeldReference, "fsw/reference", LATCHED)
+    sender = operator.create_publisher(WeldReference, "fsw/reference", LATEST)
     bench.until(lambda: sender.get_subscription_count())
     sender.publish(WeldReference(depth=float("nan"), temperature=850.0))
     sender.publish(WeldReference(depth=2.7e-3, temperature=845.0))
     heard = []
-    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", heard.append, LATCHED)
+    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", heard.append, LATEST)
     bench.until(lambda: heard)
     operator.destroy_node()
     late = []
-    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", late.append, LATCHED)
+    bench.peer.create_subscription(WeldReference, "fsw/supervisor/reference", late.append, LATEST)
     bench.until(lambda: late)
     assert len(heard) == len(late) == 1
     assert convert.issued_ns(late[0]) > 0

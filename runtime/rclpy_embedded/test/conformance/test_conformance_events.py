@@ -19,15 +19,21 @@ def _ignore(_: Any) -> None:
     pass
 
 
-def test_matched(node: Any, spinner: Any) -> None:
+def _pair(node: Any, profile: QoSProfile, event: str) -> tuple[Any, Any, list[Any], list[Any]]:
+    """A publisher and a subscription of a topic, and lists of the events of one kind at each."""
     published: list[Any] = []
     subscribed: list[Any] = []
     publisher = node.create_publisher(
-        String, "met", 10, event_callbacks=PublisherEventCallbacks(matched=published.append)
+        String, "pair", profile, event_callbacks=PublisherEventCallbacks(**{event: published.append})
     )
     subscription = node.create_subscription(
-        String, "met", _ignore, 10, event_callbacks=SubscriptionEventCallbacks(matched=subscribed.append)
+        String, "pair", _ignore, profile, event_callbacks=SubscriptionEventCallbacks(**{event: subscribed.append})
     )
+    return publisher, subscription, published, subscribed
+
+
+def test_matched(node: Any, spinner: Any) -> None:
+    publisher, subscription, published, subscribed = _pair(node, RELIABLE, "matched")
     assert spinner.until(lambda: published and subscribed)
     for event in (published[0], subscribed[0]):
         assert (event.total_count, event.total_count_change) == (1, 1)
@@ -35,7 +41,7 @@ def test_matched(node: Any, spinner: Any) -> None:
     node.destroy_subscription(subscription)
     assert spinner.until(lambda: len(published) == 2)
     assert (published[1].current_count, published[1].current_count_change) == (0, -1)
-    node.create_subscription(String, "met", _ignore, 10)
+    node.create_subscription(String, "pair", _ignore, 10)
     assert spinner.until(lambda: len(published) == 3)
     assert (published[2].total_count, published[2].current_count) == (2, 1)
     node.destroy_publisher(publisher)
@@ -118,14 +124,7 @@ def test_default_callbacks_can_be_switched_off(node: Any, spinner: Any, capfd: p
 
 def test_deadline_missed(node: Any, spinner: Any) -> None:
     profile = QoSProfile(depth=1, deadline=Duration(nanoseconds=50_000_000))
-    offered: list[Any] = []
-    requested: list[Any] = []
-    publisher = node.create_publisher(
-        String, "punctual", profile, event_callbacks=PublisherEventCallbacks(deadline=offered.append)
-    )
-    node.create_subscription(
-        String, "punctual", _ignore, profile, event_callbacks=SubscriptionEventCallbacks(deadline=requested.append)
-    )
+    publisher, _, offered, requested = _pair(node, profile, "deadline")
     publisher.publish(String())
     assert spinner.until(lambda: offered and requested)
     assert offered[0].total_count >= 1 and requested[0].total_count >= 1
@@ -137,14 +136,7 @@ def test_liveliness(node: Any, spinner: Any) -> None:
         liveliness=QoSLivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(nanoseconds=200_000_000),
     )
-    lost: list[Any] = []
-    changed: list[Any] = []
-    publisher = node.create_publisher(
-        String, "alive", profile, event_callbacks=PublisherEventCallbacks(liveliness=lost.append)
-    )
-    node.create_subscription(
-        String, "alive", _ignore, profile, event_callbacks=SubscriptionEventCallbacks(liveliness=changed.append)
-    )
+    publisher, _, lost, changed = _pair(node, profile, "liveliness")
     publisher.assert_liveliness()
     assert spinner.until(lambda: changed)
     assert changed[0].alive_count == 1

@@ -98,21 +98,31 @@ rclpy.spin(node)
 """
 
 
-def wait_asleep(program: Any) -> None:
-    """Wait until all threads of the program wait: genuine rclpy may fail when a signal comes in between."""
-    tasks = Path(f"/proc/{program.process.pid}/task")
-    seen = 0
-    while seen < 10:
-        states = [(task / "stat").read_text().rpartition(")")[2].split()[0] for task in tasks.iterdir()]
-        seen = seen + 1 if set(states) == {"S"} else 0
-        time.sleep(0.01)
+@pytest.fixture
+def wait_asleep(wait_until: Any) -> Any:
+    """Waits until all threads of a program wait: genuine rclpy may fail when a signal comes in between."""
+
+    def wait(program: Any) -> None:
+        tasks = Path(f"/proc/{program.process.pid}/task")
+        seen: list[bool] = []
+
+        def asleep() -> bool:
+            states = {(task / "stat").read_text().rpartition(")")[2].split()[0] for task in tasks.iterdir()}
+            seen.append(states == {"S"})
+            return len(seen) >= 20 and all(seen[-20:])
+
+        assert wait_until(asleep)
+
+    return wait
 
 
 @pytest.mark.parametrize(
     ("number", "outcome"),
     [(signal.SIGINT, "KeyboardInterrupt"), (signal.SIGTERM, "ExternalShutdownException")],
 )
-def test_signals_end_spin(run_program: Any, genuine: bool, number: signal.Signals, outcome: str) -> None:
+def test_signals_end_spin(
+    run_program: Any, wait_asleep: Any, genuine: bool, number: signal.Signals, outcome: str
+) -> None:
     program = run_program(SPIN)
     assert program.line() == "ready"
     wait_asleep(program)
@@ -132,7 +142,9 @@ def test_signals_end_spin(run_program: Any, genuine: bool, number: signal.Signal
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_spin_in_a_thread(run_program: Any, number: signal.Signals, genuine: bool) -> None:
+def test_signals_end_a_spin_in_a_thread(
+    run_program: Any, wait_asleep: Any, number: signal.Signals, genuine: bool
+) -> None:
     if genuine:
         pytest.skip("rclpy 7.1 may wake such a spin before the context is shut down, and it then waits for ever")
     program = run_program(THREAD)

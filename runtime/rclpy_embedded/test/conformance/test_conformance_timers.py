@@ -181,7 +181,7 @@ def test_rate(node: Any, spinner: Any) -> None:
     assert any(elapsed_s() == pytest.approx(0.09, abs=0.02) for _ in range(10))
 
 
-def test_rate_ends(context: Any, node: Any) -> None:
+def test_rate_ends(context: Any, node: Any, wait_until: Any) -> None:
     rate = node.create_rate(0.001)
     outcomes: list[BaseException] = []
 
@@ -193,8 +193,7 @@ def test_rate_ends(context: Any, node: Any) -> None:
 
     thread = threading.Thread(target=sleep)
     thread.start()
-    while rate._num_sleepers == 0:
-        time.sleep(0.001)
+    assert wait_until(lambda: rate._num_sleepers)
     context.shutdown()
     thread.join(5)
     assert len(outcomes) == 1

@@ -38,7 +38,8 @@ def start(run_program: Callable[..., Any], capfd: pytest.CaptureFixture[str]) ->
     programs: list[Any] = []
 
     def run(name: str, *args: str, genuine: bool = False) -> Any:
-        source = (_HERE / "peers" / f"{name}.py").read_text()
+        peers = _HERE / "peers"
+        source = f"import sys\nsys.path.append({str(peers)!r})\n" + (peers / f"{name}.py").read_text()
         if genuine:
             program = run_program(source, *args)
         else:

@@ -4,8 +4,8 @@ import importlib
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile
+from spinning import spin
 
 rclpy.init()
 node = rclpy.create_node("echo")
@@ -15,15 +15,4 @@ for number, name in enumerate(sys.argv[2:]):
     publisher = node.create_publisher(cls, f"back_{number}", QoSProfile(depth=10))
     node.create_subscription(cls, f"there_{number}", publisher.publish, 10, raw=sys.argv[1] == "raw")
 
-
-def ready():
-    first.cancel()
-    print("ready", flush=True)
-
-
-# Said while spinning: genuine rclpy does not take a signal before that well.
-first = node.create_timer(0.0, ready)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+spin(node)

@@ -1,8 +1,8 @@
 """One publisher and one subscription for every pair of an offered and a requested profile; says what it receives."""
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile
+from spinning import spin
 from std_msgs.msg import String
 
 rclpy.init()
@@ -22,15 +22,4 @@ for offered in range(4):
             String, f"to_peer_{pair}", lambda message, pair=pair: print(pair, message.data, flush=True), wanted
         )
 
-
-def ready():
-    first.cancel()
-    print("ready", flush=True)
-
-
-# Said while spinning: genuine rclpy does not take a signal before that well.
-first = node.create_timer(0.0, ready)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+spin(node)

@@ -3,7 +3,6 @@
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -13,6 +12,7 @@ from rclpy.qos import (
     qos_profile_sensor_data,
     qos_profile_system_default,
 )
+from spinning import spin
 from std_msgs.msg import Float64, Header, String
 from std_srvs.srv import Empty, SetBool, Trigger
 
@@ -66,15 +66,4 @@ node.create_service(Empty, "_hidden_service", lambda _, response: response)
 node.create_client(Trigger, "/home")
 node.create_timer(0.05, lambda: status.publish(String(data="all is well")))
 
-
-def ready():
-    first.cancel()
-    print("ready", flush=True)
-
-
-# Said while spinning: genuine rclpy does not take a signal before that well.
-first = node.create_timer(0.0, ready)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+spin(node)
