@@ -262,7 +262,7 @@ def page(data: Mapping[str, Any]) -> str:
             "",
             f"{len(data['other_models'])} models with other gains, time constants and dead times. The NMPC is",
             "given the model and takes its tuning by rule; both decentralized tunings are searched for on each model.",
-            "Without noise; conservative PI / tight PI / default NMPC. Made with `--models`; gains: other_models.json.",
+            "Without noise; conservative PI / tight PI / default NMPC. With `--models`; factors: other_models.json.",
             "",
             *other_models(data["other_models"]),
         ]

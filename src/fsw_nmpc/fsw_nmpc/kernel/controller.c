@@ -297,7 +297,7 @@ void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out
     iterations += out->iterations;
     if (fate == FSW_OK) fate = judge(c, v, depth, temp);
     if (fate == FSW_OK ? iterations > SHORT_SOLVE || !is_far(c, v, about) : size == 0.0) break;
-    if (fate != FSW_OK && attempt == 0)
+    if (fate != FSW_OK)
       for (int j = 0; j < nv; j++) v[j] = 0.0;
   }
   out->iterations = iterations;

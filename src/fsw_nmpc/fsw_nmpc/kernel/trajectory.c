@@ -121,17 +121,19 @@ static int targets_of(const approach *a, const fsw_controller *c, const fsw_inpu
   return n;
 }
 
-/* Rate of the temperature at a speed while the depth stays at its set-point: as the copper softens the force gives way,
- * and with it the torque. `power` holds the temperature. */
-static double held_rate(const fsw_controller *c, double speed_rpm, double power, double depth_mm, double depth_gain) {
+/* Rates of the temperature at the slowest and the fastest speed while the depth stays at its set-point: as the copper
+ * softens the force gives way, and with it the torque. `power` holds the temperature. */
+static void held_rates(const fsw_controller *c, double power, double depth_mm, double depth_gain, double rate[2]) {
   const fsw_model *m = &c->model;
-  const double *x = c->estimator.x;
-  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s, kw_per_nm = FSW_KW_PER_NM_RPM * speed_rpm;
+  const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
+  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * depth_gain);
   const fsw_torque held = fsw_torque_at(m, m->operating_force_kn - x[FSW_FORCE], depth_mm - x[FSW_DEPTH_OFFSET]);
-  const double given = kw_per_nm * x[FSW_SCALE];
-  return RATE_SHARE * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
+  for (int k = 0; k < 2; k++) {
+    const double kw_per_nm = FSW_KW_PER_NM_RPM * speed[k], given = kw_per_nm * x[FSW_SCALE];
+    rate[k] = RATE_SHARE * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
+  }
 }
 
 /* What force and speed can do together, about the present state. */
@@ -161,10 +163,10 @@ static void authority(const fsw_controller *c, double copper_c, approach *depth,
   const double usual = m->operating_depth_mm; /* a set-point may be anything */
   const double goal = fsw_clip(c->reference[0], 0.5 * usual, 1.5 * usual);
   const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
-  const double slowest = held_rate(c, t->input_min[1], kept, goal, gain);
-  const double fastest = held_rate(c, t->input_max[1], kept, goal, gain);
-  temp->least_rate = slowest < -LEAST_RATE_C_S ? slowest : -LEAST_RATE_C_S;
-  temp->top_rate = fastest > LEAST_RATE_C_S ? fastest : LEAST_RATE_C_S;
+  double rate[2];
+  held_rates(c, kept, goal, gain, rate);
+  temp->least_rate = rate[0] < -LEAST_RATE_C_S ? rate[0] : -LEAST_RATE_C_S;
+  temp->top_rate = rate[1] > LEAST_RATE_C_S ? rate[1] : LEAST_RATE_C_S;
   temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
