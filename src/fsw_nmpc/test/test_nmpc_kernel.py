@@ -17,7 +17,7 @@ from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
 P = nominal()
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-Wno-unused-parameter"]
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
 SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 DRIVER = r"""
@@ -52,6 +52,11 @@ int main(void) {
       }
     }
     if (k % 150 == 149) fsw_controller_reset(c, sample(60, 95), sample(300, 500));
+    if (k % 31 == 30) { /* a tuning that cannot be used changes nothing */
+      fsw_tuning wrong = tuning;
+      wrong.move_max[k % 2] = sample(-1, 0); wrong.noise[k % 3] = NAN;
+      if (!fsw_controller_configure(c, &wrong)) { free(c); return 6; }
+    }
     if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_controller_configure(c, &tuning); }
     fsw_output out;
     fsw_controller_step(c, &in, &out);
