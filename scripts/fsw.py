@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, model, bag."""
 
+import sys
+
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.cli.main")
+    start("fsw_experiment.cli.main", extras=("fmu",) if sys.argv[1:3] == ["export", "fmu"] else ())

@@ -1,0 +1,142 @@
+"""Writes plant and controllers as Functional Mock-up Units: FMI 2.0 for co-simulation, with sources and binary."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fsw_export.fmu_controllers import nmpc
+from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
+from fsw_export.fmu_plant import plant
+from fsw_nmpc.kernel_build import compiler
+
+# for any processor of its kind; without contraction, so that all compute the same
+FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-w")
+_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+_LONGEST_BUILD_S = 120.0
+Maker = Callable[[Path | None, Path | None, Mapping[str, Any]], Content]
+
+
+class ExportError(ValueError):
+    """Something cannot be exported; the message says what and why."""
+
+
+def _plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
+    if tuning is not None:
+        raise ExportError("plant: has no tuning; leave out --tuning")
+    return plant(model, values)
+
+
+#: what can be exported, by name
+UNITS: dict[str, Maker] = {"plant": _plant, "nmpc": nmpc}
+
+
+def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
+    """Variables and sources of a unit of ``UNITS``.
+
+    Raises
+    ------
+    ValueError
+        If it is not known, or a file or value cannot be used.
+    """
+    if unit not in UNITS:
+        raise ExportError(f"cannot export {unit!r}; known: {', '.join(UNITS)}")
+    return UNITS[unit](model, tuning, values)
+
+
+def write(content: Content, out: Path, replace: bool = False) -> None:
+    """Compile a unit and write its FMU.
+
+    Parameters
+    ----------
+    content : Content
+    out : Path
+        File to write, ``*.fmu``.
+    replace : bool
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    ExportError
+        If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
+    """
+    if out.suffix != ".fmu":
+        raise ExportError(f"{out}: end the name in .fmu")
+    if out.exists() and not (replace and out.is_file()):
+        raise ExportError(f"{out} exists already; nothing is overwritten without --force")
+    sources, guid = _sources(content)
+    compiled = sorted(name for name in sources if name.endswith(".c"))
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for name, text in sources.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        binary = folder / f"{content.identifier}.so"
+        _compile([str(folder / name) for name in compiled], binary)
+        files = {
+            "modelDescription.xml": model_description(content, compiled, guid).encode(),
+            f"binaries/{_platform()}/{binary.name}": binary.read_bytes(),
+            **{f"sources/{name}": text.encode() for name, text in sources.items()},
+        }
+    part = out.with_name(f".{out.name}.part")
+    try:
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, data in files.items():
+                entry = zipfile.ZipInfo(name)  # without a date: the same file every time
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
+        part.replace(out)
+    except OSError as error:
+        raise ExportError(f"cannot write {out}: {error.strerror}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _sources(content: Content) -> tuple[dict[str, str], str]:
+    """All C files by name, and the guid made from them."""
+    shared = {name: (FOLDER / name).read_text(encoding="utf-8") for name in ("fmu.c", "fmu.h")}
+    headers = _fmpy() / "c-code"
+    sources = {**content.sources, **shared}
+    sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
+    unnamed = sources | declarations(content, "")
+    digest = hashlib.sha256(repr([content.variables, sorted(unnamed.items())]).encode()).hexdigest()
+    guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
+    return sources | declarations(content, guid), guid
+
+
+def _fmpy() -> Path:
+    """Folder of fmpy, which brings the headers of the standard."""
+    found = find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise ExportError("needs the package fmpy, which brings the headers of FMI: pip install fmpy")
+    return Path(found.origin).parent
+
+
+def _platform() -> str:
+    """Name of this platform in an FMU."""
+    import fmpy
+
+    return str(fmpy.platform)
+
+
+def _compile(files: list[str], binary: Path) -> None:
+    command = compiler()
+    if command is None:
+        raise ExportError("no C compiler found: install one, set CC, or 'pip install ziglang'")
+    try:
+        run = subprocess.run(
+            [*command, *FLAGS, *files, "-o", str(binary), "-lm"],
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_BUILD_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ExportError(f"the compiler failed: {error}") from None
+    if run.returncode:
+        raise ExportError(f"the FMU did not compile with {' '.join(command)}:\n{run.stderr}")
