@@ -53,7 +53,7 @@ def generate() -> str:
     code = "\n".join(lines).replace("casadi_real", "double")
     return (
         "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n"
-        f"/* Written by CasADi {ca.__version__}. */\n"
+        f"/* Written by CasADi {ca.CasadiMeta.version()}. */\n"
         f'#include "torque.h"\n\n{code}\n'
     )
 
