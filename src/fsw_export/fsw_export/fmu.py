@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from fsw_export.c_folder import ExportError
 from fsw_export.fmu_controllers import nmpc
 from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
 from fsw_export.fmu_plant import plant
@@ -23,16 +24,13 @@ _LONGEST_BUILD_S = 120.0
 Maker = Callable[[Path | None, Path | None, Mapping[str, Any]], Content]
 
 
-class ExportError(ValueError):
-    """Something cannot be exported; the message says what and why."""
-
-
 def _plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
     if tuning is not None:
         raise ExportError("plant: has no tuning; leave out --tuning")
     return plant(model, values)
 
 
+__all__ = ["UNITS", "ExportError", "make", "write"]
 #: what can be exported, by name
 UNITS: dict[str, Maker] = {"plant": _plant, "nmpc": nmpc}
 
@@ -42,7 +40,7 @@ def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str
 
     Raises
     ------
-    ValueError
+    ExportError, ValueError
         If it is not known, or a file or value cannot be used.
     """
     if unit not in UNITS:

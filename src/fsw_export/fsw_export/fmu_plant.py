@@ -13,7 +13,7 @@ from fsw_control import weld
 from fsw_control.parameters import validate
 from fsw_export.fmu_description import Content, Variable, given, parameter, shown, sources
 from fsw_model import ProcessModel, equations
-from fsw_plant import config
+from fsw_plant import PlantEmulator, config
 
 #: parameters of the plant that the FMU has as its own
 _FIXED = ("start.depth_mm", "start.temperature_c")
@@ -43,13 +43,13 @@ def plant(model: Path | None, values: Mapping[str, Any]) -> Content:
     Raises
     ------
     ValueError
-        If a parameter is unknown or out of range, or there is no equilibrium to start from.
+        If a parameter is unknown or out of range, or there is no equilibrium to start from within the drives' limits.
     """
     specs = {name: spec for name, spec in config.specs().items() if name in (*_FIXED, *_TUNABLE) or name[:6] == "model."}
     validate(specs, values)
     chosen = config.PlantConfig.from_values({**values, **({"model_file": str(model)} if model else {})})
+    PlantEmulator(chosen)  # checks the start
     process = ProcessModel(chosen.model)
-    process.equilibrium(chosen["start.depth_mm"], chosen["start.temperature_c"])
     start = process.equilibrium()
     variables: list[Variable] = [
         given("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),

@@ -8,6 +8,7 @@ from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError
+from fsw_experiment.cli import export_fmu
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import assignment
@@ -62,6 +63,7 @@ def add_command(commands: Any) -> None:
     )
     c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     c.set_defaults(run=_run_c)
+    export_fmu.add_kind(kinds)
 
 
 def _model(path: Path | None) -> ModelParameters:
