@@ -55,7 +55,7 @@ KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime
 KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; what rosdep does not have
+#: the stand-in for ROS 2, done without where that is; what the tests share; what rosdep does not have
 OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "fmpy"}
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from fsw_experiment.cli.main import main
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.controllers import make
 from fsw_experiment.scenario_file import parse
-
-from fsw_experiment.cli.main import main
 from fsw_test_support.fmus import Units, fmu_loop
 
 SCENARIO = """
@@ -40,7 +40,12 @@ CASES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
     ("nmpc", {}, {}, ""),
     ("nmpc", {}, {}, "thermal_gain_c_per_kw: 19.0\ndead_time_s: 2.55\n"),
     ("nmpc", {"preset": "paper", "speed_max": 480.0}, {}, ""),
-    ("nmpc", {}, {"depth_aggressiveness": 0.5, "temperature_aggressiveness": 2.0, "force_step": 0.5, "calmness": 2.0}, ""),
+    (
+        "nmpc",
+        {},
+        {"depth_aggressiveness": 0.5, "temperature_aggressiveness": 2.0, "force_step": 0.5, "calmness": 2.0},
+        "",
+    ),
     ("decentral", {}, {}, ""),
     ("decentral", {"tuning": "tight"}, {}, ""),
 ]

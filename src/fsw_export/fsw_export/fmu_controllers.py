@@ -63,7 +63,12 @@ def _content(library: ControllerSources, parameters: list[Variable], at: Mapping
     if any(signal.name == "acting_force_kn" for signal in inputs):
         variables += [flag("drives_valid", "Whether acting_force_kn and acting_speed_rpm are wired and good", False)]
     variables += [
-        given("applied_force_kn", "Force set-point in force until now, if it is not that of this FMU", "kN", at["force_kn"]),
+        given(
+            "applied_force_kn",
+            "Force set-point in force until now, if it is not that of this FMU",
+            "kN",
+            at["force_kn"],
+        ),
         given("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", at["speed_rpm"]),
         flag("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
         *(shown(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
@@ -91,7 +96,12 @@ def _input(signal: Signal, at: Mapping[str, float]) -> Variable:
     if signal.kind == "bool":
         return flag(signal.name, _text(signal), signal is not _KNOWN)
     return Variable(
-        signal.name, "input", _text(signal), signal.unit, 0 if signal.is_int else at.get(quantity, 0.0), _TYPE[signal.kind]
+        signal.name,
+        "input",
+        _text(signal),
+        signal.unit,
+        0 if signal.is_int else at.get(quantity, 0.0),
+        _TYPE[signal.kind],
     )
 
 

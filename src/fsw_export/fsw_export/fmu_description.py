@@ -150,7 +150,9 @@ def declarations(content: Content, guid: str) -> dict[str, str]:
             f"{_c(v.allowed[0])}, {_c(v.allowed[1])}}},"
             for v in variables
         ]
-        initial = ", ".join(_c(float(v.start or 0.0)) if c_type == "double" else str(int(v.start or 0)) for v in variables)
+        initial = ", ".join(
+            _c(float(v.start or 0.0)) if c_type == "double" else str(int(v.start or 0)) for v in variables
+        )
         tables += [
             f"enum {{ N_{type.upper()}S = {len(variables)} }};",
             f"static const variable_info {type.upper()}_INFO[] = {{",
@@ -163,7 +165,8 @@ def declarations(content: Content, guid: str) -> dict[str, str]:
     parameters = [v for v in content.of_type("Real") if v.causality == "parameter"]
     starts = "".join(f"#define START_{v.member.upper()} {v.start!r}\n" for v in parameters)
     return {
-        "variables.h": f'{head}#define FMU_STEP_S {TICK_S!r}\n{starts}\n#include "{content.header}"\n\n' + "\n".join(structs),
+        "variables.h": f'{head}#define FMU_STEP_S {TICK_S!r}\n{starts}\n#include "{content.header}"\n\n'
+        + "\n".join(structs),
         "tables.h": f'{head}#define FMU_GUID "{guid}"\n\n' + "\n".join(tables),
     }
 
@@ -206,9 +209,14 @@ def model_description(content: Content, sources: Sequence[str], guid: str) -> st
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime="240", stepSize=repr(TICK_S))
     variables = ElementTree.SubElement(root, "ModelVariables")
     for v in content.variables:
-        entry = {"causality": v.causality, "variability": v.variability, "description": v.description}
-        number = str(content.of_type(v.type).index(v))
-        element = ElementTree.SubElement(variables, "ScalarVariable", name=v.name, valueReference=number, **entry)
+        entry = {
+            "name": v.name,
+            "valueReference": str(content.of_type(v.type).index(v)),
+            "causality": v.causality,
+            "variability": v.variability,
+            "description": v.description,
+        }
+        element = ElementTree.SubElement(variables, "ScalarVariable", entry)
         low, high = (int(bound) for bound in v.allowed) if v.type == "Integer" and v.allowed[1] < inf else v.allowed
         attributes = {
             "unit": v.unit,

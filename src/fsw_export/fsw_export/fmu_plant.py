@@ -45,7 +45,9 @@ def plant(model: Path | None, values: Mapping[str, Any]) -> Content:
     ValueError
         If a parameter is unknown or out of range, or there is no equilibrium to start from within the drives' limits.
     """
-    specs = {name: spec for name, spec in config.specs().items() if name in (*_FIXED, *_TUNABLE) or name[:6] == "model."}
+    specs = {
+        name: spec for name, spec in config.specs().items() if name in (*_FIXED, *_TUNABLE) or name[:6] == "model."
+    }
     validate(specs, values)
     chosen = config.PlantConfig.from_values({**values, **({"model_file": str(model)} if model else {})})
     PlantEmulator(chosen)  # checks the start
@@ -108,6 +110,7 @@ def process_code(process: ProcessModel) -> dict[str, str]:
     lines = ["/* Generated from the model's parameters by fsw_export. */", "#ifndef PROCESS_H", "#define PROCESS_H", ""]
     lines += [f"#define {name} {number!r}" for name, number in numbers.items()] + [""]
     lines += [
-        f"int {function.name()}(const double **arg, double **res, int *iw, double *w, int mem);" for function in functions
+        f"int {function.name()}(const double **arg, double **res, int *iw, double *w, int mem);"
+        for function in functions
     ]
     return {"process.c": text, "process.h": "\n".join([*lines, "", "#endif", ""])}

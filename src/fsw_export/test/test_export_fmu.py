@@ -1,8 +1,8 @@
-"""Functional Mock-up Units: valid, with a state that can be restored, and with clear errors; the plant is the emulator."""
+"""FMUs: valid, with a state that can be restored, and with clear errors; the plant is the emulator."""
 
 import zipfile
-from copy import copy
 from collections.abc import Callable, Iterator
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,12 @@ def run(units: dict[str, Any], begin: int, ticks: int = 100) -> list[Any]:
     plant, controller = units.values()
     for number in range(begin, begin + ticks):
         fmu_loop.step(plant, controller, number)
-        rows += [unit.get(name) for unit in (plant, controller) for name, v in unit.variables.items() if v.causality == "output"]
+        rows += [
+            unit.get(name)
+            for unit in (plant, controller)
+            for name, v in unit.variables.items()
+            if v.causality == "output"
+        ]
     return rows
 
 
@@ -89,7 +94,9 @@ def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str,
         reading, truth = emulator.measure(), emulator.truth()
         same = {name: getattr(reading, name)[0].value for name in ("depth_mm", "torque_nm", "temperature_c")}
         same |= {"acting_force_kn": reading.drives.force_kn, "acting_speed_rpm": reading.drives.speed_rpm}
-        same |= {name: getattr(truth, name) for name in ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")}
+        same |= {
+            name: getattr(truth, name) for name in ("process_torque_nm", "friction_torque_nm", "copper_temperature_c")
+        }
         same["power_kw"] = truth.process_power_kw
         assert {name: plant.get(name) for name in same} == pytest.approx(same, rel=1e-12)
         for (channel, unit), value in zip(channels.items(), 0.1 * random.normal(size=4), strict=True):
@@ -194,7 +201,9 @@ def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_pat
 def test_same_export_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:
     fmu.write(fmu.make("nmpc", None, None, {}), tmp_path / "again.fmu")
     with zipfile.ZipFile(fmus["nmpc"]) as one, zipfile.ZipFile(tmp_path / "again.fmu") as again:
-        assert {name: one.read(name) for name in one.namelist()} == {name: again.read(name) for name in again.namelist()}
+        assert {name: one.read(name) for name in one.namelist()} == {
+            name: again.read(name) for name in again.namelist()
+        }
 
 
 def pressed_out(plant: Any) -> None:
@@ -206,13 +215,25 @@ def pressed_out(plant: Any) -> None:
 
 
 ERRORS: list[tuple[str, Callable[[Any], object], str]] = [
-    ("plant", lambda u: u.fmu.doStep(0.0, 0.1), "fmi2DoStep from 0 s, but the time is 0.1 s: to go back use fmi2SetFMUstate"),
-    ("plant", lambda u: u.fmu.doStep(0.2, 0.1), "fmi2DoStep from 0.2 s, but the time is 0.1 s: no step can be left out"),
+    (
+        "plant",
+        lambda u: u.fmu.doStep(0.0, 0.1),
+        "fmi2DoStep from 0 s, but the time is 0.1 s: to go back use fmi2SetFMUstate",
+    ),
+    (
+        "plant",
+        lambda u: u.fmu.doStep(0.2, 0.1),
+        "fmi2DoStep from 0.2 s, but the time is 0.1 s: no step can be left out",
+    ),
     ("plant", lambda u: u.fmu.doStep(0.1, 0.2), "fmi2DoStep over 0.2 s: the communication step must be 0.1 s"),
     ("plant", lambda u: u.fmu.doStep(0.1, 0.0), "fmi2DoStep over 0 s: the communication step must be 0.1 s"),
     ("plant", lambda u: u.fmu.doStep(float("nan"), 0.1), "fmi2DoStep from nan s, but the time is 0.1 s"),
     ("plant", pressed_out, "the model holds while the shoulder is in the copper, above 0 mm"),
-    ("plant", lambda u: (u.set(force_kn=float("nan")), u.fmu.doStep(0.1, 0.1)), "input force_kn is not a finite number"),
+    (
+        "plant",
+        lambda u: (u.set(force_kn=float("nan")), u.fmu.doStep(0.1, 0.1)),
+        "input force_kn is not a finite number",
+    ),
     ("plant", lambda u: u.set(depth_mm=1.0), "depth_mm is an output"),
     ("plant", lambda u: u.set(**{"start.depth_mm": 2.0}), "start.depth_mm is a fixed parameter"),
     ("plant", lambda u: u.set(**{"actuators.lag_s": -1.0}), "actuators.lag_s = -1 is outside 0 to 10"),

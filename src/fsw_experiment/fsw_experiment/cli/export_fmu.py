@@ -15,14 +15,16 @@ def add_kind(kinds: Any) -> None:
     parser = kinds.add_parser(
         "fmu",
         help="the plant or a controller as a Functional Mock-up Unit (FMI 2.0, co-simulation)",
-        description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with sources "
-        "and a binary for this machine. Prints its variables.",
+        description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
+        "sources and a binary for this machine. Prints its variables.",
     )
     parser.add_argument("unit", help="plant, nmpc or decentral")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.fmu", help="file to write")
     parser.add_argument("--force", action="store_true", help="replace the file if it exists")
     parser.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
-    parser.add_argument("--tuning", type=Path, metavar="FILE", help="tuning of the NMPC (YAML) instead of the default one")
+    parser.add_argument(
+        "--tuning", type=Path, metavar="FILE", help="tuning of the NMPC (YAML) instead of the default one"
+    )
     parser.add_argument(
         "--parameter",
         action="append",
