@@ -8,6 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from fsw_control import c_library
 from fsw_model import nominal
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of, make_horizon
@@ -103,7 +104,7 @@ def tables_of(library):
 
 
 def compile_c(arguments, **options):
-    command = [*kernel_build.compiler(), *arguments]
+    command = [*c_library.compiler(), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 
@@ -192,10 +193,10 @@ def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
 
 def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(kernel_build, "compiler", lambda: None)
+    monkeypatch.setattr(c_library, "compiler", lambda: None)
     with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
         kernel_build.build()
-    monkeypatch.setattr(kernel_build, "compiler", lambda: ["false"])
+    monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
     with pytest.raises(RuntimeError, match="did not compile with false"):
         kernel_build.build()
 
