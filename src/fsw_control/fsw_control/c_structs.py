@@ -31,7 +31,7 @@ class Header:
     def __init__(self, path: Path) -> None:
         text = re.sub(r"\s*/\*.*?\*/", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
         self._name = path.name
-        self.defined: dict[str, str] = dict(re.findall(r"#define (\w+)\s+(.+)", text))
+        self.defined: dict[str, str] = dict(re.findall(r"#define (\w+)[ \t]+(.+)", text))
         self._bodies = {name: body for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL)}
         self._types: dict[str, Any] = {"int": ctypes.c_int, "double": ctypes.c_double}
 
