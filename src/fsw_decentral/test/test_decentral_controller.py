@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
 from fsw_control.units import KW_PER_NM_RPM
-from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C
+from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
 from fsw_decentral.library import load
 from fsw_model import ProcessModel
@@ -259,6 +259,17 @@ def test_a_torque_beyond_all_range_starts_the_loops_again():
     assert [proposal.healthy for proposal in reasons] == [True, True, False, True]
     assert reasons[2].reason == "samples beyond all range, loops start again"
     assert reasons[2].command == NOMINAL
+
+
+def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_tick():
+    def after(dt_s):
+        controller = DecentralController()
+        for k, step_s in enumerate((0.1, dt_s)):
+            proposal = controller.step(measured(k, depth=2.66 + 1e-3 * k), REFERENCE, NOMINAL, step_s)
+        return proposal
+
+    assert after(5.0) == after(math.inf) == after(1.0) != after(0.1)
+    assert after(NAN) == after(-1.0) == after(0.0) == after(TICK_S)
 
 
 def test_without_a_compiler_one_line_says_what_to_do(monkeypatch, tmp_path):

@@ -1,7 +1,7 @@
 /* The decentralized controller of depth and temperature: temperature by spindle speed through a power loop, depth by axial
  * force. Two single loops side by side.
  *
- * Portable C99: no heap, no globals, no recursion, of libm only exp, and no loop. All memory is the struct fsw_decentral,
+ * Portable C99: no heap, no globals, no recursion, of libm only exp, no iteration. All memory is the struct fsw_decentral,
  * which holds no pointer and may be copied. NaN, stale and missing samples are arguments. Arithmetic is that of IEEE 754,
  * in double precision.
  *
