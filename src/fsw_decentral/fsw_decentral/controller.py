@@ -10,7 +10,7 @@ from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load, problem
 from fsw_decentral.gains import Gains
-from fsw_decentral.library import LIMITS, Library, Reason, TuningStruct, is_usable
+from fsw_decentral.library import LIMITS, Library, Reason, TuningStruct, check
 
 
 class DecentralController:
@@ -108,8 +108,5 @@ def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, TuningStruct]:
         nominal_torque_nm=values["nominal_torque"],
         blind_limit_s=values["blind_limit"],
     )
-    if not is_usable(tuning):
-        raise ValueError(
-            "limits, friction, spindle_inertia, nominal_torque and blind_limit must be finite and in their ranges"
-        )
+    check(tuning)
     return gains, limits, tuning

@@ -55,6 +55,7 @@ class Reason(IntEnum):
 
 #: limits that a proposal touches, in the order of their bits
 LIMITS = ("force_min", "force_max", "speed_min", "speed_max", "force_rate", "speed_rate")
+_UNUSABLE = "limits, friction, spindle_inertia, nominal_torque and blind_limit must be finite and in their ranges"
 
 
 @cache
@@ -99,11 +100,18 @@ class Library:
         self._arguments = self._controller, ctypes.byref(self.input), ctypes.byref(self.output)
         self._lib, self._step = lib, lib.fsw_decentral_step
         if lib.fsw_decentral_init(self._controller, ctypes.byref(tuning)):
-            raise ValueError("the controller library refuses the tuning")
+            raise ValueError(_UNUSABLE)
 
     def configure(self, tuning: TuningStruct) -> None:
-        """Take another tuning that :func:`is_usable`; the proposals do not jump."""
-        self._lib.fsw_decentral_configure(self._controller, ctypes.byref(tuning))
+        """Take another tuning; the proposals do not jump.
+
+        Raises
+        ------
+        ValueError
+            If the tuning is not usable; the controller goes on with the one before.
+        """
+        if self._lib.fsw_decentral_configure(self._controller, ctypes.byref(tuning)):
+            raise ValueError(_UNUSABLE)
 
     def reset(self, force_kn: float, speed_rpm: float) -> None:
         """Forget the past."""
@@ -114,6 +122,7 @@ class Library:
         self._step(*self._arguments)
 
 
-def is_usable(tuning: TuningStruct) -> bool:
-    """Whether the library takes a tuning."""
-    return bool(load().fsw_decentral_is_usable(ctypes.byref(tuning)))
+def check(tuning: TuningStruct) -> None:
+    """Raise ValueError if the library does not take a tuning."""
+    if not load().fsw_decentral_is_usable(ctypes.byref(tuning)):
+        raise ValueError(_UNUSABLE)

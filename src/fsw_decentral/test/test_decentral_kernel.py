@@ -148,7 +148,7 @@ def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
             bad.friction[2] = float("nan")
         else:
             setattr(bad, field, float("inf"))
-        library.configure(bad)
+        for take in (library.configure, Library):
+            with pytest.raises(ValueError, match="must be finite and in their ranges"):
+                take(bad)
         assert bytes(library._state.tuning) == bytes(good), field
-        with pytest.raises(ValueError, match="refuses the tuning"):
-            Library(bad)

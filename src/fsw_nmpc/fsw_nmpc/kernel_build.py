@@ -8,7 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from fsw_control.c_library import CLibrary
+from fsw_control.c_library import CLibrary, compiler
+
+__all__ = ["FOLDER", "LIBRARY", "SOURCES", "build", "compiler", "ensure", "find", "is_usable", "source_id"]
 
 LIBRARY = CLibrary("fsw_nmpc", Path(__file__).parent / "kernel", "fsw_controller_id")
 FOLDER, SOURCES = LIBRARY.folder, LIBRARY.sources

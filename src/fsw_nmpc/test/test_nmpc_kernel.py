@@ -14,13 +14,10 @@ from fsw_nmpc.horizon import horizon_of, make_horizon
 from fsw_nmpc.kernel_structs import Input, Output
 from fsw_nmpc.library import Library, Tables
 from fsw_nmpc.tuning import Tuning
-from fsw_test_support import c_code
-from fsw_test_support.c_code import SANITIZE, compile_c, has_sanitizers, layout_in_c, layout_in_python
+from fsw_test_support.c_code import SANITIZE, STRICT, compile_c, has_sanitizers, layout_in_c, layout_in_python
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
 P = nominal()
-STRICT = (*c_code.STRICT, "-Wno-unused-parameter")
-
 DRIVER = r"""
 #include <math.h>
 #include <stdio.h>
@@ -53,6 +50,11 @@ int main(void) {
       }
     }
     if (k % 150 == 149) fsw_controller_reset(c, sample(60, 95), sample(300, 500));
+    if (k % 31 == 30) { /* a tuning that cannot be used changes nothing */
+      fsw_tuning wrong = tuning;
+      wrong.move_max[k % 2] = sample(-1, 0); wrong.noise[k % 3] = NAN;
+      if (!fsw_controller_configure(c, &wrong)) { free(c); return 6; }
+    }
     if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_controller_configure(c, &tuning); }
     fsw_output out;
     fsw_controller_step(c, &in, &out);

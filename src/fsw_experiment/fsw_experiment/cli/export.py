@@ -1,0 +1,129 @@
+"""``fsw.py export``: controllers and plant for use outside ROS 2."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fsw_control.contract import Controller
+from fsw_control.parameters import ParameterError
+from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.progress import ProgressBar
+from fsw_experiment.cli.simulate import assignment
+from fsw_experiment.scenario_file import parse
+from fsw_model import ModelParameters, OperatingPointError, nominal
+from fsw_nmpc import NmpcController
+
+#: A weld of 240 s in which everything happens that a controller must bear; set-points are relative to the model's.
+_WELD = """
+name: test_vectors
+description: Set-points, announced, disturbances and sensor faults.
+duration_s: 240.0
+controller: {controller}
+announced: true
+plant: {{model_file: '{model}', start: {{depth_mm: {depth}, temperature_c: {temperature}}}, seed: 5}}
+events:
+  - {{at_s: 10.0, reference: {{depth_mm: {deeper}}}}}
+  - {{at_s: 30.0, fault: {{sensor: depth, kind: dropout, duration_s: 1.0}}}}
+  - {{at_s: 50.0, reference: {{depth_mm: {depth}, temperature_c: {hotter}}}}}
+  - {{at_s: 90.0, disturbance: {{channel: depth, shape: step, amplitude_mm: 0.05}}}}
+  - {{at_s: 110.0, fault: {{sensor: torque, kind: nan, duration_s: 3.0}}}}
+  - {{at_s: 130.0, disturbance: {{channel: axial_force, shape: step, amplitude_kn: 1.0}}}}
+  - {{at_s: 150.0, fault: {{sensor: thermocouple, kind: freeze, duration_s: 5.0}}}}
+  - {{at_s: 170.0, disturbance: {{channel: temperature, shape: step, amplitude_c: -5.0}}}}
+  - {{at_s: 200.0, reference: {{temperature_c: {temperature}}}}}
+"""
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "export",
+        help="a controller as C99 for a PLC, a controller or the plant as an FMU",
+        description="Export controllers and plant for use outside ROS 2.",
+    )
+    kinds = parser.add_subparsers(title="kinds", metavar="KIND", required=True)
+    c = kinds.add_parser(
+        "c",
+        help="a controller as a self-contained folder of C99",
+        description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
+        "weld, function block, README. The example is compiled and run on the vectors before the folder is put in place.",
+    )
+    c.add_argument("--controller", choices=["nmpc"], default="nmpc", help="which one (default nmpc)")
+    c.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    c.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
+    c.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5",
+    )
+    c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    c.set_defaults(run=_run_c)
+
+
+def _model(path: Path | None) -> ModelParameters:
+    if path is None:
+        return nominal()
+    try:
+        return ModelParameters.from_file(path)
+    except OSError as error:
+        raise CommandError(f"cannot read model {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise CommandError(f"cannot read model {path}: not a text file in UTF-8") from None
+
+
+def _run_c(arguments: argparse.Namespace) -> int:
+    from fsw_experiment.controllers import make
+    from fsw_export.c_folder import ExportError, write_folder
+    from fsw_export.c_library import nmpc_sources
+    from fsw_export.vectors import VectorRecorder
+
+    model = _model(arguments.model)
+    parameters = dict(assignment("--parameter", text) for text in arguments.parameter)
+    if arguments.model is not None:
+        parameters["model_file"] = str(arguments.model)
+    if arguments.tuning is not None:
+        parameters["tuning_file"] = str(arguments.tuning)
+    controller = make(arguments.controller, parameters)
+    if not isinstance(controller, NmpcController) or controller.solver is not None:
+        raise CommandError("export c: solver must be rti, the library's own")
+    sources = nmpc_sources(controller.library, controller.settings)
+    vectors = VectorRecorder(controller.library, sources.inputs, sources.outputs)
+    _weld(controller, model, arguments.model)
+    try:
+        said = write_folder(sources, vectors, _origin(arguments), arguments.out)
+    except ExportError as error:
+        raise CommandError(f"export c: {error}") from None
+    print(f"{arguments.out}: README.md, src, vectors of a weld; example: {said}")
+    return 0
+
+
+def _origin(arguments: argparse.Namespace) -> str:
+    """Model and tuning in words."""
+    model = f"model `{arguments.model.name}`" if arguments.model is not None else "the paper's model"
+    tuning = f"tuning `{arguments.tuning.name}`" if arguments.tuning is not None else "default tuning"
+    return ", ".join([model, tuning, *(f"`{text}`" for text in arguments.parameter)])
+
+
+def _weld(controller: Controller, model: ModelParameters, file: Path | None) -> None:
+    """Let the controller weld on a plant that is like its model."""
+    from fsw_experiment.closed_loop import ClosedLoop
+
+    depth, temperature = model.operating_depth_mm, model.operating_temperature_c
+    text = _WELD.format(
+        controller=controller.name,
+        model="" if file is None else file,
+        depth=depth,
+        deeper=depth + 0.1,
+        temperature=temperature,
+        hotter=temperature + 5.0,
+    )
+    try:
+        loop = ClosedLoop(parse(text, "the weld of the test vectors"), {controller.name: controller})
+    except (OperatingPointError, ParameterError) as error:
+        raise CommandError(f"export: cannot weld with this model: {error}") from None
+    with ProgressBar("weld of the test vectors") as bar:
+        loop.run(bar)
