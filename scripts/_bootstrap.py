@@ -1,9 +1,9 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
 ``ensure()`` makes ``.venv`` in the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
-Where there is no C compiler for the NMPC, one is installed as a wheel, too. When all is done already it only takes
-the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``) sees
-the system's packages, and the genuine rclpy is used.
+Where there is no C compiler for the controllers, one is installed as a wheel, too. When all is done already it only
+takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``)
+sees the system's packages, and the genuine rclpy is used.
 """
 
 import fcntl

@@ -150,6 +150,15 @@ def stack_bytes(build_folder: Path, function: str) -> int:
     return deepest(function, ())
 
 
+def state_bytes(build_folder: Path) -> int:
+    """Bytes of the controller with its input and output, as the example holds them."""
+    lines = _command(["arm-none-eabi-nm", "-S", str(build_folder / "fsw_example")], build_folder)
+    found = re.findall(r"^\w+ (\w+) [bB] (?:controller|input|output)$", lines, re.MULTILINE)
+    if len(found) != 3:
+        raise AssertionError(f"the example has no controller, input and output:\n{lines[:500]}")
+    return sum(int(size, 16) for size in found)
+
+
 def sizes(build_folder: Path) -> tuple[int, int]:
     """Bytes of code and constants, and of initialised and zeroed data, of the library alone."""
     lines = _command(["arm-none-eabi-size", "--totals", str(build_folder / "libfsw_controller.a")], build_folder)

@@ -49,7 +49,7 @@ def add_command(commands: Any) -> None:
         "c",
         help="a controller as a self-contained folder of C99",
         description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
-        "weld, function block, README. The example is compiled and run on the vectors before the folder is put in place.",
+        "weld, function block, README. The example is compiled and run before the folder is put in place.",
     )
     c.add_argument("--controller", choices=["nmpc"], default="nmpc", help="which one (default nmpc)")
     c.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
