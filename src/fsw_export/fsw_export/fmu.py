@@ -11,14 +11,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from fsw_control.c_library import PORTABLE, compiler
 from fsw_export.c_folder import ExportError
-from fsw_export.fmu_controllers import nmpc
+from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
 from fsw_export.fmu_plant import plant
-from fsw_nmpc.kernel_build import compiler
 
 # for any processor of its kind; without contraction, so that all compute the same
-FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-w")
+FLAGS = (*PORTABLE, "-fPIC", "-shared", "-fvisibility=hidden", "-w")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 _LONGEST_BUILD_S = 120.0
 Maker = Callable[[Path | None, Path | None, Mapping[str, Any]], Content]
@@ -32,7 +32,7 @@ def _plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -
 
 __all__ = ["UNITS", "ExportError", "make", "write"]
 #: what can be exported, by name
-UNITS: dict[str, Maker] = {"plant": _plant, "nmpc": nmpc}
+UNITS: dict[str, Maker] = {"plant": _plant, "nmpc": nmpc, "decentral": decentral}
 
 
 def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:

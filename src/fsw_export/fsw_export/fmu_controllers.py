@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
-from fsw_control.parameters import load
+from fsw_control.parameters import load, validate
+from fsw_decentral import DecentralController
+from fsw_decentral.gains import Gains
+from fsw_decentral.kernel_build import LIBRARY
 from fsw_export.c_library import ControllerSources, nmpc_sources
 from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, sources
-from fsw_export.signals import Signal
-from fsw_model import ProcessModel
+from fsw_export.signals import NMPC_INPUTS, NMPC_OUTPUTS, Signal
+from fsw_model import ModelParameters, ProcessModel, nominal
 from fsw_nmpc import NmpcController
 
+#: parameters of the decentralized controller's node, and where they are in the library's tuning
+_DECENTRAL = {name: name for name in Gains.__dataclass_fields__} | {
+    "force_min": "force_min_kn",
+    "force_max": "force_max_kn",
+    "speed_min": "speed_min_rpm",
+    "speed_max": "speed_max_rpm",
+    "force_step": "force_step_kn",
+    "speed_step": "speed_step_rpm",
+    "friction.constant": "friction[0]",
+    "friction.linear": "friction[1]",
+    "friction.quadratic": "friction[2]",
+    "spindle_inertia": "spindle_inertia_kgm2",
+    "nominal_torque": "nominal_torque_nm",
+    "blind_limit": "blind_limit_s",
+}
 _TYPE = {"real": "Real", "int": "Integer", "bool": "Boolean"}
 #: parameters of the NMPC's node that its FMU has as its own
 _NMPC = (
@@ -47,15 +67,57 @@ def nmpc(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> 
     controller = NmpcController(chosen)
     if controller.solver is not None:
         raise ValueError("solver: only rti, the library's own, can be exported")
-    start = ProcessModel(controller.settings.model).equilibrium()
+    parameters = [parameter(specs[name], chosen.get(name, specs[name].default)) for name in _NMPC]
+    library = nmpc_sources(controller.library, controller.settings)
+    return _content(library, parameters, controller.settings.model, sources("fmu_nmpc.c"))
+
+
+def decentral(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
+    """The decentralized controller; its parameters are those of ``decentral.yaml``, its gains in place of the tuning.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is unknown or out of range, or there is a file of a model or a tuning.
+    """
+    if model is not None or tuning is not None:
+        raise ValueError("decentral: has no model and no tuning file; leave out --model and --tuning")
+    specs = load("fsw_decentral", "decentral.yaml")
+    chosen = validate(specs, values)
+    controller = DecentralController(chosen)
+    chosen |= asdict(controller.gains)
+    parameters = []
+    for name, spec in specs.items():
+        if name in _DECENTRAL:
+            low, high = spec.range or (-inf, inf)
+            allowed = (max(low, 0.0), high) if hasattr(controller.gains, name) else (low, high)
+            text = spec.description.partition("; negative:")[0]
+            parameters.append(parameter(replace(spec, range=allowed, description=text), chosen[name]))
+    lines = [f"  tuning->{member} = real->{name.replace('.', '_')};" for name, member in _DECENTRAL.items()]
+    code = "\n".join(
+        [
+            "/* Generated from the table of parameters of fsw_export. */",
+            '#include "fmu_controller.h"',
+            "",
+            "int controller_tune(controller_tuning *tuning, const fmu_reals *real, const fmu_integers *integer,",
+            "                    char *message) {",
+            "  (void)integer, (void)message;",
+            *lines,
+            "  return 0;",
+            "}",
+            "",
+        ]
+    )
+    return _content(_decentral_sources(), parameters, nominal(), {"fmu_decentral.c": code})
+
+
+def _content(
+    library: ControllerSources, parameters: list[Variable], model: ModelParameters, tune: Mapping[str, str]
+) -> Content:
+    """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C file of its parameters."""
+    start = ProcessModel(model).equilibrium()
     at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
     at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
-    parameters = [parameter(specs[name], chosen.get(name, specs[name].default)) for name in _NMPC]
-    return _content(nmpc_sources(controller.library, controller.settings), parameters, at)
-
-
-def _content(library: ControllerSources, parameters: list[Variable], at: Mapping[str, float]) -> Content:
-    """An FMU of a library; ``at`` has the operating point, from which inputs have their start values."""
     inputs = [signal for signal in library.inputs if signal.name not in _OWN]
     if any(signal.name == "n_changes" for signal in library.inputs):
         inputs.append(_KNOWN)
@@ -77,9 +139,47 @@ def _content(library: ControllerSources, parameters: list[Variable], at: Mapping
         Variable("start_speed_rpm", "parameter", "Spindle speed at the start", "rpm", at["speed_rpm"], fixed=True),
     ]
     header = f"fmu_{library.name}.h"
-    shared = sources("fmu_controller.c", "fmu_controller.h", f"fmu_{library.name}.c", header)
-    code = {**library.files(), **shared, "signals.h": _signals(inputs, library.outputs)}
+    shared = sources("fmu_controller.c", "fmu_controller.h", header)
+    code = {**library.files(), **shared, **tune, "signals.h": _signals(inputs, library.outputs)}
     return Content(f"fsw_{library.name}", _text(library.title), tuple(variables), header, code)
+
+
+def _decentral_sources() -> ControllerSources:
+    """Sources of the decentralized controller; all of its tuning comes from the FMU's parameters."""
+    flags = [
+        Signal(f"{name}_valid", "bool", "", f"whether {name} may be used; the last good value for a while, too")
+        for name in ("depth", "torque", "temperature")
+    ]
+    texts = ("filtered depth", "filtered process torque", "filtered temperature")
+    filtered = [
+        replace(one, name=f"filtered_{one.name}", member=one.name, text=text)
+        for one, text in zip(NMPC_INPUTS, texts, strict=False)
+    ]
+    return ControllerSources(
+        name="decentral",
+        title="decentralized control of depth and temperature",
+        folder=LIBRARY.folder,
+        header="fsw_decentral.h",
+        prefix="fsw_decentral",
+        sizes={},
+        tables="",
+        declarations="",
+        start="",
+        input_type="fsw_decentral_input",
+        output_type="fsw_decentral_output",
+        inputs=(*NMPC_INPUTS[:3], *flags, *(one for one in NMPC_INPUTS if one.name[:4] in ("appl", "refe"))),
+        outputs=(
+            *NMPC_OUTPUTS[:3],
+            Signal(
+                "reason",
+                "int",
+                "",
+                "0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 overflow",
+            ),
+            Signal("active_limits", "int", "", "sum of 1, 2 force min, max; 4, 8 speed min, max; 16, 32 rates of both"),
+            *filtered,
+        ),
+    )
 
 
 def _text(source: Signal | str) -> str:

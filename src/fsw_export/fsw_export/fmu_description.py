@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, pi
+from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
 
 from fsw_control.parameters import ParameterSpec
+from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_control.weld import TICK_S
 
 #: unit: exponents of the base units of SI, and ``value in SI = factor * value + offset``
@@ -19,11 +20,16 @@ UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1},
     "kN": {"kg": 1, "m": 1, "s": -2, "factor": 1e3},
     "kN/s": {"kg": 1, "m": 1, "s": -3, "factor": 1e3},
-    "rpm": {"rad": 1, "s": -1, "factor": pi / 30.0},
-    "rpm/s": {"rad": 1, "s": -2, "factor": pi / 30.0},
+    "rpm": {"rad": 1, "s": -1, "factor": RAD_PER_S_PER_RPM},
+    "rpm/s": {"rad": 1, "s": -2, "factor": RAD_PER_S_PER_RPM},
     "N m": {"kg": 1, "m": 2, "s": -2},
-    "N m/rpm": {"kg": 1, "m": 2, "s": -1, "rad": -1, "factor": 30.0 / pi},
+    "N m/rpm": {"kg": 1, "m": 2, "s": -1, "rad": -1, "factor": 1.0 / RAD_PER_S_PER_RPM},
+    "N m/rpm2": {"kg": 1, "m": 2, "rad": -2, "factor": RAD_PER_S_PER_RPM**-2},
     "kW": {"kg": 1, "m": 2, "s": -3, "factor": 1e3},
+    "kN/mm": {"kg": 1, "s": -2, "factor": 1e6},
+    "kW/degC": {"kg": 1, "m": 2, "s": -3, "K": -1, "factor": 1e3},
+    "rpm/kW": {"kg": -1, "m": -2, "s": 2, "rad": 1, "factor": 1e-3 * RAD_PER_S_PER_RPM},
+    "kg m2": {"kg": 1, "m": 2},
 }
 TYPES = ("Real", "Integer", "Boolean")
 #: of the C sources that are the same in every export

@@ -7,7 +7,7 @@
 #include "signals.h" /* generated: give_input, show_output */
 
 static int refuse(char *message) {
-  snprintf(message, FMU_MESSAGE, "parameters: not usable together; each minimum must be below its maximum");
+  snprintf(message, FMU_MESSAGE, "parameters: cannot be used together; " CONTROLLER_NEEDS);
   return 1;
 }
 

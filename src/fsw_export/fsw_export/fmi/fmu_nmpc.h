@@ -8,6 +8,7 @@
 #define CONTROLLER_CONFIGURE fsw_controller_configure
 #define CONTROLLER_RESET fsw_controller_reset
 #define CONTROLLER_STEP fsw_controller_step
+#define CONTROLLER_NEEDS "each minimum must be below its maximum"
 #define CONTROLLER_RELINK(c) ((c)->model = fsw_exported_model) /* its tables */
 
 typedef fsw_tuning controller_tuning;
