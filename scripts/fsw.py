@@ -6,4 +6,5 @@ import sys
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.cli.main", extras=("fmu",) if sys.argv[1:3] == ["export", "fmu"] else ())
+    extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
+    start("fsw_experiment.cli.main", extras)

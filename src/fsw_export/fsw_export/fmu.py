@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
+import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,22 +18,15 @@ from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
 from fsw_export.fmu_plant import plant
 
-# for any processor of its kind; without contraction, so that all compute the same
-FLAGS = (*PORTABLE, "-fPIC", "-shared", "-fvisibility=hidden", "-w")
+# for any processor of its kind
+FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden", "-w")
+#: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
+CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 _LONGEST_BUILD_S = 120.0
 Maker = Callable[[Path | None, Path | None, Mapping[str, Any]], Content]
-
-
-def _plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
-    if tuning is not None:
-        raise ExportError("plant: has no tuning; leave out --tuning")
-    return plant(model, values)
-
-
-__all__ = ["UNITS", "ExportError", "make", "write"]
 #: what can be exported, by name
-UNITS: dict[str, Maker] = {"plant": _plant, "nmpc": nmpc, "decentral": decentral}
+UNITS: dict[str, Maker] = {"plant": plant, "nmpc": nmpc, "decentral": decentral}
 
 
 def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
@@ -48,8 +42,8 @@ def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str
     return UNITS[unit](model, tuning, values)
 
 
-def write(content: Content, out: Path, replace: bool = False) -> None:
-    """Compile a unit and write its FMU.
+def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
+    """Compile a unit for this machine and write its FMU.
 
     Parameters
     ----------
@@ -58,6 +52,8 @@ def write(content: Content, out: Path, replace: bool = False) -> None:
         File to write, ``*.fmu``.
     replace : bool
         Whether an existing file may be replaced.
+    others : sequence of str
+        Platforms of ``CROSS`` to compile for as well; needs ziglang.
 
     Raises
     ------
@@ -74,13 +70,14 @@ def write(content: Content, out: Path, replace: bool = False) -> None:
         folder = Path(made)
         for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
-        binary = folder / f"{content.identifier}.so"
-        _compile([str(folder / name) for name in compiled], binary)
         files = {
             "modelDescription.xml": model_description(content, compiled, guid).encode(),
-            f"binaries/{_platform()}/{binary.name}": binary.read_bytes(),
             **{f"sources/{name}": text.encode() for name, text in sources.items()},
         }
+        for command, suffix, platform in [_native(), *map(_cross, others)]:
+            binary = folder / f"{content.identifier}{suffix}"
+            _compile(command, [str(folder / name) for name in compiled], binary)
+            files[f"binaries/{platform}/{binary.name}"] = binary.read_bytes()
     part = out.with_name(f".{out.name}.part")
     try:
         with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -115,17 +112,25 @@ def _fmpy() -> Path:
     return Path(found.origin).parent
 
 
-def _platform() -> str:
-    """Name of this platform in an FMU."""
+def _native() -> tuple[list[str], str, str]:
+    """Compiler for this machine, end of a binary's name, and the machine's name in an FMU."""
     import fmpy
 
-    return str(fmpy.platform)
-
-
-def _compile(files: list[str], binary: Path) -> None:
     command = compiler()
     if command is None:
         raise ExportError("no C compiler found: install one, set CC, or 'pip install ziglang'")
+    return [*command, "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform
+
+
+def _cross(platform: str) -> tuple[list[str], str, str]:
+    """The same for a platform of ``CROSS``."""
+    if find_spec("ziglang") is None:
+        raise ExportError(f"{platform}: needs zig's compiler: pip install ziglang")
+    target, suffix = CROSS[platform]
+    return [sys.executable, "-m", "ziglang", "cc", "-target", target], suffix, platform
+
+
+def _compile(command: list[str], files: list[str], binary: Path) -> None:
     try:
         run = subprocess.run(
             [*command, *FLAGS, *files, "-o", str(binary), "-lm"],

@@ -29,13 +29,15 @@ _TUNABLE = (
 )
 
 
-def plant(model: Path | None, values: Mapping[str, Any]) -> Content:
+def plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
     """The plant.
 
     Parameters
     ----------
     model : Path, optional
         File of model parameters, the nominal ones by default.
+    tuning : Path, optional
+        There is none.
     values : mapping of str to Any
         Parameters of the plant by their name in ``plant.yaml``: the start values of the FMU's parameters, and factors
         ``model.*`` on model parameters.
@@ -43,11 +45,13 @@ def plant(model: Path | None, values: Mapping[str, Any]) -> Content:
     Raises
     ------
     ValueError
-        If a parameter is unknown or out of range, or there is no equilibrium to start from within the drives' limits.
+        If a parameter is unknown or out of range, a tuning is given, or there is no equilibrium to start from within
+        the drives' limits.
     """
-    specs = {
-        name: spec for name, spec in config.specs().items() if name in (*_FIXED, *_TUNABLE) or name[:6] == "model."
-    }
+    if tuning is not None:
+        raise ValueError("plant: has no tuning; leave out --tuning")
+    own = (*_FIXED, *_TUNABLE)
+    specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
     validate(specs, values)
     chosen = config.PlantConfig.from_values({**values, **({"model_file": str(model)} if model else {})})
     PlantEmulator(chosen)  # checks the start

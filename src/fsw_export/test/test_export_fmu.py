@@ -3,6 +3,7 @@
 import zipfile
 from collections.abc import Callable, Iterator
 from copy import copy
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,16 @@ def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_pat
         units[other].set(reference_depth_mm=2.8)
         loops.append(run(units, 0))
     assert loops[1] == pytest.approx(loops[0], rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="ziglang is not installed")
+@pytest.mark.timeout(400)
+def test_binary_for_another_platform(tmp_path: Path) -> None:
+    """It can only be compiled here, not run."""
+    fmu.write(fmu.make("plant", None, None, {}), tmp_path / "plant.fmu", others=["win64"])
+    with zipfile.ZipFile(tmp_path / "plant.fmu") as whole:
+        library = whole.read("binaries/win64/fsw_plant.dll")
+    assert library.startswith(b"MZ") and b"fmi2DoStep\0" in library
 
 
 def test_same_export_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:

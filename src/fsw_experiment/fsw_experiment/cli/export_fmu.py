@@ -32,18 +32,26 @@ def add_kind(kinds: Any) -> None:
         metavar="NAME=VALUE",
         help="parameter of the plant or of the controller's node; may be repeated, e.g. start.depth_mm=2.8",
     )
+    parser.add_argument(
+        "--platform",
+        action="append",
+        default=[],
+        choices=["linux64", "win64"],
+        help="also a binary for this platform, by zig's compiler; may be repeated",
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
     from fsw_export import fmu
+    from fsw_export.c_folder import ExportError
     from fsw_export.fmu_description import table
 
     values = dict(assignment("--parameter", text) for text in arguments.parameter)
     try:
         content = fmu.make(arguments.unit, arguments.model, arguments.tuning, values)
-        fmu.write(content, arguments.out, arguments.force)
-    except (ValueError, fmu.ExportError) as error:
+        fmu.write(content, arguments.out, arguments.force, arguments.platform)
+    except (ValueError, ExportError) as error:
         raise CommandError(f"export fmu: {error}") from None
     print(table(content))
     print(f"{arguments.out}: {len(content.variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
