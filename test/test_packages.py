@@ -26,9 +26,10 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control"},
+    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_msgs"),
+        *("fsw_analysis", "fsw_export", "fsw_msgs"),
     },
     "fsw_bringup": {"fsw_experiment"},
 }
