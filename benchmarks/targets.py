@@ -1,7 +1,7 @@
 """Exported controllers on other processors: equal answers, memory, stack, instructions per step.
 
-Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its test vectors, a weld of
-240 s, where compiler and emulator are installed:
+Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its test vectors, a weld
+of 240 s, where compiler and emulator are installed:
 
     apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \\
         gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-powerpc-linux-gnu libc6-dev-powerpc-cross
@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
-import _bootstrap
 
-_bootstrap.ensure(dev=True)
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure(dev=True)
 
 import numpy as np
 from report import parser, save, show
@@ -32,8 +34,8 @@ from fsw_test_support import c_targets
 ROOT = Path(__file__).resolve().parent.parent
 PUBLISHED = ROOT / "src" / "fsw_export" / "fsw_export" / "targets.json"
 PAGE = ROOT / "docs" / "results" / "targets.md"
-#: exports: name, arguments, prefix of the library's functions, targets; emulated double precision takes hours for 108 moves
 ALL = tuple(c_targets.TARGETS)
+#: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)
 EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
     "nmpc": ([], "fsw_controller", ALL),
     "nmpc_paper": (["--parameter", "preset=paper"], "fsw_controller", ("gcc", "cortex_m7")),
@@ -61,7 +63,10 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
         options = ["-DFSW_STACK_USAGE=1", "-DFSW_COUNTER=1"] if target.counts else []
         c_targets.build(folder, target, built, *options)
         c_targets.check_vectors(folder, built)
-        found = figures[key] = {"title": target.title, "largest_difference": c_targets.largest_difference(folder, built)}
+        found = figures[key] = {
+            "title": target.title,
+            "largest_difference": c_targets.largest_difference(folder, built),
+        }
         if not target.counts:
             continue
         counts, iterations = c_targets.instructions(folder, built)

@@ -10,6 +10,7 @@ class Unit:
     def __init__(self, path, folder=None, **parameters):
         model = read_model_description(path)
         self.variables = {v.name: v for v in model.modelVariables}
+        self.inputs = {v.name for v in model.modelVariables if v.causality == "input"}
         self.fmu = instantiate_fmu(extract(path, folder), model, "CoSimulation")
         self.set(**parameters)
         self.fmu.setupExperiment()
@@ -25,8 +26,8 @@ class Unit:
             getattr(self.fmu, f"set{v.type}")([v.valueReference], [value])
 
     def feed(self, other):
-        names = [v.name for v in self.variables.values() if v.causality == "output" and v.name in other.variables]
-        other.set(**{name: self.get(name) for name in names})
+        outputs = [v.name for v in self.variables.values() if v.causality == "output"]
+        other.set(**{name: self.get(name) for name in outputs if name in other.inputs})
 
 
 def step(plant, controller, number):
@@ -37,7 +38,7 @@ def step(plant, controller, number):
 
 
 if __name__ == "__main__":
-    plant, controller = Unit(sys.argv[1]), Unit(sys.argv[2])
+    plant, controller = Unit(sys.argv[1]), Unit(sys.argv[2], drives_valid=True)
     for number in range(600):
         if number == 100:
             controller.set(reference_depth_mm=2.76)

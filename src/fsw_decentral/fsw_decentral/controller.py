@@ -33,6 +33,7 @@ class DecentralController:
     gains : Gains
         In use.
     limits : Limits
+    library : Library
 
     Raises
     ------
@@ -47,7 +48,7 @@ class DecentralController:
         self._values = defaults(load("fsw_decentral", "decentral.yaml")) | dict(values or {})
         try:
             self.gains, self.limits, tuning = _usable(self._values)
-            self._library = Library(tuning)
+            self.library = Library(tuning)
         except (RuntimeError, OSError) as error:
             raise ValueError(f"decentral: {error}") from None
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
@@ -61,22 +62,22 @@ class DecentralController:
         merged = self._values | dict(values)
         self.gains, self.limits, tuning = _usable(merged)
         self._values = merged
-        self._library.configure(tuning)
+        self.library.configure(tuning)
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
-        self._library.reset(applied.force_kn, applied.speed_rpm)
+        self.library.reset(applied.force_kn, applied.speed_rpm)
 
     def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
         """Return the proposal that answers ``measurement``; see ``fsw_control.Controller``."""
-        m, given, told = measurement, self._library.input, self._library.output
+        m, given, told = measurement, self.library.input, self.library.output
         given.depth_mm, given.torque_nm, given.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
         given.depth_valid, given.torque_valid = m.depth_valid, m.torque_valid
         given.temperature_valid = m.temperature_valid
         given.applied_force_kn, given.applied_speed_rpm = applied.force_kn, applied.speed_rpm
         given.reference_depth_mm, given.reference_temperature_c = reference.depth_mm, reference.temperature_c
         given.dt_s = dt_s
-        self._library.step()
+        self.library.step()
         touched = told.active_limits
         diagnosis = Diagnosis(
             told.depth_mm,

@@ -83,6 +83,8 @@ class Library:
     ----------
     input, output : Input, Output
         Arguments of :meth:`step`.
+    state : ControllerStruct
+        The controller's memory.
 
     Raises
     ------
@@ -95,8 +97,8 @@ class Library:
     def __init__(self, tuning: TuningStruct) -> None:
         lib = load()
         self.input, self.output = Input(), Output()
-        self._state = ControllerStruct()
-        self._controller = ctypes.byref(self._state)
+        self.state = ControllerStruct()
+        self._controller = ctypes.byref(self.state)
         self._arguments = self._controller, ctypes.byref(self.input), ctypes.byref(self.output)
         self._lib, self._step = lib, lib.fsw_decentral_step
         if lib.fsw_decentral_init(self._controller, ctypes.byref(tuning)):

@@ -140,7 +140,7 @@ def test_reasons_and_limits_are_those_of_the_header():
 
 
 def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
-    good = DecentralController()._library._state.tuning
+    good = DecentralController().library.state.tuning
     library = Library(good)
     for field, _ in TuningStruct._fields_:
         bad = TuningStruct.from_buffer_copy(good)
@@ -151,4 +151,4 @@ def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
         for take in (library.configure, Library):
             with pytest.raises(ValueError, match="must be finite and in their ranges"):
                 take(bad)
-        assert bytes(library._state.tuning) == bytes(good), field
+        assert bytes(library.state.tuning) == bytes(good), field

@@ -10,7 +10,7 @@ from fsw_experiment.cli.main import main
 from fsw_nmpc import kernel_build
 from fsw_test_support.c_targets import TARGETS, build, check_vectors, largest_difference, stack_bytes
 
-CONTROLLERS = ("nmpc",)
+CONTROLLERS = ("nmpc", "decentral")
 
 
 @pytest.fixture(scope="session")

@@ -47,7 +47,7 @@ CASES: list[tuple[str, dict[str, Any], dict[str, Any], str]] = [
         "",
     ),
     ("decentral", {}, {}, ""),
-    ("decentral", {"tuning": "tight"}, {}, ""),
+    ("decentral", {"tuning": "tight"}, {"depth_gain": 80.0, "speed_max": 480.0}, ""),
 ]
 
 
@@ -105,16 +105,17 @@ ERRORS = [
     ("plant", ["--parameter", "start.temperature_c=1080"], "beyond the drives' limits"),
     ("plant", ["--parameter", "seed=2"], "unknown parameters seed"),
     ("plant", ["--parameter", "start.depth_mm"], "--parameter start.depth_mm: write NAME=VALUE"),
-    ("plant", ["--tuning", "x.yaml"], "plant: has no tuning"),
-    ("plant", ["--model", "missing.yaml"], "cannot read missing.yaml"),
+    ("plant", ["--tuning", "x.yaml"], "the plant has no tuning"),
+    ("plant", ["--model", "missing.yaml"], "cannot read model missing.yaml"),
     ("plant", ["--model", "short.yaml"], "'dead_time_s' is 0.05: must be 0.1 to 10"),
     ("nmpc", ["--model", "brief.yaml"], "the NMPC needs at least 0.9 s"),
     ("nmpc", ["--model", "unknown.yaml"], "unknown model parameter gain"),
     ("nmpc", ["--tuning", "missing.yaml"], "tuning_file: cannot read missing.yaml"),
     ("nmpc", ["--parameter", "force_min=99"], "force_min must be below force_max"),
     ("nmpc", ["--parameter", "solver=reference"], "only rti"),
-    ("decentral", ["--parameter", "tuning=sharp"], "tuning: 'sharp' is none of conservative, tight"),
-    ("decentral", ["--model", "short.yaml"], "decentral: has no model"),
+    ("decentral", ["--parameter", "tuning=sharp"], "'sharp' is none of conservative, tight"),
+    ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),
+    ("decentral", ["--tuning", "unknown.yaml"], "unknown parameters gain"),
 ]
 
 

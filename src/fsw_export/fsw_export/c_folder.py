@@ -96,6 +96,8 @@ def _example_header(sources: ControllerSources) -> str:
             f"#define INPUT {sources.input_type}",
             f"#define OUTPUT {sources.output_type}",
             f"#define START(controller) {sources.prefix}_init(controller, {sources.start})",
+            f"#define RESET(controller, in) "
+            f"{sources.prefix}_reset(controller, (in)->applied_force_kn, (in)->applied_speed_rpm)",
             f"#define STEP(controller, in, out) {sources.prefix}_step(controller, in, out)\n",
             "typedef struct { const char *name; size_t offset; int is_int; } column;\n",
             *tables,

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from fsw_decentral import kernel_build as decentral_build
+from fsw_decentral.library import Library as DecentralLibrary
 from fsw_export import c_text
-from fsw_export.signals import NMPC_INPUTS, NMPC_OUTPUTS, Signal
+from fsw_export.signals import DECENTRAL_INPUTS, DECENTRAL_OUTPUTS, NMPC_INPUTS, NMPC_OUTPUTS, Signal
 from fsw_nmpc import kernel_build
 from fsw_nmpc.library import Library, Tables
 from fsw_nmpc.settings import Settings
@@ -122,4 +124,23 @@ def nmpc_sources(library: Library, settings: Settings) -> ControllerSources:
         output_type="fsw_output",
         inputs=NMPC_INPUTS,
         outputs=NMPC_OUTPUTS,
+    )
+
+
+def decentral_sources(library: DecentralLibrary) -> ControllerSources:
+    """Sources of the decentralized controller with the tuning of a controller."""
+    return ControllerSources(
+        name="decentral",
+        title="decentralized control of depth and temperature",
+        folder=decentral_build.LIBRARY.folder,
+        header="fsw_decentral.h",
+        prefix="fsw_decentral",
+        sizes={},
+        tables=c_text.struct("fsw_decentral_tuning", "fsw_exported_tuning", library.state.tuning),
+        declarations="extern const fsw_decentral_tuning fsw_exported_tuning;\n",
+        start="&fsw_exported_tuning",
+        input_type="fsw_decentral_input",
+        output_type="fsw_decentral_output",
+        inputs=DECENTRAL_INPUTS,
+        outputs=DECENTRAL_OUTPUTS,
     )

@@ -17,6 +17,7 @@ from fsw_export.c_folder import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
 from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
 from fsw_export.fmu_plant import plant
+from fsw_model import ModelParameters, nominal
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden", "-w")
@@ -24,22 +25,35 @@ FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden", "-w")
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 _LONGEST_BUILD_S = 120.0
-Maker = Callable[[Path | None, Path | None, Mapping[str, Any]], Content]
+Maker = Callable[[Mapping[str, Any], ModelParameters], Content]
 #: what can be exported, by name
-UNITS: dict[str, Maker] = {"plant": plant, "nmpc": nmpc, "decentral": decentral}
+UNITS: dict[str, Maker] = {
+    "plant": lambda values, model: plant(values),
+    "nmpc": lambda values, model: nmpc(values),
+    "decentral": decentral,
+}
 
 
-def make(unit: str, model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
-    """Variables and sources of a unit of ``UNITS``.
+def make(unit: str, values: Mapping[str, Any] | None = None, model: ModelParameters | None = None) -> Content:
+    """Variables and sources of a unit.
+
+    Parameters
+    ----------
+    unit : str
+        One of ``UNITS``.
+    values : mapping of str to Any, optional
+        Parameters of the plant or of the controller's node, by name.
+    model : ModelParameters, optional
+        Of the process, for a controller that knows its operating point only; the nominal ones by default.
 
     Raises
     ------
     ExportError, ValueError
-        If it is not known, or a file or value cannot be used.
+        If the unit is not known, or a value or a file cannot be used.
     """
     if unit not in UNITS:
         raise ExportError(f"cannot export {unit!r}; known: {', '.join(UNITS)}")
-    return UNITS[unit](model, tuning, values)
+    return UNITS[unit](values or {}, model or nominal())
 
 
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from math import inf
-from pathlib import Path
 from typing import Any
 
 from fsw_control.parameters import load, validate
 from fsw_decentral import DecentralController
 from fsw_decentral.gains import Gains
-from fsw_decentral.kernel_build import LIBRARY
-from fsw_export.c_library import ControllerSources, nmpc_sources
+from fsw_export.c_library import ControllerSources, decentral_sources, nmpc_sources
 from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, sources
-from fsw_export.signals import NMPC_INPUTS, NMPC_OUTPUTS, Signal
-from fsw_model import ModelParameters, ProcessModel, nominal
+from fsw_export.signals import Signal
+from fsw_model import ModelParameters, ProcessModel
 from fsw_nmpc import NmpcController
 
 #: parameters of the decentralized controller's node, and where they are in the library's tuning
@@ -46,42 +44,32 @@ _OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
 _KNOWN = Signal("change_valid", "bool", "", "whether the next set-point is known: the change_... signals", "n_changes")
 
 
-def nmpc(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
-    """The NMPC.
-
-    Parameters
-    ----------
-    model, tuning : Path, optional
-        Files of model parameters and of tuning fields.
-    values : mapping of str to Any
-        Other parameters by their name in ``nmpc.yaml``.
+def nmpc(values: Mapping[str, Any]) -> Content:
+    """The NMPC, given parameters by their name in ``nmpc.yaml``.
 
     Raises
     ------
     ValueError
         If a parameter is unknown or out of range, a file cannot be used, or the solver is not the library's own.
     """
-    files = {"model_file": model, "tuning_file": tuning}
-    chosen = dict(values) | {name: str(path) for name, path in files.items() if path is not None}
     specs = load("fsw_nmpc", "nmpc.yaml")
+    chosen = validate(specs, values)
     controller = NmpcController(chosen)
     if controller.solver is not None:
         raise ValueError("solver: only rti, the library's own, can be exported")
-    parameters = [parameter(specs[name], chosen.get(name, specs[name].default)) for name in _NMPC]
+    parameters = [parameter(specs[name], chosen[name]) for name in _NMPC]
     library = nmpc_sources(controller.library, controller.settings)
     return _content(library, parameters, controller.settings.model, sources("fmu_nmpc.c"))
 
 
-def decentral(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
-    """The decentralized controller; its parameters are those of ``decentral.yaml``, its gains in place of the tuning.
+def decentral(values: Mapping[str, Any], model: ModelParameters) -> Content:
+    """The decentralized controller, given parameters by their name in ``decentral.yaml``; the tuning becomes gains.
 
     Raises
     ------
     ValueError
-        If a parameter is unknown or out of range, or there is a file of a model or a tuning.
+        If a parameter is unknown or out of range.
     """
-    if model is not None or tuning is not None:
-        raise ValueError("decentral: has no model and no tuning file; leave out --model and --tuning")
     specs = load("fsw_decentral", "decentral.yaml")
     chosen = validate(specs, values)
     controller = DecentralController(chosen)
@@ -108,7 +96,7 @@ def decentral(model: Path | None, tuning: Path | None, values: Mapping[str, Any]
             "",
         ]
     )
-    return _content(_decentral_sources(), parameters, nominal(), {"fmu_decentral.c": code})
+    return _content(decentral_sources(controller.library), parameters, model, {"fmu_decentral.c": code})
 
 
 def _content(
@@ -142,44 +130,6 @@ def _content(
     shared = sources("fmu_controller.c", "fmu_controller.h", header)
     code = {**library.files(), **shared, **tune, "signals.h": _signals(inputs, library.outputs)}
     return Content(f"fsw_{library.name}", _text(library.title), tuple(variables), header, code)
-
-
-def _decentral_sources() -> ControllerSources:
-    """Sources of the decentralized controller; all of its tuning comes from the FMU's parameters."""
-    flags = [
-        Signal(f"{name}_valid", "bool", "", f"whether {name} may be used; the last good value for a while, too")
-        for name in ("depth", "torque", "temperature")
-    ]
-    texts = ("filtered depth", "filtered process torque", "filtered temperature")
-    filtered = [
-        replace(one, name=f"filtered_{one.name}", member=one.name, text=text)
-        for one, text in zip(NMPC_INPUTS, texts, strict=False)
-    ]
-    return ControllerSources(
-        name="decentral",
-        title="decentralized control of depth and temperature",
-        folder=LIBRARY.folder,
-        header="fsw_decentral.h",
-        prefix="fsw_decentral",
-        sizes={},
-        tables="",
-        declarations="",
-        start="",
-        input_type="fsw_decentral_input",
-        output_type="fsw_decentral_output",
-        inputs=(*NMPC_INPUTS[:3], *flags, *(one for one in NMPC_INPUTS if one.name[:4] in ("appl", "refe"))),
-        outputs=(
-            *NMPC_OUTPUTS[:3],
-            Signal(
-                "reason",
-                "int",
-                "",
-                "0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 overflow",
-            ),
-            Signal("active_limits", "int", "", "sum of 1, 2 force min, max; 4, 8 speed min, max; 16, 32 rates of both"),
-            *filtered,
-        ),
-    )
 
 
 def _text(source: Signal | str) -> str:

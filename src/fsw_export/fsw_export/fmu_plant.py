@@ -29,31 +29,25 @@ _TUNABLE = (
 )
 
 
-def plant(model: Path | None, tuning: Path | None, values: Mapping[str, Any]) -> Content:
+def plant(values: Mapping[str, Any]) -> Content:
     """The plant.
 
     Parameters
     ----------
-    model : Path, optional
-        File of model parameters, the nominal ones by default.
-    tuning : Path, optional
-        There is none.
     values : mapping of str to Any
-        Parameters of the plant by their name in ``plant.yaml``: the start values of the FMU's parameters, and factors
+        Parameters by their name in ``plant.yaml``: start values of the FMU's own, ``model_file``, and factors
         ``model.*`` on model parameters.
 
     Raises
     ------
     ValueError
-        If a parameter is unknown or out of range, a tuning is given, or there is no equilibrium to start from within
-        the drives' limits.
+        If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
+        within the drives' limits.
     """
-    if tuning is not None:
-        raise ValueError("plant: has no tuning; leave out --tuning")
-    own = (*_FIXED, *_TUNABLE)
+    own = (*_FIXED, *_TUNABLE, "model_file")
     specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
     validate(specs, values)
-    chosen = config.PlantConfig.from_values({**values, **({"model_file": str(model)} if model else {})})
+    chosen = config.PlantConfig.from_values(values)
     PlantEmulator(chosen)  # checks the start
     process = ProcessModel(chosen.model)
     start = process.equilibrium()

@@ -88,3 +88,19 @@ NMPC_OUTPUTS = (
     Signal("depth_offset_mm", "real", "mm", "estimate: offset of the depth sensor", "disturbance[3]"),
     Signal("temperature_offset_c", "real", "degC", "estimate: offset of the thermocouple", "disturbance[4]"),
 )
+
+DECENTRAL_INPUTS = (
+    *_SENSORS,
+    Signal("depth_valid", "bool", "", "whether depth_mm may be used"),
+    Signal("torque_valid", "bool", "", "whether torque_nm may be used"),
+    Signal("temperature_valid", "bool", "", "whether temperature_c may be used"),
+    *_INPUTS,
+)
+DECENTRAL_OUTPUTS = (
+    *_COMMAND,
+    Signal("reason", "int", "", "0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 samples beyond all range"),
+    Signal("active_limits", "int", "", "1 force min + 2 max + 4 speed min + 8 max + 16 force rate + 32 speed rate"),
+    Signal("filtered_depth_mm", "real", "mm", "measured depth behind its filter", "depth_mm"),
+    Signal("filtered_temperature_c", "real", "degC", "measured temperature behind its filter", "temperature_c"),
+    Signal("process_torque_nm", "real", "N m", "measured torque less friction, filtered", "torque_nm"),
+)

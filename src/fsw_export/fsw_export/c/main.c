@@ -105,8 +105,8 @@ static int run(FILE *ticks, FILE *expected) {
 #endif
   if (!expected) printf("\n");
   while ((status = read_row(ticks, COUNT(INPUTS))) > 0) {
-    row++;
     for (size_t i = 0; i < COUNT(INPUTS); i++) put(&input, &INPUTS[i], values[i]);
+    if (row++ == 1) RESET(&controller, &input); /* it starts from the set-points that are in force */
 #ifdef FSW_COUNTER
     const unsigned before = fsw_counter();
 #endif
