@@ -24,7 +24,7 @@ FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden", "-w")
 #: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-_LONGEST_BUILD_S = 120.0
+_LONGEST_BUILD_S = 600.0
 Maker = Callable[[Mapping[str, Any], ModelParameters], Content]
 #: what can be exported, by name
 UNITS: dict[str, Maker] = {

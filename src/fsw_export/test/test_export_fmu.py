@@ -72,6 +72,12 @@ def test_fmpy_finds_no_problem(fmus: dict[str, Path], name: str) -> None:
     assert not model.coSimulation.canHandleVariableCommunicationStepSize
 
 
+def test_page_shows_the_example() -> None:
+    workspace = Path(__file__).resolve().parents[3]
+    example = (workspace / "examples" / "fmu_loop.py").read_text(encoding="utf-8")
+    assert f"```python\n{example}```\n" in (workspace / "docs" / "how-to" / "fmu.md").read_text(encoding="utf-8")
+
+
 def test_units_are_those_of_the_project() -> None:
     assert UNITS["rpm"]["factor"] == units.rad_s_from_rpm(1.0)
     assert UNITS["kN"]["factor"] == units.n_from_kn(1.0)
