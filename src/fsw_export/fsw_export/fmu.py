@@ -20,7 +20,7 @@ from fsw_export.fmu_plant import plant
 from fsw_model import ModelParameters, nominal
 
 # for any processor of its kind
-FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden", "-w")
+FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
 #: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")

@@ -19,6 +19,7 @@ from fsw_control import Command, units
 from fsw_export import fmu
 from fsw_export.fmu_description import UNITS
 from fsw_plant import PlantConfig, PlantEmulator
+from fsw_test_support.c_code import STRICT, compile_c
 from fsw_test_support.fmus import Units, fmu_loop
 
 pytestmark = pytest.mark.slow
@@ -203,6 +204,14 @@ def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_pat
         units[other].set(reference_depth_mm=2.8)
         loops.append(run(units, 0))
     assert loops[1] == pytest.approx(loops[0], rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", fmu.UNITS)
+def test_its_sources_are_strict_c99(fmus: dict[str, Path], tmp_path: Path, name: str) -> None:
+    folder = Path(fmpy.extract(str(fmus[name]), str(tmp_path / name))) / "sources"
+    for file in sorted(folder.glob("*.c")):
+        built = compile_c([*STRICT, "-Wno-unused-parameter", "-c", str(file), "-o", str(tmp_path / "object")])
+        assert built.returncode == 0, built.stderr
 
 
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="ziglang is not installed")
