@@ -106,6 +106,7 @@ def _content(
     start = ProcessModel(model).equilibrium()
     at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
     at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
+    own = {variable.name: variable for variable in parameters}
     inputs = [signal for signal in library.inputs if signal.name not in _OWN]
     if any(signal.name == "n_changes" for signal in library.inputs):
         inputs.append(_KNOWN)
@@ -123,8 +124,16 @@ def _content(
         flag("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
         *(shown(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
         *parameters,
-        Variable("start_force_kn", "parameter", "Force at the start", "kN", at["force_kn"], fixed=True),
-        Variable("start_speed_rpm", "parameter", "Spindle speed at the start", "rpm", at["speed_rpm"], fixed=True),
+        replace(
+            own["force_max"], name="start_force_kn", description="Force at the start", start=at["force_kn"], fixed=True
+        ),
+        replace(
+            own["speed_max"],
+            name="start_speed_rpm",
+            description="Spindle speed at the start",
+            start=at["speed_rpm"],
+            fixed=True,
+        ),
     ]
     header = f"fmu_{library.name}.h"
     shared = sources("fmu_controller.c", "fmu_controller.h", header)

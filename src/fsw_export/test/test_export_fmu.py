@@ -352,3 +352,19 @@ def test_controller_that_is_not_in_command_follows(fmus: dict[str, Path], runnin
         assert abs(nmpc.get("force_kn") - force) <= 1.0 + 1e-9
         plant.set(force_kn=force)
         plant.fmu.doStep(0.1 * number, 0.1)
+
+
+@pytest.mark.parametrize("name", ["nmpc", "decentral"])
+def test_whatever_comes_in_the_command_is_within_the_limits(fmus: dict[str, Path], running: Units, name: str) -> None:
+    unit = running.start(fmus[name])
+    random = np.random.default_rng(3)
+    junk = [float("nan"), float("inf"), -float("inf"), 1e300, -1.0, 0.0]
+    for number in range(400):
+        for input in unit.inputs:
+            v = unit.variables[input]
+            usual = float(v.start) if v.type == "Real" else v.start == "true"
+            odd = random.choice(junk) if v.type == "Real" else bool(random.integers(2))
+            unit.set(**{input: odd if random.random() < (0.02 if number < 200 else 0.3) else usual})
+        unit.set(applied_valid=False)
+        unit.fmu.doStep(0.1 * number, 0.1)
+        assert 60.0 <= unit.get("force_kn") <= 95.0 and 300.0 <= unit.get("speed_rpm") <= 500.0
