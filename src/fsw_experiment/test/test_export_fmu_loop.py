@@ -96,6 +96,27 @@ def test_two_fmus_are_the_offline_loop(
     assert np.ptp(offline.depth_mm) > 0.1 and np.ptp(offline.speed_rpm) > 10.0
 
 
+@pytest.mark.slow
+def test_a_known_set_point_is_prepared_as_offline(tmp_path: Path, running: Units) -> None:
+    text = "{name: ahead, duration_s: 30, controller: nmpc, announced: true, plant: {noise: false}, events: [%s]}"
+    event = "{at_s: 15.0, reference: {depth_mm: 2.8, temperature_c: 820.0}}"
+    offline = ClosedLoop(parse(text % event, "test"), {"nmpc": make("nmpc")}).run()
+    for name in ("plant", "nmpc"):
+        assert main(["export", "fmu", name, "--out", str(tmp_path / f"{name}.fmu")]) == 0
+    plant = running.start(tmp_path / "plant.fmu")
+    nmpc = running.start(tmp_path / "nmpc.fmu", drives_valid=True, change_depth_mm=2.8, change_temperature_c=820.0)
+    speeds = []
+    for number in range(300):
+        ahead = 149 - number
+        nmpc.set(change_valid=ahead > 0, change_at_s=0.1 * ahead)
+        if ahead == 0:
+            nmpc.set(reference_depth_mm=2.8, reference_temperature_c=820.0)
+        fmu_loop.step(plant, nmpc, number)
+        speeds.append(nmpc.get("speed_rpm"))
+    np.testing.assert_allclose(speeds, offline.speed_rpm, rtol=1e-9)
+    assert abs(speeds[140] - speeds[0]) > 1.0
+
+
 ERRORS = [
     ("pump", [], "cannot export 'pump'; known: plant, nmpc, decentral"),
     ("plant", ["--parameter", "start.dept_mm=3"], "unknown parameters start.dept_mm; did you mean start.depth_mm"),

@@ -154,14 +154,7 @@ def _input(signal: Signal, at: Mapping[str, float]) -> Variable:
     quantity = signal.name.removeprefix("reference_").removeprefix("acting_")
     if signal.kind == "bool":
         return flag(signal.name, _text(signal), signal is not _KNOWN)
-    return Variable(
-        signal.name,
-        "input",
-        _text(signal),
-        signal.unit,
-        0 if signal.is_int else at.get(quantity, 0.0),
-        _TYPE[signal.kind],
-    )
+    return given(signal.name, _text(signal), signal.unit, at.get(quantity, 0.0))
 
 
 def _signals(inputs: Iterable[Signal], outputs: Iterable[Signal]) -> str:

@@ -3,6 +3,7 @@
  * No globals: everything that an instance remembers is its struct fmu_state, so that state and serialized state are copies
  * of it. Errors are logged in one line each, whether debug logging is on or not. */
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,6 +40,8 @@ typedef struct {
   fmu_state state;
 } fmu;
 
+/* where the variables of a type are */
+#define AT(member) (offsetof(fmu, state) + offsetof(fmu_state, member))
 /* serialized: the guid of the sources, then the state */
 #define SERIALIZED (sizeof FMU_GUID + sizeof(fmu_state))
 
@@ -146,13 +149,12 @@ fmi2Status fmi2Reset(fmi2Component c) {
 
 /* Variables: those of a type are one struct of members of this type, in the order of their value references. */
 
-static fmi2Status get(fmu *f, const void *struct_, size_t size, size_t count, const fmi2ValueReference vr[], size_t n,
-                      void *values) {
+static fmi2Status get(fmu *f, size_t at, size_t size, size_t count, const fmi2ValueReference vr[], size_t n, void *values) {
   if (!f) return fmi2Error;
   if (f->state.phase == INITIALIZING && start(f) != fmi2OK) return fmi2Error; /* inputs or parameters may have been set */
   for (size_t i = 0; i < n; i++) {
     if (vr[i] >= count) return refuse(f, "fmi2Get...: there is no variable with this type and value reference");
-    memcpy((char *)values + i * size, (const char *)struct_ + vr[i] * size, size);
+    memcpy((char *)values + i * size, (const char *)f + at + vr[i] * size, size);
   }
   return fmi2OK;
 }
@@ -178,26 +180,26 @@ static fmi2Status check(const fmu *f, const variable_info *info, size_t count, f
   return refuse(f, message);
 }
 
-static fmi2Status set_integers(fmu *f, void *struct_, const variable_info *info, size_t count,
-                               const fmi2ValueReference vr[], size_t n, const int values[]) {
+static fmi2Status set_integers(fmu *f, size_t at, const variable_info *info, size_t count, const fmi2ValueReference vr[],
+                               size_t n, const int values[]) {
   if (!f) return fmi2Error;
   for (size_t i = 0; i < n; i++) {
     if (check(f, info, count, vr[i], values[i]) != fmi2OK) return fmi2Error;
-    memcpy((char *)struct_ + vr[i] * sizeof(int), &values[i], sizeof(int));
+    memcpy((char *)f + at + vr[i] * sizeof(int), &values[i], sizeof(int));
   }
   return fmi2OK;
 }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real values[]) {
-  return get(c, &((fmu *)c)->state.real, sizeof(double), N_REALS, vr, n, values);
+  return get(c, AT(real), sizeof(double), N_REALS, vr, n, values);
 }
 
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Integer values[]) {
-  return get(c, &((fmu *)c)->state.integer, sizeof(int), N_INTEGERS, vr, n, values);
+  return get(c, AT(integer), sizeof(int), N_INTEGERS, vr, n, values);
 }
 
 fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Boolean values[]) {
-  return get(c, &((fmu *)c)->state.boolean, sizeof(int), N_BOOLEANS, vr, n, values);
+  return get(c, AT(boolean), sizeof(int), N_BOOLEANS, vr, n, values);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real values[]) {
@@ -205,17 +207,17 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
   if (!f) return fmi2Error;
   for (size_t i = 0; i < n; i++) {
     if (check(f, REAL_INFO, N_REALS, vr[i], values[i]) != fmi2OK) return fmi2Error;
-    memcpy((char *)&f->state.real + vr[i] * sizeof(double), &values[i], sizeof(double));
+    memcpy((char *)f + AT(real) + vr[i] * sizeof(double), &values[i], sizeof(double));
   }
   return fmi2OK;
 }
 
 fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer values[]) {
-  return set_integers(c, &((fmu *)c)->state.integer, INTEGER_INFO, N_INTEGERS, vr, n, values);
+  return set_integers(c, AT(integer), INTEGER_INFO, N_INTEGERS, vr, n, values);
 }
 
 fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Boolean values[]) {
-  return set_integers(c, &((fmu *)c)->state.boolean, BOOLEAN_INFO, N_BOOLEANS, vr, n, values);
+  return set_integers(c, AT(boolean), BOOLEAN_INFO, N_BOOLEANS, vr, n, values);
 }
 
 static fmi2Status no_strings(const fmu *f, size_t n) {
