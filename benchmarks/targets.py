@@ -27,7 +27,6 @@ if __name__ == "__main__":
 import numpy as np
 from report import parser, save, show
 
-from fsw_control.parameters import load
 from fsw_experiment.cli.main import main as fsw
 from fsw_export import documents
 from fsw_test_support import c_targets
@@ -76,7 +75,6 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
         found["instructions_max"] = int(counts.max())
         if iterations.any():
             found["iterations_max"] = int(iterations.max())
-            found["iterations_cap"] = load("fsw_nmpc", "nmpc.yaml")["max_iterations"].default
             slope, base = np.polyfit(iterations, counts, 1)
             found["instructions_per_iteration"], found["instructions_without"] = int(slope), int(base)
         found["flash_bytes"], found["static_bytes"] = c_targets.sizes(built)
