@@ -7,20 +7,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy.fmi2 import FMICallException
-from fmpy.simulation import instantiate_fmu
-from fmpy.util import compile_platform_binary
-from fmpy.validation import validate_fmu
 
 from fsw_control import Command, units
 from fsw_export import fmu
 from fsw_export.fmu_description import UNITS
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_test_support.c_code import STRICT, compile_c
-from fsw_test_support.fmus import Units, fmu_loop
+from fsw_test_support.fmus import Units, fmpy, fmu_loop
 
 pytestmark = pytest.mark.slow
 
@@ -66,7 +61,7 @@ def initialised(unit: Any, **parameters: Any) -> None:
 
 @pytest.mark.parametrize("name", fmu.UNITS)
 def test_fmpy_finds_no_problem(fmus: dict[str, Path], name: str) -> None:
-    assert validate_fmu(str(fmus[name])) == []
+    assert fmpy.validation.validate_fmu(str(fmus[name])) == []
     model = fmpy.read_model_description(str(fmus[name]))
     assert all(v.description for v in model.modelVariables)
     assert model.coSimulation.canGetAndSetFMUstate and model.coSimulation.canSerializeFMUstate
@@ -162,7 +157,7 @@ def test_instances_do_not_share_anything(fmus: dict[str, Path], running: Units, 
         first = running.start(fmus[name])
         second = copy(first)
         model = fmpy.read_model_description(str(fmus[name]))
-        second.fmu = instantiate_fmu(first.fmu.unzipDirectory, model, "CoSimulation")
+        second.fmu = fmpy.simulation.instantiate_fmu(first.fmu.unzipDirectory, model, "CoSimulation")
         initialised(second)
         pairs.append((first, second))
     moved, still = ({"plant": plant, "nmpc": nmpc} for plant, nmpc in zip(*pairs, strict=True))
@@ -195,7 +190,7 @@ def test_its_sources_are_complete(fmus: dict[str, Path], running: Units, tmp_pat
         for entry in whole.namelist():
             if not entry.startswith("binaries/"):
                 part.writestr(entry, whole.read(entry))
-    compile_platform_binary(str(bare), str(compiled))
+    fmpy.util.compile_platform_binary(str(bare), str(compiled))
     other = "nmpc" if name == "plant" else name
     loops = []
     for path in (fmus[name], compiled):
@@ -292,7 +287,7 @@ def test_mistakes_are_told_in_one_line(
 ) -> None:
     unit = running.start(fmus[name])
     unit.fmu.doStep(0.0, 0.1)
-    with pytest.raises(FMICallException):
+    with pytest.raises(fmpy.fmi2.FMICallException):
         mistake(unit)
     lines = capfd.readouterr().out.splitlines()
     assert len(lines) == 1 and told in lines[0]
@@ -305,7 +300,7 @@ def test_after_a_mistake_it_goes_on(fmus: dict[str, Path], running: Units) -> No
         unit.fmu.doStep(0.0, 0.1)
     for values in ({"force_kn": float("inf")}, {"axial_force_disturbance_kn": -1e5}):
         plant.set(**values)
-        with pytest.raises(FMICallException):
+        with pytest.raises(fmpy.fmi2.FMICallException):
             plant.fmu.doStep(0.1, 0.1)
         plant.set(force_kn=80.0, axial_force_disturbance_kn=0.0)
     other.set(force_kn=80.0)

@@ -1,4 +1,4 @@
-"""FMUs in tests: ``fmu_loop`` is the example with that name, ``Units`` starts and ends instances."""
+"""FMUs in tests: FMPy, without which they are skipped; the example ``fmu_loop``; ``Units`` starts and ends instances."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed, see requirements/fmu.lock")
+for _name in ("fmi2", "simulation", "util", "validation"):
+    importlib.import_module(f"fmpy.{_name}")
 _PATH = Path(__file__).resolve().parents[3] / "examples" / "fmu_loop.py"
 _SPEC = importlib.util.spec_from_file_location("fmu_loop", _PATH)
 assert _SPEC is not None and _SPEC.loader is not None
