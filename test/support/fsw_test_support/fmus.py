@@ -1,4 +1,4 @@
-"""FMUs in tests: FMPy, without which they are skipped; the example ``fmu_loop``; ``Units`` starts and ends instances."""
+"""FMUs in tests: FMPy, without which they are skipped, the example ``fmu_loop``, and instances that are ended."""
 
 from __future__ import annotations
 
