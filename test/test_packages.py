@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_control", "fsw_plant", "fsw_msgs"},  # fsw_plant: for the machine to test with
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control"},
@@ -35,6 +36,7 @@ MAY_IMPORT = {
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
     "casadi": "casadi-pip",
+    "cryptography": "python3-cryptography",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -54,8 +56,9 @@ KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime
 KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; and what the tests of this repository share
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support"}
+#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and asyncua, for which
+#: rosdep has no key
+OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "asyncua"}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

@@ -23,16 +23,18 @@ class CommandGate:
     sources : tuple of str
         Whose commands are accepted; empty: all.
     refused : dict of str to int
-        How many commands were refused for each of ``REASONS``.
+        How many commands were refused for each of ``REASONS``, and of the node's own ``more_reasons``.
     last_refusal : str
         The last refusal in words.
     last_stamp_ns : int or None
         Stamp of the last measurement that was answered.
     """
 
-    def __init__(self, limits: Limits, max_age_s: float, sources: Sequence[str] = ()) -> None:
+    def __init__(
+        self, limits: Limits, max_age_s: float, sources: Sequence[str] = (), more_reasons: Sequence[str] = ()
+    ) -> None:
         self.configure(limits, max_age_s, sources)
-        self.refused = dict.fromkeys(REASONS, 0)
+        self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
         self.last_refusal = ""
         self.last_stamp_ns: int | None = None
 
@@ -58,11 +60,15 @@ class CommandGate:
         """
         reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
         if reason:
-            self.refused[reason] += 1
-            self.last_refusal = f"{reason}: {words}"
+            self.refuse(reason, words)
         else:
             self.last_stamp_ns = stamp_ns
         return reason
+
+    def refuse(self, reason: str, words: str) -> None:
+        """Count a command that is refused."""
+        self.refused[reason] += 1
+        self.last_refusal = f"{reason}: {words}"
 
     def _refusal(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
