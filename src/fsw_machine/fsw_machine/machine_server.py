@@ -64,10 +64,16 @@ class MachineServer:
         For each command taken, the time from writing the cycle counter to the heartbeat that answers it.
     begun_s : list of float
         When each cycle's counter was written (steady clock).
-    taken : list of (int, Command)
-        Commands taken, with the counter that they answer.
+    taken : list of (int, Command, Command)
+        Commands taken, with the counter that they answer, and what was in force before.
+    counter : int
+        The cycle counter.
+    permissive : bool
+        Whether commands are permitted.
     clock_offset_ns : int
         Source timestamps less the local clock; to be set by tests.
+    is_open : bool
+        Whether it serves.
     """
 
     def __init__(
@@ -82,10 +88,11 @@ class MachineServer:
         self.endpoint = endpoint or machine.endpoint
         self.latencies_s: list[float] = []
         self.begun_s: list[float] = []
-        self.taken: list[tuple[int, Command]] = []
+        self.taken: list[tuple[int, Command, Command]] = []
         self.clock_offset_ns = 0
         self.counter = 0
-        self._permissive = permissive
+        self.is_open = False
+        self.permissive = permissive
         self._wanted: dict[str, float] = {}
         self._cycles: dict[int, tuple[int, float]] = {}
         self._server = Server(user_manager=_Users(machine))
@@ -111,7 +118,7 @@ class MachineServer:
         self._ids["switch"] = ua.NodeId.from_string(f"ns={index};{SWITCH}")
         for name, identifier in self._ids.items():
             kind = _TYPES.get(name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double)
-            start = self._permissive if name == "switch" else False if kind is ua.VariantType.Boolean else 0
+            start = self.permissive if name == "switch" else False if kind is ua.VariantType.Boolean else 0
             node = await server.nodes.objects.add_variable(identifier, str(identifier.Identifier), start, kind)
             if name in (*WRITTEN, "switch"):
                 await node.set_writable()
@@ -119,6 +126,7 @@ class MachineServer:
         server.iserver.aspace.write_attribute_value = self._on_write
         await self._measure()
         await server.start()
+        self.is_open = True
 
     async def _secure(self) -> None:
         security = self._machine.security
@@ -152,6 +160,7 @@ class MachineServer:
                 await self._measure()
         finally:
             await self._server.stop()
+            self.is_open = False
 
     async def _measure(self) -> None:
         """Measure, write the values, then the counter."""
@@ -165,7 +174,7 @@ class MachineServer:
         ):
             for sample_ns, value in samples:  # none while a sensor drops out: the node keeps its old timestamp
                 await self._show(name, value, sample_ns)
-        await self._show("permissive", self._permissive, stamp_ns)
+        await self._show("permissive", self.permissive, stamp_ns)
         acting, in_force = reading.drives, self.plant.applied
         for name, value in (
             ("force_acting", acting.force_kn),
@@ -196,7 +205,7 @@ class MachineServer:
         if not status.is_good() or attribute != ua.AttributeIds.Value or value.Value is None:
             return status
         if name == "switch":
-            self._permissive = bool(value.Value.Value)
+            self.permissive = bool(value.Value.Value)
         elif name in ("force_setpoint", "speed_setpoint"):
             return self._want(name, float(value.Value.Value))
         elif name == "heartbeat":
@@ -218,14 +227,15 @@ class MachineServer:
         """Take force and speed over, if both came and they answer one of the last cycles."""
         wanted, self._wanted = self._wanted, {}
         known = self._cycles.get(heartbeat)
-        if not self._permissive or len(wanted) < 2 or known is None:
+        if not self.permissive or len(wanted) < 2 or known is None:
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         stamp_ns, begun_s = known
         command = Command(wanted["force_setpoint"], wanted["speed_setpoint"])
+        before = self.plant.applied
         if self.plant.apply(command, stamp_ns):
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         self.latencies_s.append(time.monotonic() - begun_s)
-        self.taken.append((heartbeat, command))
+        self.taken.append((heartbeat, command, before))
         return ua.StatusCode()
 
 

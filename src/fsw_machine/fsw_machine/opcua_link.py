@@ -282,7 +282,7 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
     if not (offered[0].ServerCertificate or b"").startswith(certificates.der(pinned)):
         raise SecurityError(
             f"security.server_certificate: the server's certificate is not {security.server_certificate} "
-            f"(SHA-1 {certificates.thumbprint(pinned)}); if the server got a new one, copy that into the file"
+            f"(SHA-1 {certificates.thumbprint(pinned)}); if it is known to have a new one, copy that into the file"
         )
     await client.set_security(
         kind, str(security.certificate), str(security.private_key), server_certificate=str(security.server_certificate)
@@ -299,7 +299,8 @@ def password(user: User) -> str:
     try:
         text = user.password_file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise SecurityError(f"user.password_file: cannot read {user.password_file}: {error}") from None
+        why = getattr(error, "strerror", None) or "no text in UTF-8"
+        raise SecurityError(f"user.password_file: cannot read {user.password_file}: {why}") from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text
