@@ -25,7 +25,11 @@ MODULES = {
     "supervisor": "fsw_supervisor.supervisor_node",
 }
 GRAPH = ("gateway", "nmpc", "decentral", "supervisor")
-SUPERVISOR = ("controller:=nmpc", "readmit_ticks:=10", "return_to_target:=true", "storm_swaps:=0")
+SUPERVISOR = (
+    *("controller:=nmpc", "readmit_ticks:=10", "return_to_target:=true", "storm_swaps:=0"),
+    # seconds without control leave the process window, which is not what these tests are about
+    *(f"interlocks.temperature_{name}" for name in ("low.warn:=610.0", "low.trip:=600.0", "high.trip:=1000.0")),
+)
 DEEP = QoSProfile(depth=1000)
 
 
@@ -115,27 +119,29 @@ class MachineWeld(Spinner):
         goal = len(self.taken()) + more
         self.until(lambda: len(self.taken()) >= goal, f"{more} commands taken")
 
-    def assert_no_bump(self):
-        """Every command that the machine has taken was within one move of what was in force."""
-        taken = self.taken()
+    def assert_no_bump(self, first):
+        """From command number ``first`` on, each was within one move of what was in force.
+
+        The machine's watchdog may lower the force between the read that a command answers and the command.
+        """
+        taken = self.taken()[first:]
+        ramp_kn = 2.0 * weld.TICK_S * self.machine.server.plant.config["watchdog.safe_rate_kn_per_s"]
         assert taken
         for counter, command, before in taken:
-            assert abs(command.force_kn - before.force_kn) <= weld.FORCE_STEP_KN + 1e-6, counter
-            assert abs(command.speed_rpm - before.speed_rpm) <= weld.SPEED_STEP_RPM + 1e-6, counter
+            seen = f"{command} after {before} at cycle {counter}"
+            assert abs(command.force_kn - before.force_kn) <= weld.FORCE_STEP_KN + ramp_kn + 1e-6, seen
+            assert abs(command.speed_rpm - before.speed_rpm) <= weld.SPEED_STEP_RPM + 1e-6, seen
         assert all(a < b for (a, *_), (b, *_) in itertools.pairwise(taken))
 
     def in_force(self):
-        """Set-points in force, and whether the machine's watchdog is content."""
-        return self.machine.do(lambda server: (server.plant.applied, server.plant.watchdog.state.name))
+        """Set-points in force at the machine."""
+        return self.machine.do(lambda server: server.plant.applied)
 
-    def until_ramped(self, down_kn=1.5):
-        """Wait until the machine's watchdog has lowered the force."""
-        start, _ = self.in_force()
-        self.until(lambda: self.in_force()[0].force_kn < start.force_kn - down_kn, "the machine's watchdog")
-        return self.in_force()[0]
+    def temperature_c(self):
+        """Temperature of the process."""
+        return self.machine.do(lambda server: server.plant.truth().temperature_c)
 
-
-def close_to(command, other, moves=1.0):
-    """Whether two commands are within so many moves of each other."""
-    force, speed = abs(command.force_kn - other.force_kn), abs(command.speed_rpm - other.speed_rpm)
-    return force <= moves * weld.FORCE_STEP_KN + 1e-6 and speed <= moves * weld.SPEED_STEP_RPM + 1e-6
+    def until_safe(self):
+        """Wait until the machine's watchdog has gone to its safe state; returns the set-points in force then."""
+        self.until(lambda: self.machine.do(lambda server: server.plant.watchdog.state.name) == "SAFE", "the watchdog")
+        return self.in_force()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from math import nan
 from typing import Any
 
@@ -25,7 +25,7 @@ PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
 FRESH_CYCLES = 2.5
 #: so many commands in a row that do not reach the machine, and it is started over from the drives
 _LOST_COMMANDS = 3
-#: a command that was written counts for so many cycles as what acts, though the machine does not show it yet
+#: for so many cycles after a command was written, the next ones are compared with it
 _UNDERWAY_CYCLES = 3
 #: ticks of which the counter is known
 _KEPT = 32
@@ -59,8 +59,8 @@ class Gateway:
 
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
-    drives report, so the first command is no bump. While it is not joined the drives are not reported, because they do
-    not follow the commands and what pushes them besides must not be learnt from it.
+    drives report, so the first command is no bump. While commands do not arrive the drives are not reported: they do
+    not follow, and that must not be taken for something that pushes them besides.
 
     Attributes
     ----------
@@ -148,7 +148,8 @@ class Gateway:
             del self._counters[next(iter(self._counters))]
         self.ticks += 1
         value = {name: one.value for name, one in self.samples.items()}
-        drives = Command(value["force_acting"], value["speed_acting"]) if self.joined else Command(nan, nan)
+        obeys = self.joined and not self._lost and self._under_way is None
+        drives = Command(value["force_acting"], value["speed_acting"]) if obeys else Command(nan, nan)
         return Publication(stamp_ns, value["depth"], value["torque"], value["temperature"], drives)
 
     # ---------------------------------------------------------------- commands
@@ -166,8 +167,13 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         words = self._jump(command, counter)
-        if words:
-            self.gate.refuse("jump", words)
+        if words or self._under_way is not None:
+            before = (
+                f"the server has not answered the write of {now_s - self._under_way.accepted_s:.3f} s ago"
+                if self._under_way
+                else ""
+            )
+            self.gate.refuse("jump" if words else "unanswered", words or before)
             self._lose()
             return None
         nodes = self._machine.nodes
@@ -187,20 +193,30 @@ class Gateway:
             return "stale_read", f"the machine was last read {age_s:.2f} s ago"
         if not self.joined:
             return "paused", "commands begin anew from the drives, after a pause in the measurements"
-        if self._under_way is not None:
-            return "unanswered", "the server has not answered the write before"
         return "", ""
 
     def _jump(self, command: Command, counter: int) -> str:
-        """Why a command is too far from what acts, empty if it is not."""
+        """Why a command is too far from what acts, empty if it is not.
+
+        After the last command written it may be one move away per cycle, for some cycles: single ones get lost. Then
+        what the machine has in force counts.
+        """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault:
             return f"the set-points in force are not known: {force.fault or speed.fault}"
         jump = refusal(command, self.gate.limits, Command(force.value, speed.value))
+        if jump is None:
+            return ""
         before = self._last_written
-        if jump is not None and before is not None and 0 < counter - before.heartbeat <= _UNDERWAY_CYCLES:
-            jump = refusal(command, self.gate.limits, before.command)
-        return "" if jump is None else f"{jump.words} from what the machine has in force"
+        cycles = 0 if before is None else counter - before.heartbeat
+        if before is not None and 0 < cycles <= _UNDERWAY_CYCLES:
+            limits = self.gate.limits
+            moves = replace(
+                limits, force_step_kn=cycles * limits.force_step_kn, speed_step_rpm=cycles * limits.speed_step_rpm
+            )
+            if refusal(command, moves, before.command) is None:
+                return ""
+        return f"{jump.words} from what the machine has in force"
 
     def _lose(self) -> None:
         self._lost += 1

@@ -165,7 +165,7 @@ class MachineServer:
     async def _measure(self) -> None:
         """Measure, write the values, then the counter."""
         stamp_ns = time.time_ns() + self.clock_offset_ns
-        reading = self.plant.measure(stamp_ns)
+        reading = self.plant.measure()
         self.counter += 1
         for name, samples in (
             ("depth", reading.depth_mm),
@@ -173,7 +173,7 @@ class MachineServer:
             ("temperature", reading.temperature_c),
         ):
             for sample_ns, value in samples:  # none while a sensor drops out: the node keeps its old timestamp
-                await self._show(name, value, sample_ns)
+                await self._show(name, value, stamp_ns - (reading.stamp_ns - sample_ns))
         await self._show("permissive", self.permissive, stamp_ns)
         acting, in_force = reading.drives, self.plant.applied
         for name, value in (
@@ -186,7 +186,7 @@ class MachineServer:
         await self._show("cycle", self.counter, stamp_ns)
         begun_s = time.monotonic()
         self.begun_s.append(begun_s)
-        self._cycles[self.counter] = (stamp_ns, begun_s)
+        self._cycles[self.counter] = (reading.stamp_ns, begun_s)
         self._cycles.pop(self.counter - _KEPT, None)
 
     async def _show(self, name: str, inside: float, stamp_ns: int) -> None:

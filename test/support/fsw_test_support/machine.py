@@ -56,7 +56,7 @@ class _LoopThread:
 
 
 class RunningMachine:
-    """The emulated machine of a machine file, running in a thread.
+    """The emulated machine of a machine file, running in a thread; ``settings`` are parameters of the plant.
 
     Attributes
     ----------
