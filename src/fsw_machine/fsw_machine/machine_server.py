@@ -60,8 +60,8 @@ class MachineServer:
 
     Attributes
     ----------
-    latencies_s : list of float
-        For each command taken, the time from writing the cycle counter to the heartbeat that answers it.
+    latencies_s : dict of int to float
+        For each counter value that a command answered, the time from writing it to the heartbeat.
     begun_s : list of float
         When each cycle's counter was written (steady clock).
     taken : list of (int, Command, Command)
@@ -86,7 +86,7 @@ class MachineServer:
     ) -> None:
         self._machine, self.plant, self._server_key = machine, plant, server_key
         self.endpoint = endpoint or machine.endpoint
-        self.latencies_s: list[float] = []
+        self.latencies_s: dict[int, float] = {}
         self.begun_s: list[float] = []
         self.taken: list[tuple[int, Command, Command]] = []
         self.clock_offset_ns = 0
@@ -234,7 +234,7 @@ class MachineServer:
         before = self.plant.applied
         if self.plant.apply(command, stamp_ns):
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
-        self.latencies_s.append(time.monotonic() - begun_s)
+        self.latencies_s[heartbeat] = time.monotonic() - begun_s
         self.taken.append((heartbeat, command, before))
         return ua.StatusCode()
 
@@ -273,7 +273,9 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--seed", type=int, default=1, help="of the sensor noise")
     made.add_argument("--not-permissive", action="store_true", help=f"start with the operator's switch ({SWITCH}) off")
-    made.add_argument("--report", type=Path, metavar="FILE", help="at the end, write cycle times and latencies as JSON")
+    made.add_argument(
+        "--report", type=Path, metavar="FILE", help="at the end, write begin and latency of each cycle as JSON"
+    )
     made.add_argument("--make-certificates", type=Path, metavar="DIR", help="make test certificates, and end")
     return made
 
@@ -295,7 +297,10 @@ async def serve(arguments: argparse.Namespace) -> None:
     with contextlib.suppress(asyncio.CancelledError):
         await task
     if arguments.report:
-        figures = {"begun_s": server.begun_s, "latencies_s": server.latencies_s}
+        figures = {
+            "begun_s": server.begun_s,
+            "latencies_s": [server.latencies_s.get(k + 1) for k in range(server.counter)],
+        }
         arguments.report.write_text(json.dumps(figures), encoding="utf-8")
 
 
