@@ -175,7 +175,11 @@ class MachineLink:
             client.set_user(machine.user.name)
             client.set_password(password(machine.user))
         self._client = client
-        await client.connect()
+        try:
+            await client.connect()
+        except AssertionError:
+            # asyncua trips over servers that refuse the secure channel with a ServiceFault
+            raise LinkError(f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}") from None
         index = 0
         if machine.namespace:
             uris = await client.get_namespace_array()
@@ -310,6 +314,12 @@ def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
     """The node's id; where it names no namespace, in the one given."""
     text = spec.node if spec.node.startswith("ns=") else f"ns={namespace};{spec.node}"
     return ua.NodeId.from_string(text)
+
+
+def _hint(machine: MachineFile) -> str:
+    if machine.security is None:
+        return ""
+    return f"; most likely our security.certificate {machine.security.certificate} is not in its trust list"
 
 
 def _variant(number: float, kind: ua.VariantType) -> Any:
