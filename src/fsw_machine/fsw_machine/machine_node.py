@@ -26,13 +26,17 @@ from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import STREAM
-from fsw_machine import certificates
 from fsw_machine import gateway_reports_ros as reports
 from fsw_machine.gateway import Gateway, Publication, limits_from
 from fsw_machine.machine_file import MachineFile
-from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Standing, Written, password
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand
+
+try:
+    from fsw_machine import certificates
+    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Standing, Written, password
+except ModuleNotFoundError as error:
+    sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
 
 _PATROL_S = 0.2
 _REPORT_S = 1.0
