@@ -1,9 +1,9 @@
 """Sets up the environment of every script here, with nothing but the standard library.
 
 ``ensure()`` makes ``.venv`` in the workspace, installs the pinned lock into it (wheels only) and goes on inside it.
-Where there is no C compiler for the NMPC, one is installed as a wheel, too. When all is done already it only takes
-the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``) sees
-the system's packages, and the genuine rclpy is used.
+Where there is no C compiler for the controllers, one is installed as a wheel, too. When all is done already it only
+takes the few milliseconds of a new interpreter. In a shell where ROS 2 is sourced, a second environment (``.venv-ros``)
+sees the system's packages, and the genuine rclpy is used.
 """
 
 import fcntl
@@ -22,8 +22,6 @@ RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
-# locks of what only some scripts need; the tests need all
-EXTRAS = ("machine",)
 
 
 def with_genuine_ros():
@@ -41,7 +39,7 @@ def ensure(dev=False, oldest=False, extras=()):
     oldest : bool
         Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
     extras : sequence of str
-        Install the locks of these names as well, which only some scripts need; ``dev`` installs all of ``EXTRAS``.
+        Lock files without their suffix of what only some commands need.
 
     Raises
     ------
@@ -52,8 +50,7 @@ def ensure(dev=False, oldest=False, extras=()):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
-    if not oldest:
-        names = (*names, *(f"{name}.lock" for name in (EXTRAS if dev else extras)))
+    names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]

@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 """The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, model, bag."""
 
+import sys
+
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.cli.main")
+    extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
+    start("fsw_experiment.cli.main", extras)

@@ -27,9 +27,10 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control"},
+    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_msgs"),
+        *("fsw_analysis", "fsw_export", "fsw_msgs"),
     },
     "fsw_bringup": {"fsw_experiment"},
 }
@@ -56,9 +57,8 @@ KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime
 KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and asyncua, for which
-#: rosdep has no key
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "asyncua"}
+#: the stand-in for ROS 2, done without where that is; what the tests share; what rosdep does not have
+OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "fmpy", "asyncua"}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

@@ -1,26 +1,19 @@
+import sys
 from pathlib import Path
 from runpy import run_path
 
 from setuptools import Extension, find_packages, setup
 
 package_name = "fsw_nmpc"
-build = run_path(str(Path(package_name, "kernel_build.py")))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "fsw_control"))  # in the workspace; elsewhere it is installed
+library = run_path(str(Path(package_name, "kernel_build.py")))["LIBRARY"]
 
 setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
-    # The kernel is loaded with ctypes. It may fail to build here: then it is built at the first start.
-    ext_modules=[
-        Extension(
-            "fsw_nmpc._kernel",
-            [str(Path(package_name, "kernel", name)) for name in build["SOURCES"]],
-            define_macros=[("FSW_CONTROLLER_ID", f'"{build["source_id"]()}"')],
-            extra_compile_args=["-std=c99", "-O3", "-ffp-contract=off"],
-            optional=True,
-        )
-    ],
+    ext_modules=[Extension(**library.extension())],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),

@@ -3,6 +3,7 @@
 from math import pi
 
 RAD_PER_S_PER_RPM = pi / 30.0
+KW_PER_NM_RPM = RAD_PER_S_PER_RPM * 1e-3
 #: in a second
 NANOSECONDS = 1_000_000_000
 

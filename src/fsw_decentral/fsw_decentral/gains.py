@@ -64,10 +64,6 @@ class Gains:
         gains = asdict(sets[values["tuning"]])
         return cls(**gains | {name: values[name] for name in gains if values.get(name, -1.0) >= 0.0})
 
-    def loop(self, name: str) -> dict[str, float]:
-        """Gains of the loop ``depth``, ``temperature`` or ``power``, by name without that of the loop."""
-        return {key.removeprefix(f"{name}_"): value for key, value in asdict(self).items() if key.startswith(name)}
-
 
 @cache
 def tunings() -> Mapping[str, Gains]:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_control import Command, Controller, Limits, Measurement, Reference
-from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C
+from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
+from fsw_control.units import KW_PER_NM_RPM
+from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
-from fsw_decentral.loops import KW_PER_NM_RPM, PowerLoop
+from fsw_decentral.library import load
 from fsw_model import ProcessModel
 
 NOMINAL = Command(FORCE_KN, SPEED_RPM)
@@ -143,16 +144,19 @@ def test_a_speed_at_its_bound_does_not_wind_up(tuning):
 @pytest.mark.parametrize(("tracking_s", "least_kj", "most_kj"), [(30.0, -3.0, 0.0), (0.1, -25.0, -14.0)])
 def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(tracking_s, least_kj, most_kj):
     """The torque drops by a fifth at once, the speed follows with 3 rpm per tick; a short tracking time forgets."""
-    loop = PowerLoop(1000.0)
-    loop.configure(2.0, 0.3, 0.1, tracking_s, 0.1, 0.1)
-    power_kw, speed, missing_kj = 1000.0 * 400.0 * KW_PER_NM_RPM, 400.0, 0.0
-    assert loop.step(power_kw, speed) == pytest.approx(speed)
-    for _ in range(200):
-        loop.measure(800.0)
-        wanted = loop.step(power_kw, speed)
-        speed = min(max(wanted, speed - 3.0), speed + 3.0)
-        loop.follow(speed - wanted, False, False)
-        missing_kj += (800.0 * speed * KW_PER_NM_RPM - power_kw) * 0.1
+    power_loop = {"power_gain": 2.0, "power_integral_time": 0.3, "power_filter": 0.1, "power_tracking_time": tracking_s}
+    spindle = {"friction.constant": 0.0, "friction.linear": 0.0, "friction.quadratic": 0.0, "spindle_inertia": 0.0}
+    controller = DecentralController({**power_loop, **spindle, "feedforward_filter": 0.1, "speed_max": 900.0})
+    applied = Command(FORCE_KN, 400.0)
+    controller.reset(applied)
+    power_kw, missing_kj = 1000.0 * applied.speed_rpm * KW_PER_NM_RPM, 0.0
+    for k in range(201):  # without temperature the power reference is held
+        torque = 800.0 if k else 1000.0
+        applied = controller.step(measured(k, torque=torque, temperature=NAN), REFERENCE, applied, 0.1).command
+        if k:
+            missing_kj += (torque * applied.speed_rpm * KW_PER_NM_RPM - power_kw) * 0.1
+        else:
+            assert applied.speed_rpm == pytest.approx(400.0)
     assert least_kj < missing_kj < most_kj
 
 
@@ -213,6 +217,10 @@ def test_unusable_parameters_are_told_and_change_nothing():
     assert "force_min" in controller.check({"force_min": 99.0})
     assert "speed_min" in controller.check({"speed_min": 600.0})
     assert "none of conservative, tight" in controller.check({"tuning": "loose"})
+    for name in ("friction.linear", "spindle_inertia", "nominal_torque", "blind_limit", "force_max", "speed_step"):
+        assert "must be" in controller.check({name: NAN})
+    with pytest.raises(ValueError, match="must be finite"):
+        DecentralController({"spindle_inertia": math.inf})
     with pytest.raises(ValueError, match="must be positive"):
         controller.configure({"depth_integral_time": 0.0})
     assert controller.gains == gains
@@ -233,6 +241,43 @@ def test_reset_starts_from_the_applied_command():
     command = controller.step(measured(0), REFERENCE, other, 0.1).command
     assert abs(command.force_kn - 80.0) < 1e-6
     assert abs(command.speed_rpm - 390.0) < 1e-6
+
+
+def test_reset_to_nothing_known_starts_from_the_last_proposal():
+    controller = DecentralController()
+    last = controller.step(measured(0), REFERENCE, Command(80.0, 390.0), 0.1).command
+    controller.reset(Command(NAN, 400.0))
+    again = controller.step(measured(1), REFERENCE, Command(NAN, NAN), 0.1)
+    assert again.healthy
+    assert (again.command.force_kn, again.command.speed_rpm) == pytest.approx((last.force_kn, last.speed_rpm))
+
+
+def test_a_torque_beyond_all_range_starts_the_loops_again():
+    """After it the feed-forward would divide by a torque of 0."""
+    controller = DecentralController({"feedforward_filter": 0.0})
+    reasons = [controller.step(measured(k, torque=1e20 if k == 1 else 1e3), REFERENCE, NOMINAL, 0.1) for k in range(4)]
+    assert [proposal.healthy for proposal in reasons] == [True, True, False, True]
+    assert reasons[2].reason == "samples beyond all range, loops start again"
+    assert reasons[2].command == NOMINAL
+
+
+def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_tick():
+    def after(dt_s):
+        controller = DecentralController()
+        for k, step_s in enumerate((0.1, dt_s)):
+            proposal = controller.step(measured(k, depth=2.66 + 1e-3 * k), REFERENCE, NOMINAL, step_s)
+        return proposal
+
+    assert after(5.0) == after(math.inf) == after(1.0) != after(0.1)
+    assert after(NAN) == after(-1.0) == after(0.0) == after(TICK_S)
+
+
+def test_without_a_compiler_one_line_says_what_to_do(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(c_library, "compiler", lambda: None)
+    load.cache_clear()
+    with pytest.raises(ValueError, match="decentral: no C compiler found: install one, set CC, or 'pip install"):
+        DecentralController()
 
 
 def test_same_inputs_give_the_same_outputs():
@@ -258,35 +303,44 @@ sample = st.builds(
 )
 
 
-@settings(max_examples=200, deadline=None)
-@given(
-    st.lists(
-        st.tuples(
-            sample,
-            st.builds(Reference, any_float, any_float),
-            st.one_of(st.none(), st.builds(Command, any_float, any_float)),
-            st.one_of(st.just(0.1), any_float),
-        ),
-        max_size=30,
-    )
+bounds = st.floats(-1e3, 1e3)
+values = st.fixed_dictionaries(
+    {},
+    optional={
+        "tuning": st.sampled_from(["conservative", "tight"]),
+        **{name: st.floats(0.0, 1e3) for name in Gains.__dataclass_fields__},
+        **{f"{name}_{end}": bounds for name in ("force", "speed") for end in ("min", "max")},
+        **{f"{name}_step": st.floats(0.0, 100.0) for name in ("force", "speed")},
+        "blind_limit": any_float,
+        "nominal_torque": any_float,
+    },
 )
-def test_nothing_raises_and_the_proposal_keeps_every_limit(events):
+event = st.tuples(
+    sample,
+    st.builds(Reference, any_float, any_float),
+    st.one_of(st.none(), st.builds(Command, any_float, any_float)),
+    st.one_of(st.just(0.1), any_float),
+    st.one_of(st.none(), values),
+    st.one_of(st.none(), st.none(), st.builds(Command, any_float, any_float)),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(event, max_size=30))
+def test_whatever_comes_the_proposal_keeps_every_limit(events):
     controller = DecentralController()
-    limits = Limits()
-    applied = NOMINAL
-    for measurement, reference, forced, dt_s in events:
-        given_command = forced or applied
+    proposed = NOMINAL
+    for measurement, reference, elsewhere, dt_s, changed, restart in events:
+        if changed is not None and controller.check(changed) is None:
+            controller.configure(changed)
+        if restart is not None:
+            controller.reset(restart)
+            proposed = restart if math.isfinite(restart.force_kn + restart.speed_rpm) else proposed
+        given_command = elsewhere or proposed
+        is_known = math.isfinite(given_command.force_kn + given_command.speed_rpm)
+        applied = given_command if is_known else proposed
         proposal = controller.step(measurement, reference, given_command, dt_s)
-        command = proposal.command
-        assert math.isfinite(command.force_kn) and math.isfinite(command.speed_rpm)
-        # next to the largest float a step from it is beyond it, and the command counts as not finite
-        if abs(given_command.force_kn) <= 1e300 and abs(given_command.speed_rpm) <= 1e300:
-            assert abs(command.force_kn - given_command.force_kn) <= limits.force_step_kn * (1 + 1e-9) + 1e-12 * abs(
-                given_command.force_kn
-            )
-            assert abs(command.speed_rpm - given_command.speed_rpm) <= limits.speed_step_rpm * (1 + 1e-9) + 1e-12 * abs(
-                given_command.speed_rpm
-            )
-        if not proposal.healthy:
-            assert proposal.reason
-        applied = command if abs(command.force_kn) < 1e3 and abs(command.speed_rpm) < 1e4 else NOMINAL
+        proposed = proposal.command
+        assert math.isfinite(proposed.force_kn) and math.isfinite(proposed.speed_rpm)
+        assert controller.limits.clip(proposed, applied) == proposed
+        assert proposal.healthy == (not proposal.reason)

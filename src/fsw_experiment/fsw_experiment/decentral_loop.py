@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_control import Command, Measurement, Reference
-from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
 from fsw_decentral import DecentralController, Gains
-from fsw_decentral.loops import KW_PER_NM_RPM, share
 from fsw_experiment.scenario import tick_of
 from fsw_experiment.standard_events import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
@@ -111,7 +110,7 @@ def loop_response(
     process = line.frequency_response(omega) * hold[:, None, None]
 
     def lag(time_s: float) -> Response:
-        take = share(time_s, STEP_S)
+        take = 1.0 - math.exp(-STEP_S / time_s) if time_s > 0.0 else 1.0
         return np.asarray(take / (1.0 - (1.0 - take) * back))
 
     def pid(gain: float, integral_s: float, derivative_s: float = 0.0) -> Response:

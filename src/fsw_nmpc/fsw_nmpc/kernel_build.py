@@ -1,164 +1,21 @@
-"""Builds the C kernel into a shared library, when a C compiler is there.
+"""The C library of the NMPC: sources in ``kernel/``, built as ``fsw_control.c_library`` says.
 
-The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
-never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
-library (``setup.py``); it is used if it was made from the same sources.
-
-Run ``python -m fsw_nmpc.kernel_build`` to build it ahead. Where there is no compiler, the ziglang wheel brings one.
+Run ``python -m fsw_nmpc.kernel_build`` to build it ahead.
 """
 
 from __future__ import annotations
 
-import ctypes
-import hashlib
-import os
-import platform
-import shlex
-import shutil
-import subprocess
 import sys
-import tempfile
-from importlib.util import find_spec
 from pathlib import Path
 
-FOLDER = Path(__file__).parent / "kernel"
-SOURCES = tuple(sorted(path.name for path in FOLDER.glob("*.c")))
-# no contraction: the same results on every machine, whatever the width of its vectors
-FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unused-parameter")
-#: for a library that stays on this machine; left out where the compiler does not support it
-NATIVE = "-march=native"
-_LONGEST_BUILD_S = 120.0
+from fsw_control.c_library import CLibrary, compiler
 
+__all__ = ["FOLDER", "LIBRARY", "SOURCES", "build", "compiler", "ensure", "find", "is_usable", "source_id"]
 
-def source_id() -> str:
-    """Digest of the kernel's sources, which a library carries to show where it is from."""
-    digest = hashlib.sha256()
-    for path in sorted(FOLDER.glob("*.[ch]")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _processor() -> str:
-    """What identifies this processor's instruction set, empty if nothing does."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-    lines = [line for line in text.splitlines() if line.startswith(("flags", "Features", "model name"))]
-    return platform.machine() + "".join(dict.fromkeys(lines))
-
-
-def cache_path() -> Path:
-    """Where the library for these sources and this machine is kept."""
-    cache = os.environ.get("XDG_CACHE_HOME", "")
-    folder = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
-    text = "\0".join([source_id(), *FLAGS, platform.system(), platform.machine(), _processor()])
-    return folder / "fsw_nmpc" / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
-
-
-def compiler() -> list[str] | None:
-    """Command of the C compiler: ``CC``, the first of cc, gcc, clang, or the one in the ziglang wheel."""
-    wanted = shlex.split(os.environ.get("CC", ""))
-    for command in [wanted, ["cc"], ["gcc"], ["clang"]]:
-        if command and shutil.which(command[0]):
-            return command
-    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
-
-
-def is_usable(library: Path) -> bool:
-    """Whether a library can be loaded and was made from these sources."""
-    try:
-        identify = ctypes.CDLL(str(library)).fsw_controller_id
-    except (OSError, AttributeError):
-        return False
-    identify.restype = ctypes.c_char_p
-    return bool(identify() == source_id().encode())
-
-
-def find() -> Path | None:
-    """A usable library that is built already, None if there is none."""
-    try:
-        built = cache_path()
-    except RuntimeError:  # there is no home folder
-        built = None
-    packaged = sorted(FOLDER.parent.glob("_kernel*.so"))
-    for library in [*([built] if built else []), *packaged]:
-        if library.exists() and is_usable(library):
-            return library
-    return None
-
-
-def ensure() -> Path:
-    """A usable library, built now if need be.
-
-    Raises
-    ------
-    RuntimeError
-        If there is none and none can be built; the message says why.
-    """
-    return find() or build()
-
-
-def build(library: Path | None = None, extra_flags: tuple[str, ...] = (), native: bool = True) -> Path:
-    """Compile the kernel.
-
-    Parameters
-    ----------
-    library : Path, optional
-        Where the shared library goes, the user's cache by default; replaced at once, so that running controllers
-        keep theirs.
-    extra_flags : tuple of str
-        More compiler flags, e.g. for sanitizers.
-    native : bool
-        Whether to use all that this machine's processor can do.
-
-    Raises
-    ------
-    RuntimeError
-        If there is no compiler or it fails; the message has the compiler's words.
-    """
-    command = compiler()
-    if command is None:
-        raise RuntimeError("no C compiler found: install one, set CC, or 'pip install ziglang'")
-    try:
-        library = library or cache_path()
-        library.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".tmp", delete=False) as scratch:
-            target = Path(scratch.name)
-    except OSError as error:
-        raise RuntimeError(f"no place for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
-    try:
-        attempts = [(NATIVE,), ()] if native and _processor() else [()]
-        for flags in attempts:
-            words = _compile([*command, *FLAGS, *flags, *extra_flags], target)
-            if words is None:
-                target.chmod(0o755)
-                target.replace(library)
-                return library
-        raise RuntimeError(f"the kernel did not compile with {' '.join(command)}:\n{words}")
-    finally:
-        target.unlink(missing_ok=True)
-
-
-def _compile(command: list[str], target: Path) -> str | None:
-    """Compile into ``target``; returns None, or the compiler's words if it fails."""
-    identity = f'-DFSW_CONTROLLER_ID="{source_id()}"'
-    files = [str(FOLDER / name) for name in SOURCES]
-    try:
-        run = subprocess.run(
-            [*command, identity, *files, "-o", str(target), "-lm"],
-            capture_output=True,
-            text=True,
-            timeout=_LONGEST_BUILD_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return str(error)
-    return run.stderr if run.returncode else None
-
+LIBRARY = CLibrary("fsw_nmpc", Path(__file__).parent / "kernel", "fsw_controller_id")
+FOLDER, SOURCES = LIBRARY.folder, LIBRARY.sources
+source_id, is_usable, find = LIBRARY.source_id, LIBRARY.is_usable, LIBRARY.find
+ensure, build = LIBRARY.ensure, LIBRARY.build
 
 if __name__ == "__main__":
-    try:
-        print(build())
-    except RuntimeError as error:
-        sys.exit(str(error))
+    sys.exit(LIBRARY.main())

@@ -5,6 +5,7 @@ Run ``python -m fsw_nmpc.kernel_codegen`` after a change of the torque equations
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -44,11 +45,16 @@ def generate() -> str:
         generator.add(torque_function())
         generator.generate(folder + "/")
         text = (Path(folder) / "torque.c").read_text(encoding="utf-8")
-    lines = [line.rstrip() for line in text.splitlines()]
+    body = re.search(r"static int casadi_f0\(.*?\) \{\n(.*?)\n\}\n", text, re.DOTALL)
+    square = re.search(r"casadi_real casadi_sq\(.*?\n", text)
+    if body is None or square is None:
+        raise RuntimeError("CasADi writes its functions in another way than this script knows")
+    lines = [f"static {square[0]}", "int fsw_torque_casadi(const double **arg, double **res) {", body[1], "}"]
+    code = "\n".join(lines).replace("casadi_real", "double")
     return (
         "/* Generated from fsw_model/equations.py by fsw_nmpc/kernel_codegen.py; do not edit. */\n"
-        + "\n".join(lines)
-        + "\n"
+        f"/* Written by CasADi {ca.CasadiMeta.version()}. */\n"
+        f'#include "torque.h"\n\n{code}\n'
     )
 
 

@@ -166,8 +166,15 @@ class Library:
             )
 
     def configure(self, tuning: TuningStruct) -> None:
-        """Take another tuning; estimate and plan go on."""
-        self._lib.fsw_controller_configure(self._controller, ctypes.byref(tuning))
+        """Take another tuning; estimate and plan go on.
+
+        Raises
+        ------
+        ValueError
+            If the library does not take it; it goes on with the one before.
+        """
+        if self._lib.fsw_controller_configure(self._controller, ctypes.byref(tuning)):
+            raise ValueError("tuning: a value is not finite, or the limits are no limits")
 
     def reset(self, force_kn: float, speed_rpm: float) -> None:
         """Forget the past."""

@@ -1,6 +1,5 @@
 """The C library by itself: strict C99, sanitizers, sizes, builds."""
 
-import ctypes
 import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
@@ -8,18 +7,17 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from fsw_control import c_library
 from fsw_model import nominal
 from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of, make_horizon
 from fsw_nmpc.kernel_structs import Input, Output
 from fsw_nmpc.library import Library, Tables
 from fsw_nmpc.tuning import Tuning
+from fsw_test_support.c_code import SANITIZE, STRICT, compile_c, has_sanitizers, layout_in_c, layout_in_python
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
 P = nominal()
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-Wno-unused-parameter"]
-SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
-
 DRIVER = r"""
 #include <math.h>
 #include <stdio.h>
@@ -52,6 +50,11 @@ int main(void) {
       }
     }
     if (k % 150 == 149) fsw_controller_reset(c, sample(60, 95), sample(300, 500));
+    if (k % 31 == 30) { /* a tuning that cannot be used changes nothing */
+      fsw_tuning wrong = tuning;
+      wrong.move_max[k % 2] = sample(-1, 0); wrong.noise[k % 3] = NAN;
+      if (!fsw_controller_configure(c, &wrong)) { free(c); return 6; }
+    }
     if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_controller_configure(c, &tuning); }
     fsw_output out;
     fsw_controller_step(c, &in, &out);
@@ -102,18 +105,12 @@ def tables_of(library):
     return "\n".join(lines) + "\n"
 
 
-def compile_c(arguments, **options):
-    command = [*kernel_build.compiler(), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", [20, 54])
 def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
     (tmp_path / "tables.h").write_text(tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8")
     (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")
-    (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n", encoding="utf-8")
-    if compile_c([*SANITIZE, str(tmp_path / "probe.c"), "-o", str(tmp_path / "probe")]).returncode:
+    if not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")
     sources = [str(kernel_build.FOLDER / name) for name in kernel_build.SOURCES]
     include = ["-I", str(kernel_build.FOLDER), "-I", str(tmp_path)]
@@ -164,19 +161,7 @@ def test_every_size_is_checked(horizon):
 def test_structs_are_those_of_the_header(tmp_path):
     """Sizes in Python and in C are equal, field by field offsets too."""
     structs = {"fsw_input": Input, "fsw_output": Output, "fsw_model": Tables(P, horizon_of(P, 20)).model.__class__}
-    lines = ["#include <stddef.h>", "#include <stdio.h>", '#include "fsw_controller.h"', "int main(void) {"]
-    for name, kind in structs.items():
-        lines += [f'printf("%zu\\n", offsetof({name}, {field}));' for field, _ in kind._fields_]
-        lines.append(f'printf("%zu\\n", sizeof({name}));')
-    (tmp_path / "sizes.c").write_text("\n".join([*lines, "return 0; }"]), encoding="utf-8")
-    program = str(tmp_path / "sizes")
-    built = compile_c(["-std=c99", "-I", str(kernel_build.FOLDER), str(tmp_path / "sizes.c"), "-o", program])
-    assert built.returncode == 0, built.stderr
-    told = [int(word) for word in subprocess.run([program], capture_output=True, text=True, check=True).stdout.split()]
-    expected = []
-    for kind in structs.values():
-        expected += [getattr(kind, field).offset for field, _ in kind._fields_] + [ctypes.sizeof(kind)]
-    assert told == expected
+    assert layout_in_python(structs) == layout_in_c(kernel_build.FOLDER / "fsw_controller.h", structs, tmp_path)
 
 
 @pytest.mark.slow
@@ -192,10 +177,10 @@ def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
 
 def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(kernel_build, "compiler", lambda: None)
+    monkeypatch.setattr(c_library, "compiler", lambda: None)
     with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
         kernel_build.build()
-    monkeypatch.setattr(kernel_build, "compiler", lambda: ["false"])
+    monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
     with pytest.raises(RuntimeError, match="did not compile with false"):
         kernel_build.build()
 

@@ -42,16 +42,32 @@ static int fits(const fsw_model *m) {
   return 1;
 }
 
+static int is_usable(const fsw_tuning *t) {
+  double sum = t->tolerance + t->offset_keep + t->jump_sigmas + t->blind_limit_s;
+  for (int i = 0; i < FSW_STATES; i++) sum += t->walk[i];
+  for (int i = 0; i < 3; i++) sum += t->noise[i];
+  for (int q = 0; q < 2; q++) {
+    sum += t->time_s[q] + t->corridor_decay[q] + t->dead_band[q] + t->weight[q] + t->square[q] + t->move_weight[q];
+    sum += t->move_square[q] + t->move_max[q] + t->input_min[q] + t->input_max[q];
+    if (!(t->move_max[q] > 0.0) || !(t->input_min[q] < t->input_max[q])) return 0;
+  }
+  return fsw_is_finite(sum) && t->trajectory >= FSW_APPROACH && t->trajectory <= FSW_RECENTRED && t->max_iterations >= 0;
+}
+
 int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning) {
-  if (!fits(model)) return 1;
+  if (!fits(model) || !is_usable(tuning)) return 1;
   c->model = *model;
+  c->tuning = *tuning;
   c->bad_cycles = 0;
-  fsw_controller_configure(c, tuning);
   fsw_controller_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
   return 0;
 }
 
-void fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning) { c->tuning = *tuning; }
+int fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning) {
+  if (!is_usable(tuning)) return 1;
+  c->tuning = *tuning;
+  return 0;
+}
 
 static void clear_plan(fsw_controller *c) {
   for (int j = 0; j < 2 * c->model.n_blocks; j++) c->plan.moves[j] = c->plan.start[j] = 0.0;

@@ -39,7 +39,7 @@ fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm) {
   double out[3];
   const double *arg[3] = {&force_kn, &depth_mm, m->torque_par};
   double *res[1] = {out};
-  fsw_torque_casadi(arg, res, 0, 0, 0);
+  fsw_torque_casadi(arg, res);
   fsw_torque t = {out[0], out[1], out[2]};
   return t;
 }

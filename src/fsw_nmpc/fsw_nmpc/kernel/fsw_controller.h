@@ -10,12 +10,19 @@
 #ifndef FSW_CONTROLLER_H
 #define FSW_CONTROLLER_H
 
+/* Sizes, which a build may lower to those of its model. */
 #ifndef FSW_MAX_BLOCKS
 #define FSW_MAX_BLOCKS 54
 #endif
+#ifndef FSW_MAX_STEPS
 #define FSW_MAX_STEPS 80                     /* model steps of the horizon */
+#endif
+#ifndef FSW_MAX_OUT
 #define FSW_MAX_OUT 54                       /* output points, one per interval */
+#endif
+#ifndef FSW_MAX_HISTORY
 #define FSW_MAX_HISTORY 100                  /* ticks of dead time */
+#endif
 #define FSW_MAX_VARS (2 * FSW_MAX_BLOCKS)
 #define FSW_LATEST 20                        /* ticks by which a drive may be late */
 #define FSW_MAX_CHANGES 8                    /* future set-points that are known */
@@ -169,11 +176,12 @@ int fsw_controller_bytes(void);
 const char *fsw_controller_id(void);
 
 /* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 when a size or an index is
- * beyond what this was compiled for: the controller must not be used then. */
+ * beyond what this was compiled for or the tuning cannot be used: the controller must not be used then. */
 int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning);
 
-/* Another tuning; estimate and plan go on. */
-void fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning);
+/* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or the limits are no limits: the
+ * tuning is then as before. */
+int fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning);
 
 /* Forget the past; the next step starts from these inputs. */
 void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm);

@@ -1,0 +1,104 @@
+"""Exported controllers on other processors: equal answers, memory, stack, instructions per step.
+
+Every controller is exported (``fsw.py export c``), built by its own CMakeLists.txt and run on its test vectors, a weld
+of 240 s, where compiler and emulator are installed:
+
+    apt-get install cmake clang gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm qemu-user \\
+        gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-powerpc-linux-gnu libc6-dev-powerpc-cross
+
+QEMU counts instructions, not cycles.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure(dev=True)
+
+import numpy as np
+from report import parser, save, show
+
+from fsw_experiment.cli.main import main as fsw
+from fsw_export import documents
+from fsw_test_support import c_targets
+
+ROOT = Path(__file__).resolve().parent.parent
+PUBLISHED = ROOT / "src" / "fsw_export" / "fsw_export" / "targets.json"
+PAGE = ROOT / "docs" / "results" / "targets.md"
+ALL = tuple(c_targets.TARGETS)
+#: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)
+EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
+    "nmpc": ([], "fsw_controller", ALL),
+    "nmpc_paper": (["--parameter", "preset=paper"], "fsw_controller", ("gcc", "cortex_m7")),
+    "decentral": (["--controller", "decentral"], "fsw_decentral", ALL),
+}
+
+
+def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
+    """All figures of one export, by target."""
+    arguments, prefix, targets = EXPORTS[name]
+    folder = scratch / name
+    if fsw(["export", "c", *arguments, "--out", str(folder)]):
+        sys.exit(1)
+    figures: dict[str, Any] = {}
+    for key in targets:
+        target = c_targets.TARGETS[key]
+        if quick and key not in ("gcc", "cortex_m7"):
+            continue
+        missing = target.missing()
+        if missing:
+            print(f"{target.title}: left out: {missing}", file=sys.stderr)
+            continue
+        print(f"{name}: {target.title}", file=sys.stderr)
+        built = scratch / f"{name}-{key}"
+        options = ["-DFSW_STACK_USAGE=1", "-DFSW_COUNTER=1"] if target.counts else []
+        c_targets.build(folder, target, built, *options)
+        c_targets.check_vectors(folder, built)
+        found = figures[key] = {
+            "title": target.title,
+            "largest_difference": c_targets.largest_difference(folder, built),
+        }
+        if not target.counts:
+            continue
+        counts, iterations = c_targets.instructions(folder, built)
+        found["instructions_p50"] = int(np.median(counts))
+        found["instructions_p99"] = int(np.percentile(counts, 99))
+        found["instructions_max"] = int(counts.max())
+        if iterations.any():
+            found["iterations_max"] = int(iterations.max())
+            slope, base = np.polyfit(iterations, counts, 1)
+            found["instructions_per_iteration"], found["instructions_without"] = int(slope), int(base)
+        found["flash_bytes"], found["static_bytes"] = c_targets.sizes(built)
+        found["state_bytes"] = c_targets.state_bytes(built)
+        found["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
+    return figures
+
+
+def main() -> int:
+    """Measure, print and, if asked to, publish."""
+    arguments = parser(__doc__, "Cortex-M7 only")
+    arguments.add_argument("--publish", action="store_true", help="also write the shipped figures and docs/results")
+    given = arguments.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        found = {name: measure(name, Path(scratch), given.quick) for name in EXPORTS}
+    flat = {f"{n}.{t}.{k}": v for n, by in found.items() for t, one in by.items() for k, v in one.items()}
+    show({key: value for key, value in flat.items() if not isinstance(value, str)})
+    save(flat, given.json)
+    if given.publish:
+        PUBLISHED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        PAGE.write_text(documents.results_page(found), encoding="utf-8")
+        print(f"wrote {PUBLISHED.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,335 @@
+/* Two loops side by side. `follow` tells a loop what became of its last output: one cut by limits pulls the integrator back
+ * with the tracking time (back-calculation); a command from somewhere else sets it at once, so that the loop continues from
+ * that command without a bump.
+ *
+ * Finite but absurd samples may overflow to infinity or NaN anywhere in between; the step tests what comes out. */
+#include <limits.h>
+#include <math.h>
+
+#include "fsw_decentral.h"
+
+#define RAD_PER_S_PER_RPM (3.14159265358979323846 / 30.0)
+#define KW_PER_NM_RPM (RAD_PER_S_PER_RPM * 1e-3)
+/* two commands nearer than this (kN, rpm) are the same one, rounded on the wire */
+#define SAME 1e-6
+/* a limit is touched within this distance */
+#define TOUCHING 1e-9
+#define LONGEST_STEP_S 1.0
+/* Less counts as this: without contact there is no power, and the feed-forward divides by the torque. */
+#define LEAST_TORQUE_NM 100.0
+
+int fsw_decentral_bytes(void) { return (int)sizeof(fsw_decentral); }
+
+#ifndef FSW_DECENTRAL_ID
+#define FSW_DECENTRAL_ID "unknown"
+#endif
+const char *fsw_decentral_id(void) { return FSW_DECENTRAL_ID; }
+
+/* NaN passes through all of these. */
+static int is_finite(double x) { return x - x == 0.0; }
+static double at_least(double x, double low) { return low > x ? low : x; }
+static double at_most(double x, double high) { return high < x ? high : x; }
+static int is_elsewhere(double a, double b) { return a - b >= SAME || b - a >= SAME; }
+
+/* Share of its input that a first-order filter takes over in one step. */
+static double share(double time_constant_s, double dt_s) {
+  return time_constant_s <= 0.0 ? 1.0 : 1.0 - exp(-dt_s / time_constant_s);
+}
+
+/* ---- temperature to power, depth to force */
+
+typedef struct {
+  double gain, integral_time, derivative_time, filter, weight, reference_filter, tracking_time;
+} loop_gains;
+
+/* Other gains; the output does not jump, because the integrator makes up for the difference. */
+static void loop_configure(fsw_decentral_loop *l, const loop_gains *g, double dt_s) {
+  if (l->started) {
+    const double before = l->gain * (l->weight * l->reference - l->measured);
+    l->integrator += before - g->gain * (g->weight * l->reference - l->measured);
+  }
+  l->gain = g->gain;
+  l->weight = g->weight;
+  l->integral = g->gain * dt_s / g->integral_time;
+  l->derivative = g->gain * g->derivative_time / dt_s;
+  l->filter = share(g->filter, dt_s);
+  l->reference_filter = share(g->reference_filter, dt_s);
+  l->tracking = at_most(dt_s / g->tracking_time, 1.0);
+}
+
+static void loop_clear(fsw_decentral_loop *l) {
+  l->started = 0;
+  l->first_stage = l->measured = l->reference = l->output = NAN;
+  l->integrator = 0.0;
+}
+
+/* Begin such that the output is `output` now. */
+static void loop_start(fsw_decentral_loop *l, double measured, double reference, double output) {
+  l->measured = l->first_stage = measured;
+  if (l->reference != l->reference) l->reference = reference;
+  l->integrator = output - l->gain * (l->weight * l->reference - measured);
+  l->output = output;
+  l->started = 1;
+}
+
+/* Hold `output` while there is no measurement; the loop has to be started again. */
+static void loop_pause(fsw_decentral_loop *l, double output) {
+  l->started = 0;
+  l->output = output;
+}
+
+/* Note how far the last output was from what was applied, by limits or by a command from elsewhere. */
+static void loop_follow(fsw_decentral_loop *l, double excess, int elsewhere) {
+  l->integrator += elsewhere ? excess : l->tracking * excess;
+}
+
+static double loop_step(fsw_decentral_loop *l, double measured, double reference) {
+  l->first_stage += l->filter * (measured - l->first_stage);
+  const double move = l->filter * (l->first_stage - l->measured);
+  l->measured += move;
+  l->reference += l->reference_filter * (reference - l->reference);
+  l->integrator += l->integral * (l->reference - l->measured);
+  const double proportional = l->gain * (l->weight * l->reference - l->measured);
+  l->output = proportional + l->integrator - l->derivative * move;
+  return l->output;
+}
+
+/* ---- power to speed */
+
+static void power_clear(fsw_decentral_power *p, double torque_nm) {
+  p->started = 0;
+  p->fast_nm = p->slow_nm = torque_nm;
+  p->output = NAN;
+  p->integrator = p->gained = 0.0;
+}
+
+/* The next process torque; one before the first step is taken as it is. */
+static void power_measure(fsw_decentral_power *p, double torque_nm) {
+  if (!p->started) {
+    p->fast_nm = p->slow_nm = torque_nm;
+    return;
+  }
+  p->fast_nm += p->filter * (torque_nm - p->fast_nm);
+  p->slow_nm += p->feedforward * (torque_nm - p->slow_nm);
+}
+
+/* Note how far the last output was from what was applied, by a bound, the move limit or another command. At a bound the
+ * loop does not integrate further outwards. What the move limit has taken bleeds off slowly, so that the loop makes up for
+ * the energy that was missing while the speed could not follow. */
+static void power_follow(fsw_decentral_power *p, double excess_rpm, int bounded, int elsewhere) {
+  if (elsewhere)
+    p->integrator = 0.0;
+  else if (!bounded)
+    p->integrator += p->tracking * excess_rpm;
+  else if (excess_rpm * p->gained < 0.0)
+    p->integrator -= p->gained;
+}
+
+/* The speed for a power reference, `speed_rpm` being the present one. */
+static double power_step(fsw_decentral_power *p, double reference_kw, double speed_rpm) {
+  p->started = 1;
+  const double error_kw = reference_kw - p->fast_nm * speed_rpm * KW_PER_NM_RPM;
+  p->gained = p->integral * error_kw;
+  p->integrator += p->gained;
+  p->output = reference_kw / (p->slow_nm * KW_PER_NM_RPM) + p->gain * error_kw + p->integrator;
+  return p->output;
+}
+
+/* ---- the controller */
+
+static int is_amount(double x) { return x >= 0.0 && is_finite(x); }
+static int is_positive(double x) { return x > 0.0 && is_finite(x); }
+
+int fsw_decentral_is_usable(const fsw_decentral_tuning *t) {
+  return is_amount(t->depth_gain) && is_positive(t->depth_integral_time) && is_amount(t->depth_derivative_time) &&
+         is_amount(t->depth_filter) && is_amount(t->depth_weight) && is_amount(t->depth_reference_filter) &&
+         is_positive(t->depth_tracking_time) && is_amount(t->temperature_gain) &&
+         is_positive(t->temperature_integral_time) && is_amount(t->temperature_derivative_time) &&
+         is_amount(t->temperature_filter) && is_amount(t->temperature_weight) &&
+         is_amount(t->temperature_reference_filter) && is_positive(t->temperature_tracking_time) &&
+         is_amount(t->power_gain) && is_positive(t->power_integral_time) && is_amount(t->power_filter) &&
+         is_positive(t->power_tracking_time) && is_amount(t->feedforward_filter) && is_finite(t->force_min_kn) &&
+         is_finite(t->force_max_kn) && t->force_min_kn < t->force_max_kn && is_finite(t->speed_min_rpm) &&
+         is_finite(t->speed_max_rpm) && t->speed_min_rpm < t->speed_max_rpm && is_amount(t->force_step_kn) &&
+         is_amount(t->speed_step_rpm) && is_finite(t->friction[0]) && is_finite(t->friction[1]) &&
+         is_finite(t->friction[2]) && is_amount(t->spindle_inertia_kgm2) && is_positive(t->nominal_torque_nm) &&
+         is_amount(t->blind_limit_s);
+}
+
+static void configure_loops(fsw_decentral *c) {
+  const fsw_decentral_tuning *t = &c->tuning;
+  const double dt_s = c->dt_s;
+  const loop_gains depth = {t->depth_gain,   t->depth_integral_time,    t->depth_derivative_time, t->depth_filter,
+                            t->depth_weight, t->depth_reference_filter, t->depth_tracking_time};
+  const loop_gains temperature = {t->temperature_gain,   t->temperature_integral_time,    t->temperature_derivative_time,
+                                  t->temperature_filter, t->temperature_weight,           t->temperature_reference_filter,
+                                  t->temperature_tracking_time};
+  loop_configure(&c->depth, &depth, dt_s);
+  loop_configure(&c->temperature, &temperature, dt_s);
+  c->power.gain = t->power_gain;
+  c->power.integral = t->power_gain * dt_s / t->power_integral_time;
+  c->power.filter = share(t->power_filter, dt_s);
+  c->power.feedforward = share(t->feedforward_filter, dt_s);
+  c->power.tracking = at_most(dt_s / t->power_tracking_time, 1.0);
+}
+
+static void start_loops(fsw_decentral *c) {
+  loop_clear(&c->depth);
+  loop_clear(&c->temperature);
+  power_clear(&c->power, c->tuning.nominal_torque_nm);
+  configure_loops(c);
+}
+
+int fsw_decentral_init(fsw_decentral *c, const fsw_decentral_tuning *tuning) {
+  if (!fsw_decentral_is_usable(tuning)) return 1;
+  c->tuning = *tuning;
+  c->proposed_force_kn = 0.5 * tuning->force_min_kn + 0.5 * tuning->force_max_kn;
+  c->proposed_speed_rpm = 0.5 * tuning->speed_min_rpm + 0.5 * tuning->speed_max_rpm;
+  fsw_decentral_reset(c, c->proposed_force_kn, c->proposed_speed_rpm);
+  return 0;
+}
+
+int fsw_decentral_configure(fsw_decentral *c, const fsw_decentral_tuning *tuning) {
+  if (!fsw_decentral_is_usable(tuning)) return 1;
+  c->tuning = *tuning;
+  configure_loops(c);
+  return 0;
+}
+
+void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm) {
+  c->dt_s = FSW_DECENTRAL_TICK_S;
+  start_loops(c);
+  if (is_finite(force_kn + speed_rpm)) {
+    c->proposed_force_kn = force_kn;
+    c->proposed_speed_rpm = speed_rpm;
+  }
+  c->speed_before_rpm = c->proposed_speed_rpm;
+  c->reference_depth_mm = c->reference_temperature_c = NAN;
+  c->blind_torque_s = c->blind_temperature_s = 0.0;
+  c->bad_cycles = 0;
+}
+
+static double wanted_force_kn(fsw_decentral *c, const fsw_decentral_input *in, double applied_kn) {
+  fsw_decentral_loop *l = &c->depth;
+  if (!(in->depth_valid && is_finite(in->depth_mm) && is_finite(c->reference_depth_mm))) {
+    loop_pause(l, applied_kn);
+    return applied_kn;
+  }
+  if (!l->started) {
+    loop_start(l, in->depth_mm, c->reference_depth_mm, applied_kn);
+  } else {
+    const int elsewhere = is_elsewhere(applied_kn, c->proposed_force_kn);
+    const double excess = (elsewhere ? applied_kn : c->proposed_force_kn) - l->output;
+    if (excess != 0.0) loop_follow(l, excess, elsewhere);
+  }
+  return loop_step(l, in->depth_mm, c->reference_depth_mm);
+}
+
+/* Tell power and temperature loop what became of the speed. */
+static void follow_speed(fsw_decentral *c, double applied_rpm) {
+  fsw_decentral_loop *l = &c->temperature;
+  const double proposed_rpm = c->proposed_speed_rpm, kw_per_rpm = c->power.slow_nm * KW_PER_NM_RPM;
+  const int elsewhere = is_elsewhere(applied_rpm, proposed_rpm);
+  const int bounded = !(c->tuning.speed_min_rpm < proposed_rpm && proposed_rpm < c->tuning.speed_max_rpm);
+  const double excess_rpm = (elsewhere ? applied_rpm : proposed_rpm) - c->power.output;
+  if (excess_rpm == 0.0) return;
+  power_follow(&c->power, excess_rpm, bounded, elsewhere);
+  if (elsewhere && !l->started) {
+    l->output = applied_rpm * kw_per_rpm;
+  } else if (elsewhere) {
+    loop_follow(l, applied_rpm * kw_per_rpm - l->output, 1);
+  } else if (bounded && l->started) {
+    /* what the move limit delays the power loop makes up for; what a bound takes is lost */
+    const double excess_kw = proposed_rpm * kw_per_rpm - l->output;
+    if (excess_kw * excess_rpm > 0.0) loop_follow(l, excess_kw, 0);
+  }
+}
+
+/* The process torque: motor torque less friction (23) and less what accelerates the spindle. */
+static void measure_torque(fsw_decentral *c, const fsw_decentral_input *in, double applied_rpm) {
+  const double *friction = c->tuning.friction;
+  const double acceleration_rpm_per_s = (applied_rpm - c->speed_before_rpm) / c->dt_s;
+  c->speed_before_rpm = applied_rpm;
+  if (!(in->torque_valid && is_finite(in->torque_nm))) {
+    c->blind_torque_s += c->dt_s;
+    return;
+  }
+  c->blind_torque_s = 0.0;
+  const double friction_nm = friction[0] + (friction[1] + friction[2] * applied_rpm) * applied_rpm;
+  const double inertia = c->tuning.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM;
+  power_measure(&c->power, at_least(in->torque_nm - friction_nm - inertia * acceleration_rpm_per_s, LEAST_TORQUE_NM));
+}
+
+static double wanted_speed_rpm(fsw_decentral *c, const fsw_decentral_input *in, double applied_rpm) {
+  fsw_decentral_loop *l = &c->temperature;
+  if (c->power.started) follow_speed(c, applied_rpm);
+  measure_torque(c, in, applied_rpm);
+  if (!is_finite(l->output)) l->output = c->power.slow_nm * applied_rpm * KW_PER_NM_RPM;
+  if (in->temperature_valid && is_finite(in->temperature_c) && is_finite(c->reference_temperature_c)) {
+    c->blind_temperature_s = 0.0;
+    if (!l->started) loop_start(l, in->temperature_c, c->reference_temperature_c, l->output);
+    loop_step(l, in->temperature_c, c->reference_temperature_c);
+  } else {
+    c->blind_temperature_s += c->dt_s;
+    loop_pause(l, l->output);
+  }
+  return power_step(&c->power, l->output, applied_rpm);
+}
+
+static int reason_of(const fsw_decentral *c) {
+  if (!c->depth.started) return FSW_DECENTRAL_NO_DEPTH;
+  if (c->blind_torque_s > c->tuning.blind_limit_s) return FSW_DECENTRAL_NO_TORQUE;
+  if (c->blind_temperature_s > c->tuning.blind_limit_s) return FSW_DECENTRAL_NO_TEMPERATURE;
+  return FSW_DECENTRAL_PROPOSING;
+}
+
+/* Nearest to `wanted` within the bounds and one step of what is applied; the step wins over the bounds. */
+static double limited(double wanted, double low, double high, double applied, double step) {
+  const double bounded = at_most(at_least(wanted, low), high);
+  return at_most(at_least(bounded, applied - step), applied + step);
+}
+
+static int touched(double x, double low, double high, double applied, double step, int min_bit, int max_bit, int rate_bit) {
+  const int moves = x - applied >= step - TOUCHING || applied - x >= step - TOUCHING;
+  return (x <= low + TOUCHING ? min_bit : 0) | (x >= high - TOUCHING ? max_bit : 0) | (moves ? rate_bit : 0);
+}
+
+void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_decentral_output *out) {
+  const fsw_decentral_tuning *t = &c->tuning;
+  const double dt_s = in->dt_s > 0.0 ? at_most(in->dt_s, LONGEST_STEP_S) : FSW_DECENTRAL_TICK_S;
+  if (dt_s != c->dt_s) {
+    c->dt_s = dt_s;
+    configure_loops(c);
+  }
+  const int is_known = is_finite(in->applied_force_kn + in->applied_speed_rpm);
+  const double applied_kn = is_known ? in->applied_force_kn : c->proposed_force_kn;
+  const double applied_rpm = is_known ? in->applied_speed_rpm : c->proposed_speed_rpm;
+  if (is_finite(in->reference_depth_mm + in->reference_temperature_c)) {
+    c->reference_depth_mm = in->reference_depth_mm;
+    c->reference_temperature_c = in->reference_temperature_c;
+  }
+  double force_kn = wanted_force_kn(c, in, applied_kn), speed_rpm = wanted_speed_rpm(c, in, applied_rpm);
+  out->reason = reason_of(c);
+  if (!is_finite(force_kn + speed_rpm)) {
+    start_loops(c);
+    force_kn = applied_kn;
+    speed_rpm = applied_rpm;
+    out->reason = FSW_DECENTRAL_OVERFLOW;
+  }
+  out->force_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, applied_kn, t->force_step_kn);
+  out->speed_rpm = limited(speed_rpm, t->speed_min_rpm, t->speed_max_rpm, applied_rpm, t->speed_step_rpm);
+  out->healthy = out->reason == FSW_DECENTRAL_PROPOSING;
+  out->active_limits = 0;
+  if (out->force_kn != force_kn || out->speed_rpm != speed_rpm)
+    out->active_limits = touched(out->force_kn, t->force_min_kn, t->force_max_kn, applied_kn, t->force_step_kn,
+                                 FSW_DECENTRAL_FORCE_MIN, FSW_DECENTRAL_FORCE_MAX, FSW_DECENTRAL_FORCE_RATE) |
+                         touched(out->speed_rpm, t->speed_min_rpm, t->speed_max_rpm, applied_rpm, t->speed_step_rpm,
+                                 FSW_DECENTRAL_SPEED_MIN, FSW_DECENTRAL_SPEED_MAX, FSW_DECENTRAL_SPEED_RATE);
+  c->proposed_force_kn = out->force_kn;
+  c->proposed_speed_rpm = out->speed_rpm;
+  if (!out->healthy && c->bad_cycles < INT_MAX) c->bad_cycles++;
+  out->bad_cycles = c->bad_cycles;
+  out->depth_mm = c->depth.measured;
+  out->temperature_c = c->temperature.measured;
+  out->torque_nm = c->power.fast_nm;
+}

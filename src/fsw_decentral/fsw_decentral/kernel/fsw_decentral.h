@@ -1,0 +1,121 @@
+/* The decentralized controller of depth and temperature: temperature by spindle speed through a power loop, depth by axial
+ * force. Two single loops side by side.
+ *
+ * Portable C99: no heap, no globals, no recursion, of libm only exp, no iteration. All memory is the struct fsw_decentral,
+ * which holds no pointer and may be copied. NaN, stale and missing samples are arguments. Arithmetic is that of IEEE 754,
+ * in double precision.
+ *
+ * Units: mm, degC, kN, rpm, kW, N m, s. */
+#ifndef FSW_DECENTRAL_H
+#define FSW_DECENTRAL_H
+
+#define FSW_DECENTRAL_TICK_S 0.1             /* counts as the time since the last tick where that is not usable */
+
+/* Gains, limits and what is known of the spindle. */
+typedef struct {
+  double depth_gain;                         /* kN/mm */
+  double depth_integral_time, depth_derivative_time, depth_filter;
+  double depth_weight;                       /* of the set-point in the proportional part */
+  double depth_reference_filter, depth_tracking_time;
+  double temperature_gain;                   /* kW/degC */
+  double temperature_integral_time, temperature_derivative_time, temperature_filter;
+  double temperature_weight;
+  double temperature_reference_filter, temperature_tracking_time;
+  double power_gain;                         /* rpm/kW */
+  double power_integral_time, power_filter, power_tracking_time;
+  double feedforward_filter;                 /* times and time constants: s */
+  double force_min_kn, force_max_kn, speed_min_rpm, speed_max_rpm;
+  double force_step_kn, speed_step_rpm;      /* largest change per tick */
+  double friction[3];                        /* (23): N m, N m/rpm, N m/rpm^2 */
+  double spindle_inertia_kgm2;               /* as seen in the motor torque while the spindle accelerates */
+  double nominal_torque_nm;                  /* process torque until the first valid sample */
+  double blind_limit_s;                      /* longest time without torque or temperature that stays healthy */
+} fsw_decentral_tuning;
+
+typedef struct {
+  double depth_mm, torque_nm, temperature_c;
+  int depth_valid, torque_valid, temperature_valid; /* whether it may be used; the last good value for a while, too */
+  double applied_force_kn, applied_speed_rpm;       /* command in force until now */
+  double reference_depth_mm, reference_temperature_c;
+  double dt_s;                                      /* since the last tick; above 0, counts as 1 at most */
+} fsw_decentral_input;
+
+/* Why a proposal is not healthy. */
+enum {
+  FSW_DECENTRAL_PROPOSING,
+  FSW_DECENTRAL_NO_DEPTH,                    /* force held */
+  FSW_DECENTRAL_NO_TORQUE,                   /* for longer than blind_limit_s */
+  FSW_DECENTRAL_NO_TEMPERATURE,              /* likewise */
+  FSW_DECENTRAL_OVERFLOW                     /* samples beyond all range: the loops start again */
+};
+
+/* Limits that a proposal touches, as bits. */
+enum {
+  FSW_DECENTRAL_FORCE_MIN = 1,
+  FSW_DECENTRAL_FORCE_MAX = 2,
+  FSW_DECENTRAL_SPEED_MIN = 4,
+  FSW_DECENTRAL_SPEED_MAX = 8,
+  FSW_DECENTRAL_FORCE_RATE = 16,
+  FSW_DECENTRAL_SPEED_RATE = 32
+};
+
+typedef struct {
+  double force_kn, speed_rpm;                /* the proposal */
+  int healthy, reason;
+  int active_limits;                         /* 0 if the proposal is as the loops have it */
+  int bad_cycles;                            /* unhealthy proposals since the start */
+  double depth_mm, temperature_c, torque_nm; /* filtered: depth, temperature, process torque; NaN before the first sample */
+} fsw_decentral_output;
+
+/* PID, derivative on the measurement; the set-point is filtered and weighted. The measurement passes two equal first-order
+ * filters in series: behind one alone the derivative would pass on too much noise. */
+typedef struct {
+  int started;
+  double first_stage, measured;              /* behind the first filter, behind both */
+  double reference, output, integrator;      /* in absolute values: the integrator holds the operating point */
+  double gain, weight, integral, derivative; /* per tick */
+  double filter, reference_filter, tracking; /* shares taken over in a tick */
+} fsw_decentral_loop;
+
+/* Speed from a power reference: feed-forward by the measured torque, and PI on the measured power. */
+typedef struct {
+  int started;
+  double fast_nm, slow_nm;                   /* process torque: for the power, for the feed-forward */
+  double output, integrator, gained;         /* gained: by the integrator in the last tick */
+  double gain, integral, filter, feedforward, tracking;
+} fsw_decentral_power;
+
+typedef struct {
+  fsw_decentral_tuning tuning;
+  fsw_decentral_loop depth, temperature;
+  fsw_decentral_power power;
+  double dt_s, proposed_force_kn, proposed_speed_rpm, speed_before_rpm;
+  double reference_depth_mm, reference_temperature_c;
+  double blind_torque_s, blind_temperature_s;
+  int bad_cycles;
+} fsw_decentral;
+
+int fsw_decentral_bytes(void);
+
+/* Digest of the sources that this was made from, as given by the build. */
+const char *fsw_decentral_id(void);
+
+/* Whether a tuning can be used: all finite; gains, times, steps, inertia and blind limit not negative; integral and
+ * tracking times and the nominal torque above 0; minima below maxima. */
+int fsw_decentral_is_usable(const fsw_decentral_tuning *tuning);
+
+/* Take a tuning and start from the middle of its bounds. Returns 0, or 1 when the tuning is not usable: the controller
+ * must not be used then. */
+int fsw_decentral_init(fsw_decentral *c, const fsw_decentral_tuning *tuning);
+
+/* Another tuning; the proposals do not jump. Returns 0, or 1 when it is not usable: then the last one stays. */
+int fsw_decentral_configure(fsw_decentral *c, const fsw_decentral_tuning *tuning);
+
+/* Forget the past; the next step starts from these inputs, or from the last proposal if one of them is not finite. */
+void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm);
+
+/* One tick. The proposal is always within one step of the applied command, or of the last proposal where that is not
+ * finite; and within the bounds, or as far on the way there as the step allows. */
+void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_decentral_output *out);
+
+#endif

@@ -1,0 +1,106 @@
+"""What goes into the exported controllers and comes out of them: name, unit and meaning of every signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A signal of an exported controller.
+
+    Attributes
+    ----------
+    name : str
+        In CSV files, FMUs and function blocks.
+    member : str
+        Where it is in the C struct.
+    kind : str
+        ``real``, ``int`` or ``bool``; the latter two are an int in C.
+    unit : str
+        Empty: none.
+    text : str
+        What it is.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    text: str
+    member: str = ""
+
+    @property
+    def in_c(self) -> str:
+        """Member designator in the C struct."""
+        return self.member or self.name
+
+    @property
+    def is_int(self) -> bool:
+        """Whether it is an int in C."""
+        return self.kind != "real"
+
+
+_SENSORS = (
+    Signal("depth_mm", "real", "mm", "shoulder depth as measured"),
+    Signal("torque_nm", "real", "N m", "motor torque of the spindle as measured"),
+    Signal("temperature_c", "real", "degC", "thermocouple in the tool as measured"),
+)
+_INPUTS = (
+    Signal("applied_force_kn", "real", "kN", "force set-point in force until now; NaN: unchanged"),
+    Signal("applied_speed_rpm", "real", "rpm", "speed set-point in force until now; NaN: unchanged"),
+    Signal("reference_depth_mm", "real", "mm", "depth set-point; NaN: unchanged"),
+    Signal("reference_temperature_c", "real", "degC", "temperature set-point; NaN: unchanged"),
+    Signal("dt_s", "real", "s", "time since the last tick, normally 0.1"),
+)
+_COMMAND = (
+    Signal("force_kn", "real", "kN", "proposed force set-point, always within the limits"),
+    Signal("speed_rpm", "real", "rpm", "proposed speed set-point, always within the limits"),
+    Signal("healthy", "bool", "", "whether the proposal may be applied"),
+)
+
+NMPC_INPUTS = (
+    *_SENSORS,
+    Signal("depth_fresh", "bool", "", "whether depth_mm is a good sample of this tick"),
+    Signal("torque_fresh", "bool", "", "whether torque_nm is a good sample of this tick"),
+    Signal("temperature_fresh", "bool", "", "whether temperature_c is a good sample of this tick"),
+    Signal("acting_force_kn", "real", "kN", "force that acts, as the drive reports it; NaN: unknown", "force_kn"),
+    Signal("acting_speed_rpm", "real", "rpm", "speed that acts, as the drive reports it; NaN: unknown", "speed_rpm"),
+    *_INPUTS,
+    Signal("n_changes", "int", "", "future set-points that are known, 0 to 8; the example reads one"),
+    Signal("change_at_s", "real", "s", "when the next set-point comes into force, from now", "change[0].at_s"),
+    Signal("change_depth_mm", "real", "mm", "its depth", "change[0].depth_mm"),
+    Signal("change_temperature_c", "real", "degC", "its temperature", "change[0].temperature_c"),
+)
+NMPC_OUTPUTS = (
+    *_COMMAND,
+    Signal("reason", "int", "", "0 proposing, 1 waits for sensors, 2 waits for set-points, 3 no solution, 4 blind"),
+    Signal("blind", "int", "", "sensors missing for too long: 1 depth + 2 torque + 4 temperature"),
+    Signal(
+        "fate", "int", "", "of the solve: 0 solved, 1 iteration cap, 2 not finite, 3 too fast, 4 out of bounds, 5 none"
+    ),
+    Signal("iterations", "int", "", "iterations of the solver"),
+    Signal("estimated_depth_mm", "real", "mm", "what the depth sensor should show", "depth_mm"),
+    Signal("estimated_temperature_c", "real", "degC", "what the thermocouple should show", "temperature_c"),
+    Signal("estimated_torque_nm", "real", "N m", "motor torque", "torque_nm"),
+    Signal("force_disturbance_kn", "real", "kN", "estimate: what acts beside the force", "disturbance[0]"),
+    Signal("heat_disturbance_kw", "real", "kW", "estimate: what heats beside the power", "disturbance[1]"),
+    Signal("torque_scale", "real", "", "estimate: factor on the process torque", "disturbance[2]"),
+    Signal("depth_offset_mm", "real", "mm", "estimate: offset of the depth sensor", "disturbance[3]"),
+    Signal("temperature_offset_c", "real", "degC", "estimate: offset of the thermocouple", "disturbance[4]"),
+)
+
+DECENTRAL_INPUTS = (
+    *_SENSORS,
+    Signal("depth_valid", "bool", "", "whether depth_mm may be used"),
+    Signal("torque_valid", "bool", "", "whether torque_nm may be used"),
+    Signal("temperature_valid", "bool", "", "whether temperature_c may be used"),
+    *_INPUTS,
+)
+DECENTRAL_OUTPUTS = (
+    *_COMMAND,
+    Signal("reason", "int", "", "0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 samples beyond all range"),
+    Signal("active_limits", "int", "", "1 force min + 2 max + 4 speed min + 8 max + 16 force rate + 32 speed rate"),
+    Signal("filtered_depth_mm", "real", "mm", "measured depth behind its filter", "depth_mm"),
+    Signal("filtered_temperature_c", "real", "degC", "measured temperature behind its filter", "temperature_c"),
+    Signal("process_torque_nm", "real", "N m", "measured torque less friction, filtered", "torque_nm"),
+)
