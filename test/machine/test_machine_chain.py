@@ -75,11 +75,11 @@ def chain(tmp_path_factory, shipped_text, secured):
 
 @pytest.fixture
 def weld(chain):
-    """The chain with all parts running under ``nmpc``; afterwards no command has been a bump."""
+    """The chain with all parts running; afterwards no command has been a bump."""
     for name in GRAPH:
         if not chain.launcher.children[name].running:
             chain.start(name)
-    chain.runs("nmpc")
+    chain.runs()
     chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 15.0, "the process to settle")
     first = len(chain.taken())
     yield chain
@@ -99,6 +99,7 @@ def test_it_welds(weld):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_nmpc_ends(weld, number):
+    weld.runs("nmpc")
     weld.end("nmpc", number)
     weld.runs("decentral")
 

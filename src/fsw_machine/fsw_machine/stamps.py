@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 #: deviation of the source timestamps from counter and local clock that counts as a step of the server's clock [ns]
-STEP_NS = 50_000_000
+STEP_NS = 500_000_000
 
 
 class Stamps:
@@ -11,8 +11,8 @@ class Stamps:
 
     A stamp is the counter's source timestamp plus a shift. The shift is 0 at first, or with ``received`` what makes the
     first stamp the local time. Where the source timestamps leave both what the cycle counter has counted and what has
-    passed here by more than half a cycle, the server's clock was set: the shift takes up the step, so that the stamps
-    go on as if it had not been.
+    passed here by half a second, or do not rise, the server's clock was set: the shift takes up the step, so that the
+    stamps go on as if it had not been. Less than that is a busy machine or network.
 
     Attributes
     ----------
@@ -47,7 +47,8 @@ class Stamps:
             moved_ns = source_ns + self.shift_ns - self._last_ns
             counted_ns = steps * self._period_ns
             passed_ns = max(elapsed_ns, self._period_ns)
-            if min(abs(moved_ns - counted_ns) if steps else passed_ns, abs(moved_ns - passed_ns)) > STEP_NS:
+            off_ns = min(abs(moved_ns - (counted_ns or passed_ns)), abs(moved_ns - passed_ns))
+            if off_ns > STEP_NS or moved_ns <= 0:
                 self.steps += 1
                 self.shift_ns += (counted_ns or passed_ns) - moved_ns
         self._last_ns = source_ns + self.shift_ns
