@@ -36,6 +36,8 @@ from fsw_plant import TICK_NS
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
+#: a jump of the stamps by more than this is one of the clock, and the programme of a weld goes on where it was
+_CLOCK_JUMP_TICKS = 100
 
 
 class ScenarioNode(Node):
@@ -78,8 +80,7 @@ class ScenarioNode(Node):
         self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        machine = PhaseMachine(self._scenario.phases) if self._scenario.phases else None
-        self._programme = ProgrammeServer(self, machine, self._on_hold, self._on_resume) if machine else None
+        self._programme: ProgrammeServer | None = None
         self._listening = False
         self._extra_subscriptions: list[Subscription] = []
 
@@ -113,6 +114,9 @@ class ScenarioNode(Node):
         self._setpoints.publish(convert.reference_message(first, 0))
         if self._simulated:
             self._send_ahead()
+        if self._scenario.phases:
+            machine = PhaseMachine(self._scenario.phases)
+            self._programme = ProgrammeServer(self, machine, self._on_hold, self._on_resume)
         self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
         # The plant counts the subscribers of every sensor; after its first tick these two are of no more use.
         self._extra_subscriptions = [
@@ -149,10 +153,13 @@ class ScenarioNode(Node):
 
     def _count(self, tick: int) -> None:
         """Take the number of the tick of the process."""
-        passed = tick - self._tick - self._held
         if self._programme is None:
             self._tick = tick
-        elif self._programme.machine.state is State.RUNNING:
+            return
+        passed = tick - self._tick - self._held
+        if abs(passed) > _CLOCK_JUMP_TICKS:
+            self._held, passed = self._held + passed - 1, 1
+        if self._programme.machine.state is State.RUNNING:
             self._programme.machine.advance(passed)
             self._tick += max(passed, 0)
         else:

@@ -93,7 +93,7 @@ def _set_point(
         change, allowed = abs(value - present[name]), max(step, rate * over_s)
         if change > allowed + 1e-9:
             raise at.inside(name).error(
-                f"= {value:g} jumps by {change:g} {unit}, more than {allowed:g}; use over_s of {change / rate:g} s or more"
+                f"= {value:g} jumps by {change:g} {unit}, more than {allowed:g}; give over_s: {change / rate:g} or more"
             )
         present[name] = value
     if set(values.values()) == {None}:

@@ -60,11 +60,12 @@ class ProgrammeServer:
     def _serve(self, name: str, ask: Callable[[], tuple[bool, str]], then: Callable[[], object]) -> None:
         def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = ask()
-            log = self._node.get_logger()
-            (log.info if response.success else log.warning)(f"{name}: {response.message}")
             if response.success:
+                self._node.get_logger().info(f"{name}: {response.message}")
                 then()
                 self.publish(self._stamp_ns)
+            else:
+                self._node.get_logger().warning(f"{name}: {response.message}")
             return response
 
         self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)

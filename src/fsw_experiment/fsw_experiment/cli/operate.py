@@ -50,6 +50,9 @@ def add_commands(commands: Any) -> None:
     _number(mode, "--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}")
     _number(mode, "--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}")
 
+    weld = _add(commands, "weld", "hold, resume or abort the programme of a whole weld; abort leads to the safe stop")
+    weld.add_argument("action", choices=("hold", "resume", "abort"))
+
 
 def _add(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
