@@ -23,7 +23,7 @@ from fsw_experiment.scenario import (
     Sine,
     SwitchEvent,
 )
-from fsw_experiment.weld_programme_file import read_phases
+from fsw_experiment.weld_programme_file import place_events, read_phases
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
 from fsw_plant.event_schema import Place
@@ -82,8 +82,10 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     plant = _plant(content.get("plant") or {}, at.inside("plant"))
     phases, set_points = read_phases(at, content, plant) if "phases" in content else ((), ())
-    if phases and "duration_s" not in content:
-        content["duration_s"] = round(sum(phase.duration_s for phase in phases), 1)
+    if phases:
+        # The plant reads the same text: times it knows, phases and angles it does not.
+        place_events(at, content, phases)
+        content.setdefault("duration_s", round(sum(phase.duration_s for phase in phases), 1))
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     at.keys(content, KEYS, required=("name", "duration_s"))
     duration_s = at.number(content, "duration_s", ranges.DURATION_S)

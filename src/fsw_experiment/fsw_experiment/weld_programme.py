@@ -68,6 +68,14 @@ def spans(phases: Sequence[Phase]) -> list[tuple[str, float, float]]:
     return [(phase.name, end - phase.duration_s, end) for phase, end in zip(phases, ends, strict=True)]
 
 
+def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
+    """When the tool first passes an angle of the path [s]."""
+    for phase, (_, begin_s, end_s) in zip(phases, spans(phases), strict=True):
+        if phase.from_deg <= angle_deg <= phase.to_deg > phase.from_deg:
+            return begin_s + (end_s - begin_s) * (angle_deg - phase.from_deg) / (phase.to_deg - phase.from_deg)
+    return 0.0  # a weld that stands still
+
+
 class PhaseMachine:
     """Runs through the phases in order, tick by tick; can be held and resumed in any, and aborted for good.
 

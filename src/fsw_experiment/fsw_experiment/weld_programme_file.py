@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fsw_control import weld
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
 from fsw_experiment.scenario import ReferenceEvent
-from fsw_experiment.weld_programme import MM_PER_DEG, PHASES, TRAVERSE_MM_PER_MIN, Phase
+from fsw_experiment.weld_programme import MM_PER_DEG, PHASES, TRAVERSE_MM_PER_MIN, Phase, time_at
 from fsw_plant.event_schema import Place
 
 _PATH_KEYS = ("from_deg", "to_deg", "length_mm", "speed_mm_per_min")
@@ -47,6 +47,19 @@ def read_phases(
     if not phases:
         raise at.inside("phases").error(f"is empty; some of {', '.join(PHASES)}")
     return tuple(phases), tuple(events)
+
+
+def place_events(at: Place, content: Mapping[str, Any], phases: Sequence[Phase]) -> None:
+    """Give every event with an angle, ``at_deg``, the time at which the tool first passes there instead."""
+    allowed = Range(phases[0].from_deg, phases[-1].to_deg, "deg, the end of the path")
+    for i, entry in enumerate(at.list(content, "events")):
+        if isinstance(entry, dict) and "at_deg" in entry:
+            place = at.inside(f"events[{i}]")
+            if "at_s" in entry:
+                raise place.error("has at_s and at_deg; give one of them")
+            angle_deg = place.number(entry, "at_deg", allowed)
+            del entry["at_deg"]
+            entry["at_s"] = round(time_at(phases, angle_deg), 1)
 
 
 def _phase(entry: dict[str, Any], at: Place, before: Phase | None) -> Phase:

@@ -90,6 +90,18 @@ def test_a_bad_programme_is_one_clear_error(phases, part):
     assert "\n" not in str(error.value)
 
 
+def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
+    edge = {"disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}}
+    scenario = parse(WELD, events=[edge | {"at_deg": 0.0}, edge | {"at_deg": 2.0}, edge | {"at_deg": 3.0}])
+    per_deg = pi * 1050.0 / 360.0 / 86.0 * 60.0
+    times = [event.at_s for event in scenario.events if event.at_s != 6.0 and hasattr(event, "kind")]
+    assert times == pytest.approx([5.0, 5.0 + 2.0 * per_deg, 5.0 + 3.0 * per_deg], abs=0.051)
+    assert "at_deg" not in scenario.text, "the plant does not know angles"
+    for wrong, words in (({"at_deg": 4.1}, "at_deg = 4.1 is outside 0 to 4 deg"), ({"at_deg": 1, "at_s": 1}, "one of")):
+        with pytest.raises(ScenarioError, match=words):
+            parse(WELD, events=[edge | wrong])
+
+
 def test_what_contradicts_the_phases_is_an_error():
     with pytest.raises(ScenarioError, match=r"duration_s = 99, but the phases take 30\.6 s"):
         parse(WELD, duration_s=99.0)

@@ -24,7 +24,7 @@ def add_commands(commands: Any) -> None:
     disturb = _add(commands, "disturb", f"disturb the emulated plant; amplitudes: {amplitudes}")
     disturb.add_argument("channel", choices=tuple(ranges.DISTURBANCE_AMPLITUDE))
     disturb.add_argument("shape", choices=ranges.DISTURBANCE_SHAPES, help="none clears the channel")
-    disturb.add_argument("amplitude", type=float, nargs="?", default=0.0, help="in mm, degC, kN or rpm")
+    disturb.add_argument("amplitude", type=float, nargs="?", default=0.0, help="in mm, degC, kN, rpm or N m")
     _number(disturb, "--duration", "S", ranges.DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]", 0.0)
     _number(disturb, "--period", "S", ranges.DURATION_S, "of a sine [s]", 0.0)
 
