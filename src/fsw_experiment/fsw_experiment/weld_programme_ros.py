@@ -30,7 +30,7 @@ class ProgrammeServer:
     node : Node
     machine : PhaseMachine
     on_hold, on_resume : callable
-        Called after the transition.
+        Called after the transition; ``on_hold`` also when the weld is aborted.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class ProgrammeServer:
     def __init__(
         self, node: Node, machine: PhaseMachine, on_hold: Callable[[], object], on_resume: Callable[[], object]
     ) -> None:
-        self._node, self.machine = node, machine
+        self._node, self.machine, self._on_hold = node, machine, on_hold
         self.stopped = ""
         self._asked: Future | None = None
         self._stamp_ns = 0
@@ -52,7 +52,7 @@ class ProgrammeServer:
         for name, ask, then in (
             ("hold", machine.hold, on_hold),
             ("resume", machine.resume, on_resume),
-            ("abort", machine.abort, self.ask_safe_stop),
+            ("abort", machine.abort, on_hold),  # the node asks for the safe stop at its next turn
         ):
             self._serve(name, ask, then)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
@@ -72,6 +72,7 @@ class ProgrammeServer:
 
     def _on_supervisor(self, message: SupervisorState) -> None:
         if message.actual_mode == SAFE_STOP and self.machine.abort()[0]:
+            self._on_hold()
             self.stopped = f"safe stop by the supervisor: {message.reason}"
 
     def ask_safe_stop(self) -> None:

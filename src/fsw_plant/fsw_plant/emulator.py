@@ -275,7 +275,7 @@ class PlantEmulator:
             temperature_c=outputs.temperature_c + temperature_disturbance,
             copper_temperature_c=outputs.copper_temperature_c,
             motor_torque_nm=outputs.motor_torque_nm,
-            process_torque_nm=outputs.process_torque_nm,
+            process_torque_nm=outputs.process_torque_nm + self._disturbance("torque"),
             friction_torque_nm=outputs.friction_torque_nm,
             process_power_kw=outputs.power_kw,
             force_kn=self._acting.force_kn,

@@ -170,6 +170,7 @@ def test_torque_disturbance_acts_on_the_motor_torque_through_its_lag_and_heats()
     worn.set_disturbance("torque", "step", 20.0)
     for plant in (worn, new):
         run(plant, [plant.applied] * 5)
+    assert worn.truth().process_torque_nm == pytest.approx(new.truth().process_torque_nm + 20.0)
     torque = worn.truth().motor_torque_nm - new.truth().motor_torque_nm
     assert torque == pytest.approx(20.0 * (1.0 - exp(-0.5 / 0.27)))
     for plant in (worn, new):
