@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from fsw_analysis.weld_signals import FloatArray, WeldSignals
 Span = tuple[str, float, float]
 
 
-class ErrorStatistics(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class ErrorStatistics:
     """Of an error, actual minus set-point value: mean, standard deviation, smallest and largest."""
 
     mean: float
@@ -41,7 +42,8 @@ PUBLISHED = {
 }
 
 
-class PhaseFigures(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PhaseFigures:
     """Errors and mean power of a run in a phase; None where they are not known."""
 
     run: str
@@ -95,21 +97,13 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
 def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
     if error is None:
         return "-"
-    mean, sigma, low, high = (factor * value for value in error)
+    mean, sigma, low, high = (factor * value for value in astuple(error))
     return f"{mean:+.{digits}f}, {sigma:.{digits}f}, {low:+.{digits}f}, {high:+.{digits}f}"
 
 
 def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
     """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
-    data = [
-        one._asdict()
-        | {
-            "temperature_c": one.temperature_c and one.temperature_c._asdict(),
-            "depth_mm": one.depth_mm and one.depth_mm._asdict(),
-        }
-        for rows in runs
-        for one in rows
-    ]
+    data = [asdict(one) for rows in runs for one in rows]
     json_path, table_path = folder / "phases.json", folder / "phases.md"
     json_path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     table_path.write_text(markdown(runs), encoding="utf-8")

@@ -36,8 +36,6 @@ from fsw_plant import TICK_NS
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
-#: a jump of the stamps by more than this is one of the clock, and the programme of a weld goes on where it was
-_CLOCK_JUMP_TICKS = 100
 
 
 class ScenarioNode(Node):
@@ -70,7 +68,7 @@ class ScenarioNode(Node):
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
         self._stamp_ns = 0
-        self._tick = 0  #: of the scenario; ticks during a hold are counted apart
+        self._tick = 0  #: of the scenario; the process is further by what was held
         self._held = 0
         self._told = 0
         self._heard_s = self._began_s = time.monotonic()
@@ -135,11 +133,13 @@ class ScenarioNode(Node):
             if not self._simulated:
                 self._announce()
         self._heard_s = time.monotonic()
-        self._count(1 + round((stamp_ns - self._first_ns) / TICK_NS))
+        self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         if self._programme is not None:
-            self._stamp_ns = stamp_ns
+            machine, self._stamp_ns = self._programme.machine, stamp_ns
+            machine.follow(self._tick)
+            self._tick, self._held = machine.tick, machine.held
             self._programme.on_tick(stamp_ns)
-            if self._programme.machine.state in (State.HELD, State.ABORTED):
+            if machine.state in (State.HELD, State.ABORTED):
                 return
         self._send_ahead()
         while self._switches and self._switches[0][0] <= self._tick + 1:
@@ -150,20 +150,6 @@ class ScenarioNode(Node):
             print(f"progress {min(self._tick, self._scenario.n_ticks)} {self._scenario.n_ticks}", flush=True)
         if self._tick >= self._scenario.n_ticks:
             self._end("")
-
-    def _count(self, tick: int) -> None:
-        """Take the number of the tick of the process."""
-        if self._programme is None:
-            self._tick = tick
-            return
-        passed = tick - self._tick - self._held
-        if abs(passed) > _CLOCK_JUMP_TICKS:
-            self._held, passed = self._held + passed - 1, 1
-        if self._programme.machine.state is State.RUNNING:
-            self._programme.machine.advance(passed)
-            self._tick += max(passed, 0)
-        else:
-            self._held += max(passed, 0)
 
     def _on_hold(self) -> None:
         """Keep the present set-points: one issued now voids those that were sent ahead."""

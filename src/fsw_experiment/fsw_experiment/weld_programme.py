@@ -18,6 +18,8 @@ MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
 TRAVERSE_MM_PER_MIN = 86.0
 #: The sequences of a weld in their order; one may be left out.
 PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
+#: numbers of ticks that are further apart come from a jump of the clock
+_CLOCK_JUMP_TICKS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,9 @@ class PhaseMachine:
     Attributes
     ----------
     tick : int
-        Ticks of the programme that have passed; those during a hold do not count.
+        Ticks of the programme that have passed.
+    held : int
+        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock.
     state : State
     """
 
@@ -95,13 +99,18 @@ class PhaseMachine:
         self._phases = tuple(phases)
         self._spans = spans(phases)
         self._n_ticks = round(self._spans[-1][2] / TICK_S)
-        self.tick = 0
+        self.tick = self.held = 0
         self.state = State.RUNNING
 
-    def advance(self, ticks: int = 1) -> None:
-        """Let ticks of the process pass."""
-        if self.state is State.RUNNING:
-            self.tick = min(self.tick + max(ticks, 0), self._n_ticks)
+    def follow(self, number: int) -> None:
+        """Take the number of the process's tick, 1 at the first; an old one or one of another clock does no harm."""
+        passed = number - self.tick - self.held
+        if abs(passed) > _CLOCK_JUMP_TICKS:
+            self.held, passed = self.held + passed - 1, 1
+        if self.state is not State.RUNNING:
+            self.held += max(passed, 0)
+        else:
+            self.tick = min(self.tick + max(passed, 0), self._n_ticks)
             if self.tick == self._n_ticks:
                 self.state = State.DONE
 
