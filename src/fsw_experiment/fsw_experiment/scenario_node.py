@@ -25,7 +25,7 @@ from fsw_control.parameters_ros import declare
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_experiment.closed_loop import start_reference
 from fsw_experiment.scenario_file import load
-from fsw_experiment.timeline import references, switches
+from fsw_experiment.timeline import announced, references, switches
 from fsw_experiment.weld_programme import PhaseMachine, State
 from fsw_experiment.weld_programme_ros import ProgrammeServer
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference, WeldReferencePlan
@@ -166,7 +166,7 @@ class ScenarioNode(Node):
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time_ns(tick), reference) for tick, reference in self._references]
+            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._references)]
             self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
 
     def _time_ns(self, tick: int) -> int:

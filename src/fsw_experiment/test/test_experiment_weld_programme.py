@@ -90,6 +90,16 @@ def test_a_bad_programme_is_one_clear_error(phases, part):
     assert "\n" not in str(error.value)
 
 
+def test_a_ramp_is_announced_as_a_stair_about_it_and_steps_as_they_are():
+    ramp = [(100 + i, Reference(2.66, 800.0 + 0.1 * i)) for i in range(101)]
+    steps = [(10, Reference(2.7, 800.0)), (11, Reference(2.66, 800.0)), (300, Reference(2.7, 810.0))]
+    plan = timeline.announced([*steps[:2], *ramp, steps[2]])
+    assert [tick for tick, _ in plan] == [10, 11, 100, 140, 180, 200, 300]
+    assert (plan[:2], plan[5:]) == (steps[:2], [ramp[-1], steps[2]])
+    assert [one.temperature_c for _, one in plan[2:5]] == pytest.approx([802.0, 806.0, 810.0])
+    assert timeline.announced([]) == []
+
+
 def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
     edge = {"disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}}
     scenario = parse(WELD, events=[edge | {"at_deg": 0.0}, edge | {"at_deg": 2.0}, edge | {"at_deg": 3.0}])

@@ -116,13 +116,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: bool = True) -> list[Path]:
     """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
-    from fsw_analysis.figures import draw_whole_weld
-
     if not scenario.phases:
         return []
     phases = spans(scenario.phases)
     paths = phase_kpi.write([phase_kpi.compute(run.signals, run.label, phases) for run in runs], folder)
     if figure:
+        from fsw_analysis.figures import draw_whole_weld
+
         paths.append(folder / "weld.png")
         draw_whole_weld(runs, phases, f"Whole weld ({scenario.name})", paths[-1])
     return paths
