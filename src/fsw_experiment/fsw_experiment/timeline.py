@@ -10,8 +10,8 @@ from fsw_control.contract import Command, Reference
 from fsw_control.weld import TICK_S
 from fsw_experiment.scenario import CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
 
-#: 1 s: a controller is given eight set-points ahead, which is past dead time and lags of the inputs; the steps of longer
-#: treads show in the power (spindle speed in a ramp, total variation with 1, 2, 4 s: 83, 154, 239 rpm)
+#: 1 s: a controller is given eight set-points ahead, which is past the dead time; steps of longer treads show in the
+#: power (total variation of the spindle speed in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
 _TREAD_TICKS = 10
 
 
