@@ -22,6 +22,8 @@ RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
+# locks of what only some scripts need; the tests need all
+EXTRAS = ("campaign",)
 
 
 def with_genuine_ros():
@@ -29,7 +31,7 @@ def with_genuine_ros():
     return bool(os.environ.get("ROS_DISTRO") and os.environ.get("AMENT_PREFIX_PATH"))
 
 
-def ensure(dev=False, oldest=False):
+def ensure(dev=False, oldest=False, extras=()):
     """Go on inside the project's environment, made first if need be.
 
     Parameters
@@ -38,6 +40,8 @@ def ensure(dev=False, oldest=False):
         Install the tools of the tests as well.
     oldest : bool
         Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
+    extras : sequence of str
+        Install the locks of these names as well, which only some scripts need; ``dev`` installs all of ``EXTRAS``.
 
     Raises
     ------
@@ -48,6 +52,8 @@ def ensure(dev=False, oldest=False):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
+    if not oldest:
+        names = (*names, *(f"{name}.lock" for name in (EXTRAS if dev else extras)))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]
@@ -64,9 +70,9 @@ def ensure(dev=False, oldest=False):
         os.execv(python, [python, *sys.argv])
 
 
-def start(module):
+def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns."""
-    ensure()
+    ensure(extras=extras)
     sys.exit(importlib.import_module(module).main())
 
 

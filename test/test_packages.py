@@ -55,8 +55,9 @@ KNOWN |= {"rosidl_default_generators", "rosidl_default_runtime", "rosidl_runtime
 KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph", "sensor", "std", "visualization")}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; and what the tests of this repository share
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support"}
+#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
+#: one command needs, of which rosdep has not all
+OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "dask", "distributed", "pyarrow"}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

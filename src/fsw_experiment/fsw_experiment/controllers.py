@@ -9,7 +9,7 @@ from typing import Any
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, load, validate
 from fsw_experiment.open_loop import OpenLoopController
-from fsw_experiment.scenario import ScenarioError
+from fsw_experiment.scenario import Scenario, ScenarioError
 
 #: Controller name: module, class, parameter file, and the parameter that a ``:variant`` sets.
 KNOWN: dict[str, tuple[str, str, str, str]] = {
@@ -48,3 +48,24 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     except (ParameterError, ValueError) as error:
         raise ScenarioError(f"controller {label}: {error}") from None
     return made
+
+
+def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
+    """Make the controllers of a scenario by name, the one that ``label`` names in that variant.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    label : str
+        As of :func:`make`.
+    parameters : mapping of str to mapping
+        By name of the controller.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`make`.
+    """
+    name = label.partition(":")[0]
+    variants = {other: label if other == name else other for other in scenario.controllers}
+    return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}

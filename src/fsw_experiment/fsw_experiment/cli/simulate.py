@@ -42,7 +42,7 @@ def add_command(commands: Any) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="replace a value of the scenario, e.g. plant.seed=3",
+        help="replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10",
     )
     parser.add_argument("--out", type=Path, help="folder for the results (default out/<date>_<scenario>)")
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run, draw
     from fsw_experiment.closed_loop import ClosedLoop
-    from fsw_experiment.controllers import make
+    from fsw_experiment.controllers import make_all
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -81,8 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     for label in labels:
         name = label.partition(":")[0]
         chosen = load(arguments.scenario, [*overrides, f"controller={name}"])
-        variants = {other: label if other == name else other for other in chosen.controllers}
-        controllers = {other: make(variant, parameters.get(other)) for other, variant in variants.items()}
+        controllers = make_all(chosen, label, parameters)
         used |= controllers.keys()
         if chosen.open_loop:
             label = "open loop"
@@ -126,7 +125,7 @@ def new_folder(wanted: Path | None, name: str) -> Path:
     CommandError
         When it exists already and is not empty, or cannot be made.
     """
-    folder = wanted or Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
+    folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -134,3 +133,8 @@ def new_folder(wanted: Path | None, name: str) -> Path:
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
+
+
+def default_folder(name: str) -> Path:
+    """Folder for results where none is given."""
+    return Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
