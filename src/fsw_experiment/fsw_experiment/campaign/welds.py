@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -69,11 +70,15 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
     """
     campaign = _campaign(text)
     entrants = {one.label: one for one in campaign.entrants}
-    return [
-        run_weld(campaign, index, parameters, entrants[label])
-        for index, parameters, labels in batch
-        for label in labels
-    ]
+    gc.disable()  # a weld makes many objects and no circles of them
+    try:
+        return [
+            run_weld(campaign, index, parameters, entrants[label])
+            for index, parameters, labels in batch
+            for label in labels
+        ]
+    finally:
+        gc.enable()
 
 
 def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entrant: Entrant) -> Row:

@@ -54,7 +54,8 @@ class ProgressBar:
 
     def done(self) -> None:
         """Show that all is done and end the line."""
-        self._written_s, self._note = 0.0, ""
+        if self._total:  # the end is shown however soon it comes
+            self._written_s, self._note = 0.0, ""
         self(1.0)
         self._end_line()
 
