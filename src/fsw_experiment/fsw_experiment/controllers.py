@@ -38,16 +38,22 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     ScenarioError
         When there is no such controller or variant here.
     """
-    name, _, variant = label.partition(":")
+    name = label.partition(":")[0]
     if name not in KNOWN:
         raise ScenarioError(f"controller {name} is not available; available: {', '.join(KNOWN)}")
-    package, kind, file, choice = KNOWN[name]
+    package, kind, file, _ = KNOWN[name]
     try:
-        values = validate(load(package, file), {**(parameters or {}), **({choice: variant} if variant else {})})
+        values = validate(load(package, file), {**(parameters or {}), **variant_of(label)})
         made: Controller = getattr(import_module(package), kind)(values)
     except (ParameterError, ValueError) as error:
         raise ScenarioError(f"controller {label}: {error}") from None
     return made
+
+
+def variant_of(label: str) -> dict[str, str]:
+    """The parameter that the variant of a label of :func:`make` sets; none without variant."""
+    name, _, variant = label.partition(":")
+    return {KNOWN[name][3]: variant} if variant else {}
 
 
 def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:

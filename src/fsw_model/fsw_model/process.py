@@ -107,7 +107,7 @@ class _Numeric:
 
     def __init__(self, function: ca.Function) -> None:
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
-        self._target = memoryview(self._given)
+        self._target = self._given.data
         self._put = Struct(f"{function.nnz_in()}d").pack_into  # half the time of an assignment to the array
         self._buffer: Any  # has to live as long as what it evaluates
         self._buffer, self._evaluate = function.buffer()

@@ -111,7 +111,7 @@ class Dataset:
                 f"folder {self.folder} has another campaign ({manifest['campaign']['name']}, {manifest['digest']}; "
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
-        if not resume:
+        if not resume and _parts(self.folder):
             raise CampaignError(f"folder {self.folder} has welds of this campaign; go on with --resume")
         if manifest["versions"] != versions():
             raise CampaignError(

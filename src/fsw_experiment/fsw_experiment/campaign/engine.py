@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -39,19 +40,23 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         If no scheduler, or none with a worker, answers.
     """
     quiet = {"distributed.comm.timeouts.connect": f"{PATIENCE_S}s", "distributed.worker.memory.terminate": False}
-    for name in ("distributed", "tornado", "asyncio"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told in one line
+    for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
+        if name.startswith(("distributed", "tornado", "asyncio")):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is told in one line
     with config.set(quiet):
         if scheduler is None:
-            with (
-                LocalCluster(  # type: ignore[no-untyped-call]
+            # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end them
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                cluster = LocalCluster(  # type: ignore[no-untyped-call]
                     n_workers=workers,
                     threads_per_worker=1,
                     dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
-                ) as cluster,
-                Client(cluster) as client,  # type: ignore[no-untyped-call]
-            ):
+                )
+            finally:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+            with cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
                 yield client
             return
         try:
@@ -92,7 +97,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         If the scheduler is lost.
     """
     text, tasks = dataset.campaign.text, _Tasks(dataset)
-    under_way = as_completed(raise_errors=False)
+    under_way = as_completed(loop=client.loop, raise_errors=False)
     sent: dict[str, Task] = {}
     rows: list[Row] = []
     finished, written_s = 0, time.monotonic()

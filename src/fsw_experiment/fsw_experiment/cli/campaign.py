@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -69,9 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
                 ):
                     engine.run(written, client, bar.count)
         except KeyboardInterrupt:
-            raise CommandError(
-                f"interrupted; {len(written.done)} of {total} welds are in {folder}; go on with --resume"
-            ) from None
+            state = f"{len(written.done)} of {total} welds are in {folder}"
+            print(f"interrupted; {state}; go on with --resume", file=sys.stderr)
+            return 130
     print(f"in {folder}: {total} welds, {total - there} of them new; next: fsw.py campaign report {folder}")
     return 0
 
