@@ -1,5 +1,6 @@
 """Campaigns on Dask: the same results whatever the number of workers, and whoever is killed."""
 
+import json
 import os
 import signal
 import subprocess
@@ -10,10 +11,15 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.kpi import compute
+from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.signals import load_weld
 from fsw_experiment.campaign import dataset, definition, engine
 from fsw_experiment.campaign.dataset import TIMES, Dataset
 from fsw_experiment.campaign.errors import CampaignError
 from fsw_experiment.campaign.welds import run_batch
+from fsw_experiment.cli.main import main
 
 pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"
@@ -163,3 +169,14 @@ def test_no_scheduler_is_one_line(monkeypatch):
     monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
     with pytest.raises(CampaignError, match="no scheduler answers"):
         engine.connect("tcp://127.0.0.1:1", None).__enter__()
+
+
+def test_simulate_records_a_bag_of_the_same_weld(tmp_path):
+    out = tmp_path / "out"
+    options = ["--set", "events[0].reference.depth_mm=2.7", "--set", "duration_s=45.0", "--no-figures", "--bag"]
+    assert main(["simulate", "quick", "--controller", "decentral:tight", *options, "--out", str(out)]) == 0
+    (offline,) = json.loads((out / "kpi.json").read_text())
+    bag = compute(cut_to_scenario(load_weld(out / "graph_decentral_tight" / "bag")))
+    for key in ROWS:
+        expected = offline[key]
+        assert bag[key] == (expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)), key

@@ -169,7 +169,7 @@ def test_what_cannot_be_welded_is_a_row(tmp_path):
     assert hot["status"] == "error" and "beyond the drives" in hot["reason"] and not hot["inside"]
     made = campaign(tmp_path, **one("plant.model.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
     parameters = {"plant.seed": 1, "plant.model.depth_gain_mm_per_kn_s": 10.0}
-    lost = run_weld(made, 0, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0])
+    lost = run_weld(made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0])
     assert lost["status"] == "error"  # amplitude_mm is no key of that channel
     with Dataset(tmp_path / "out", made) as written:
         written.write([hot | parameters, lost])
@@ -195,6 +195,9 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
     table = dataset.load(folder)[1]
     assert [row["index"] for row in table.to_pylist()] == [0, 0, 1, 1, 2, 2, 3, 3]
     assert not list((folder / "welds").glob(".*"))
+    (joined,) = (folder / "welds").iterdir()
+    (folder / "welds" / "00000001.parquet").write_bytes(joined.read_bytes())  # as if cut off while files are joined
+    assert dataset.load(folder)[1].equals(table)
     (folder / "welds" / "00000001.parquet").write_text("broken")
     with pytest.raises(CampaignError, match="damaged"):
         dataset.load(folder)

@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -23,6 +24,8 @@ from fsw_experiment.campaign.welds import Row, versions
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
 _WELDS = "welds"
+#: rows of a file below which it is joined with others
+_SMALL = 5000
 _COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command")
 #: columns that differ from run to run
 TIMES = ("solve_time_p50_ms", "solve_time_p99_ms", "solve_time_max_ms", "wall_time_s")
@@ -139,10 +142,26 @@ class Dataset:
         self._next += 1
         self.done.update((row["index"], row["controller"]) for row in rows)
 
+    def compact(self) -> None:
+        """Join small files into one: each has some 25 kB besides its rows.
+
+        The joined file takes the place of the first; should it end before the others are deleted, their rows are there
+        twice, and are read once.
+        """
+        small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
+        if len(small) > 1:
+            scratch = small[0].with_name(f".{small[0].name}.tmp")
+            pq.write_table(_read(small), scratch, compression="zstd")
+            os.replace(scratch, small[0])
+            for path in small[1:]:
+                path.unlink()
+
     def __enter__(self) -> Dataset:
         return self
 
     def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # the rows are there all the same
+            self.compact()
         if self._lock is not None:
             self._lock.close()
 
@@ -179,8 +198,9 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     if not parts:
         raise CampaignError(f"{folder} has no welds yet")
     table = _read(parts)
-    keys = np.array(table["controller"].to_pylist()), table["index"].to_numpy()
-    return campaign, table.take(np.lexsort(keys))
+    keys = zip(table["index"].to_pylist(), table["controller"].to_pylist(), strict=True)
+    _, first = np.unique([f"{index:010d} {label}" for index, label in keys], return_index=True)
+    return campaign, table.take(first)
 
 
 def _manifest(campaign: Campaign) -> dict[str, Any]:

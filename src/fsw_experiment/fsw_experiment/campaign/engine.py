@@ -27,6 +27,16 @@ _AHEAD = 3
 #: rows are written at least this often
 _WRITE_S = 2.0
 
+#: what Dask measures of itself would cost more than handing out the welds
+_LEAN = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.admin.system-monitor.log-length": 100,
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.scheduler.active-memory-manager.start": False,
+}
+
 Task = list[tuple[int, dict[str, Any], list[str]]]
 
 
@@ -39,11 +49,10 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     CampaignError
         If no scheduler, or none with a worker, answers.
     """
-    quiet = {"distributed.comm.timeouts.connect": f"{PATIENCE_S}s", "distributed.worker.memory.terminate": False}
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.startswith(("distributed", "tornado", "asyncio")):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is told in one line
-    with config.set(quiet):
+    with config.set({**_LEAN, "distributed.comm.timeouts.connect": f"{PATIENCE_S}s"}):
         if scheduler is None:
             # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end them
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
