@@ -21,7 +21,9 @@ from fsw_experiment.campaign.welds import ERROR, Row, run_batch, versions
 PATIENCE_S = 10.0
 #: what a batch is to take, so that handing it out costs little and little is lost with a worker
 BATCH_S = 1.0
-_LARGEST_BATCH = 64
+#: what the scheduler is given for each batch: with more threads than BATCH_S / HANDLING_S batches take longer
+HANDLING_S = 0.01
+_LARGEST_BATCH = 1024
 #: batches under way for each thread of the workers
 _AHEAD = 3
 #: rows are written at least this often
@@ -55,7 +57,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     with config.set({**_LEAN, "distributed.comm.timeouts.connect": f"{PATIENCE_S}s"}):
         if scheduler is None:
             # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end them
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they inherit that
             try:
                 cluster = LocalCluster(  # type: ignore[no-untyped-call]
                     n_workers=workers,
@@ -64,7 +66,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
                     silence_logs=logging.CRITICAL,
                 )
             finally:
-                signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+                signal.signal(signal.SIGINT, before)
             with cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
                 yield client
             return
@@ -109,20 +111,17 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
     under_way = as_completed(loop=client.loop, raise_errors=False)
     sent: dict[str, Task] = {}
     rows: list[Row] = []
-    finished, written_s = 0, time.monotonic()
+    finished, written_s, threads = 0, time.monotonic(), _threads(client)
 
-    def send() -> bool:
-        task = next(tasks, None)
-        if task is None:
-            return False
-        future = client.submit(run_batch, text, task, pure=False)
-        sent[future.key] = task
-        under_way.add(future)
-        return True
+    def send() -> None:
+        """Have some batches more under way than there are threads."""
+        while len(sent) < _AHEAD * threads and (task := next(tasks, None)):
+            future = client.submit(run_batch, text, task, pure=False)
+            sent[future.key] = task
+            under_way.add(future)
 
     try:
-        while len(sent) < _AHEAD * max(sum(client.nthreads().values()), 1) and send():
-            pass
+        send()
         for future in under_way:
             task = sent.pop(future.key)
             if future.status == "cancelled":
@@ -131,12 +130,12 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
             del future
             rows += found
             finished += len(found)
-            tasks.learn(found)
-            while len(sent) < _AHEAD * max(sum(client.nthreads().values()), 1) and send():
-                pass
+            tasks.learn(found, threads)
+            send()
             if time.monotonic() > written_s + _WRITE_S:
                 dataset.write(rows)
                 rows, written_s = [], time.monotonic()
+                threads = _threads(client)
             if progress is not None:
                 progress(finished)
     except (OSError, RuntimeError) as error:  # what Dask raises when the scheduler is gone
@@ -149,20 +148,25 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
 _LOST = "the scheduler is gone; all finished welds are written; start one and go on with --resume"
 
 
+def _threads(client: Client) -> int:
+    return max(sum(map(int, client.nthreads().values())), 1)
+
+
 class _Tasks:
-    """Batches of the missing welds, each as many as take about ``BATCH_S``."""
+    """Batches of the missing welds, each as many as take about ``BATCH_S``, or more where there are many workers."""
 
     def __init__(self, dataset: Dataset) -> None:
         self._campaign = dataset.campaign
         self._missing = iter(dataset.missing())
         self._size, self._spent_s, self._rows = 1, 0.0, 0
 
-    def learn(self, rows: list[Row]) -> None:
-        """Make the next batches as large as the wall time of these rows says."""
+    def learn(self, rows: list[Row], threads: int) -> None:
+        """Make the next batches as large as the wall time of these rows says, for so many threads."""
         self._spent_s += sum(row.get("wall_time_s", 0.0) for row in rows)
         self._rows += len(rows)
         per_weld_s = len(self._campaign.entrants) * self._spent_s / max(self._rows, 1)
-        self._size = min(max(int(BATCH_S / max(per_weld_s, 1e-6)), 1), _LARGEST_BATCH)
+        batch_s = max(BATCH_S, threads * HANDLING_S)
+        self._size = min(max(int(batch_s / max(per_weld_s, 1e-6)), 1), _LARGEST_BATCH)
 
     def __iter__(self) -> _Tasks:
         return self
