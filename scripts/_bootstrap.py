@@ -22,7 +22,7 @@ RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
-# locks of what only some scripts need; the tests need all
+# lock files of what only some commands need, but all tests
 EXTRAS = ("campaign",)
 
 
@@ -41,7 +41,7 @@ def ensure(dev=False, oldest=False, extras=()):
     oldest : bool
         Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
     extras : sequence of str
-        Install the locks of these names as well, which only some scripts need; ``dev`` installs all of ``EXTRAS``.
+        Lock files without their suffix of what only some commands need; ``dev`` installs all of ``EXTRAS``.
 
     Raises
     ------
@@ -52,8 +52,8 @@ def ensure(dev=False, oldest=False, extras=()):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
-    if not oldest:
-        names = (*names, *(f"{name}.lock" for name in (EXTRAS if dev else extras)))
+    extras = dict.fromkeys((*extras, *(EXTRAS if dev and not oldest else ())))
+    names = (*names, *(f"{name}.lock" for name in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]

@@ -8,4 +8,6 @@ import sys
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.cli.main", extras=("campaign",) if sys.argv[1:2] == ["campaign"] else ())
+    extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
+    extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
+    start("fsw_experiment.cli.main", extras)

@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control"},
-    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral"},
+    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_export", "fsw_msgs"),
@@ -57,7 +57,7 @@ KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
 #: one command needs, of which rosdep has not all
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "dask", "distributed", "pyarrow"}
+OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "dask", "distributed", "pyarrow", "fmpy"}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

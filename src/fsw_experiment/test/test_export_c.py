@@ -37,6 +37,16 @@ def test_same_answers_on_every_processor(exported, target, controller, tmp_path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+def test_vectors_under_sanitizers(exported, controller, tmp_path):
+    if missing := TARGETS["gcc"].missing():
+        pytest.skip(missing)
+    flags = "-fsanitize=address,undefined -fno-sanitize-recover=all"
+    build(exported[controller], TARGETS["gcc"], tmp_path, f"-DCMAKE_C_FLAGS={flags}")
+    check_vectors(exported[controller], tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
     folder = tmp_path / "copy"
     subprocess.run(["cp", "-r", str(exported[controller]), str(folder)], check=True)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
+from fsw_control.parameters import load
 from fsw_export.c_library import ControllerSources
 from fsw_export.signals import Signal
 
@@ -29,7 +31,7 @@ def write(folder: Path, sources: ControllerSources, origin: str, checked: str) -
     block = f"FB_Fsw{sources.name.capitalize()}"
     templates = resources.files("fsw_export").joinpath("c")
     readme = Template(templates.joinpath("README.md.in").read_text(encoding="utf-8")).substitute(
-        title=sources.title,
+        title=sources.title[0].upper() + sources.title[1:],
         origin=origin,
         checked=checked,
         header=sources.header,
@@ -79,6 +81,96 @@ def _declaration(signal: Signal) -> str:
     return f"  {signal.name} : {_IEC_TYPES[signal.kind]}; (* {unit}{signal.text} *)"
 
 
+#: clocks of processors for which the time of a step is told [MHz]
+_CLOCKS = (200, 480, 1000)
+#: cap of the solver's iterations that the documentation recommends for slow processors
+_LOW_CAP = 15
+#: cycles per instruction that are reckoned with; QEMU counts instructions only
+_CYCLES = (1, 2, 3)
+
+
 def figures_text(name: str) -> str:
-    """Measured figures as Markdown."""
-    return str(figures(name))
+    """Memory and time of a controller as Markdown, from the shipped measurement."""
+    found = figures(name).get("cortex_m7")
+    if not found:
+        return "Not measured."
+    return (
+        "Measured with the paper's model and the default tuning on a Cortex-M7 emulated by QEMU "
+        f"(gcc -O3, double precision):\n\n{_memory(found)}\n\n{_time(found)}"
+    )
+
+
+def _memory(found: Mapping[str, Any]) -> str:
+    rows = [
+        ("controller, input and output", "state_bytes"),
+        ("stack of a step", "stack_bytes"),
+        ("code and constants", "flash_bytes"),
+    ]
+    lines = ["| memory | kB |", "|---|---|"]
+    lines += [f"| {title} | {found[key] / 1024:.1f} |" for title, key in rows]
+    return "\n".join(lines)
+
+
+def _time(found: Mapping[str, Any]) -> str:
+    counts = {
+        "median tick": found["instructions_p50"],
+        "99th percentile": found["instructions_p99"],
+        "largest": found["instructions_max"],
+    }
+    if "instructions_per_iteration" in found:
+        for cap in (_LOW_CAP, load("fsw_nmpc", "nmpc.yaml")["max_iterations"].default):
+            most = 2 * cap  # a tick solves at most twice
+            worst = found["instructions_without"] + most * found["instructions_per_iteration"]
+            counts[f"estimate of the worst with `max_iterations` {cap}"] = worst
+    lines = [
+        "| tick | instructions | " + " | ".join(f"ms at {clock} MHz" for clock in _CLOCKS) + " |",
+        "|---|---|" + "---|" * len(_CLOCKS),
+    ]
+    for title, count in counts.items():
+        times = [[count * cycles / clock / 1e3 for cycles in _CYCLES] for clock in _CLOCKS]
+        lines.append(
+            f"| {title} | {count:,} | " + " | ".join(f"{_short(t[0])} to {_short(t[-1])}" for t in times) + " |"
+        )
+    ends = f"{_CYCLES[0]} to {_CYCLES[-1]}"
+    lines.append(
+        f"\nQEMU counts instructions. The times assume {ends} cycles per instruction; "
+        "they were not measured on a board. A tick may take 100 ms."
+    )
+    return "\n".join(lines)
+
+
+def _short(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def results_page(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+    """The page of measured figures of all exports.
+
+    Parameters
+    ----------
+    found : mapping of str to mapping of str to mapping
+        By export and target, as ``benchmarks/targets.py`` measures them.
+    """
+    titles = {
+        "nmpc": "NMPC, default tuning (20 blocks of moves)",
+        "nmpc_paper": "NMPC, the paper's tuning (108 moves)",
+        "decentral": "Decentralized controller",
+    }
+    parts = [
+        "# The controllers on other processors\n",
+        "Written by `benchmarks/targets.py --publish`: every controller is exported ([how](../how-to/plc.md)), built "
+        "by its own `CMakeLists.txt` and run on its test vectors, a weld of 240 s with noise, disturbances and sensor "
+        "faults.\n",
+        "The paper ends with a real-time implementation that is not possible on the machine's PLCs. With the default "
+        "tuning every tick of this weld fits into its 100 ms on 200 MHz with an FPU of double precision, even at 3 "
+        "cycles per instruction. The paper's own 108 moves need some 1 GHz.\n",
+    ]
+    for name, by_target in found.items():
+        parts.append(f"## {titles[name]}\n")
+        parts.append("| processor | largest difference of an output from x86-64 |\n|---|---|")
+        parts += [f"| {one['title']} | {one['largest_difference']:.3g} |" for one in by_target.values()]
+        for target in ("cortex_m7", "cortex_m7_sp"):
+            if target in by_target:
+                one = by_target[target]
+                parts.append(f"\n{one['title']}:\n\n{_memory(one)}\n\n{_time(one)}\n")
+    return "\n".join(parts) + "\n"

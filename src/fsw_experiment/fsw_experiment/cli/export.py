@@ -66,6 +66,32 @@ def add_command(commands: Any) -> None:
     )
     c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     c.set_defaults(run=_run_c)
+    fmu = kinds.add_parser(
+        "fmu",
+        help="the plant or a controller as a Functional Mock-up Unit (FMI 2.0, co-simulation)",
+        description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
+        "sources and a binary for this machine. Prints its variables.",
+    )
+    fmu.add_argument("unit", metavar="UNIT", help="plant, nmpc or decentral")
+    fmu.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    fmu.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
+    fmu.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="parameter of the plant or of the controller's node; may be repeated, e.g. start.depth_mm=2.8",
+    )
+    fmu.add_argument("--out", type=Path, required=True, metavar="FILE.fmu", help="file to write")
+    fmu.add_argument("--force", action="store_true", help="replace the file if it exists")
+    fmu.add_argument(
+        "--platform",
+        action="append",
+        default=[],
+        choices=["linux64", "win64"],
+        help="also a binary for this platform, by zig's compiler; may be repeated",
+    )
+    fmu.set_defaults(run=_run_fmu)
 
 
 def _model(path: Path | None) -> ModelParameters:
@@ -100,17 +126,38 @@ def _run_c(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _run_fmu(arguments: argparse.Namespace) -> int:
+    from fsw_export import fmu
+    from fsw_export.c_folder import ExportError
+    from fsw_export.fmu_description import table
+
+    if arguments.unit == "plant" and arguments.tuning is not None:
+        raise CommandError("export fmu: the plant has no tuning; leave out --tuning")
+    model = _model(arguments.model)
+    try:
+        content = fmu.make(arguments.unit, _parameters(arguments.unit, arguments, model), model)
+        fmu.write(content, arguments.out, arguments.force, arguments.platform)
+    except (ValueError, ExportError) as error:
+        raise CommandError(f"export fmu: {error}") from None
+    print(table(content))
+    print(f"{arguments.out}: {len(content.variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")
+    return 0
+
+
+def _parameters(unit: str, arguments: argparse.Namespace, model: ModelParameters) -> dict[str, Any]:
+    """Parameters of a controller's node or of the plant, from model, tuning and parameters of the command line."""
+    parameters = dict(assignment("--parameter", text) for text in arguments.parameter)
+    if unit == "decentral":
+        return _of_spindle(model) | _gains(arguments.tuning) | parameters
+    for name, path in (("model_file", arguments.model), ("tuning_file", arguments.tuning)):
+        if path is not None:
+            parameters[name] = str(path)
+    return parameters
+
+
 def _controller(arguments: argparse.Namespace, model: ModelParameters) -> NmpcController | DecentralController:
     """The controller with model, tuning and parameters of the command line."""
-    parameters = dict(assignment("--parameter", text) for text in arguments.parameter)
-    if arguments.controller == "decentral":
-        parameters = _of_spindle(model) | _gains(arguments.tuning) | parameters
-    else:
-        if arguments.model is not None:
-            parameters["model_file"] = str(arguments.model)
-        if arguments.tuning is not None:
-            parameters["tuning_file"] = str(arguments.tuning)
-    controller = make(arguments.controller, parameters)
+    controller = make(arguments.controller, _parameters(arguments.controller, arguments, model))
     if isinstance(controller, NmpcController) and controller.solver is None:
         return controller
     if isinstance(controller, DecentralController):

@@ -1,0 +1,159 @@
+"""Writes plant and controllers as Functional Mock-up Units: FMI 2.0 for co-simulation, with sources and binary."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from fsw_control.c_library import PORTABLE, compiler
+from fsw_export.c_folder import ExportError
+from fsw_export.fmu_controllers import decentral, nmpc
+from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
+from fsw_export.fmu_plant import plant
+from fsw_model import ModelParameters, nominal
+
+# for any processor of its kind
+FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
+#: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
+CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
+_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+_LONGEST_BUILD_S = 600.0
+Maker = Callable[[Mapping[str, Any], ModelParameters], Content]
+#: what can be exported, by name
+UNITS: dict[str, Maker] = {
+    "plant": lambda values, model: plant(values),
+    "nmpc": lambda values, model: nmpc(values),
+    "decentral": decentral,
+}
+
+
+def make(unit: str, values: Mapping[str, Any] | None = None, model: ModelParameters | None = None) -> Content:
+    """Variables and sources of a unit.
+
+    Parameters
+    ----------
+    unit : str
+        One of ``UNITS``.
+    values : mapping of str to Any, optional
+        Parameters of the plant or of the controller's node, by name.
+    model : ModelParameters, optional
+        Of the process, for a controller that knows its operating point only; the nominal ones by default.
+
+    Raises
+    ------
+    ExportError, ValueError
+        If the unit is not known, or a value or a file cannot be used.
+    """
+    if unit not in UNITS:
+        raise ExportError(f"cannot export {unit!r}; known: {', '.join(UNITS)}")
+    return UNITS[unit](values or {}, model or nominal())
+
+
+def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
+    """Compile a unit for this machine and write its FMU.
+
+    Parameters
+    ----------
+    content : Content
+    out : Path
+        File to write, ``*.fmu``.
+    replace : bool
+        Whether an existing file may be replaced.
+    others : sequence of str
+        Platforms of ``CROSS`` to compile for as well; needs ziglang.
+
+    Raises
+    ------
+    ExportError
+        If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
+    """
+    if out.suffix != ".fmu":
+        raise ExportError(f"{out}: end the name in .fmu")
+    if out.exists() and not (replace and out.is_file()):
+        raise ExportError(f"{out} exists already; nothing is overwritten without --force")
+    sources, guid = _sources(content)
+    compiled = sorted(name for name in sources if name.endswith(".c"))
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for name, text in sources.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        files = {
+            "modelDescription.xml": model_description(content, compiled, guid).encode(),
+            **{f"sources/{name}": text.encode() for name, text in sources.items()},
+        }
+        for command, suffix, platform in [_native(), *map(_cross, others)]:
+            binary = folder / f"{content.identifier}{suffix}"
+            _compile(command, [str(folder / name) for name in compiled], binary)
+            files[f"binaries/{platform}/{binary.name}"] = binary.read_bytes()
+    part = out.with_name(f".{out.name}.part")
+    try:
+        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, data in files.items():
+                entry = zipfile.ZipInfo(name)  # without a date: the same file every time
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
+        part.replace(out)
+    except OSError as error:
+        raise ExportError(f"cannot write {out}: {error.strerror}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _sources(content: Content) -> tuple[dict[str, str], str]:
+    """All C files by name, and the guid made from them."""
+    shared = {name: (FOLDER / name).read_text(encoding="utf-8") for name in ("fmu.c", "fmu.h")}
+    headers = _fmpy() / "c-code"
+    sources = {**content.sources, **shared}
+    sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
+    unnamed = sources | declarations(content, "")
+    digest = hashlib.sha256(repr([content.variables, sorted(unnamed.items())]).encode()).hexdigest()
+    guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
+    return sources | declarations(content, guid), guid
+
+
+def _fmpy() -> Path:
+    """Folder of fmpy, which brings the headers of the standard."""
+    found = find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise ExportError("needs the package fmpy, which brings the headers of FMI: pip install fmpy")
+    return Path(found.origin).parent
+
+
+def _native() -> tuple[list[str], str, str]:
+    """Compiler for this machine, end of a binary's name, and the machine's name in an FMU."""
+    import fmpy
+
+    command = compiler()
+    if command is None:
+        raise ExportError("no C compiler found: install one, set CC, or 'pip install ziglang'")
+    return [*command, "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform
+
+
+def _cross(platform: str) -> tuple[list[str], str, str]:
+    """The same for a platform of ``CROSS``."""
+    if find_spec("ziglang") is None:
+        raise ExportError(f"{platform}: needs zig's compiler: pip install ziglang")
+    target, suffix = CROSS[platform]
+    return [sys.executable, "-m", "ziglang", "cc", "-target", target], suffix, platform
+
+
+def _compile(command: list[str], files: list[str], binary: Path) -> None:
+    try:
+        run = subprocess.run(
+            [*command, *FLAGS, *files, "-o", str(binary), "-lm"],
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST_BUILD_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ExportError(f"the compiler failed: {error}") from None
+    if run.returncode:
+        raise ExportError(f"the FMU did not compile with {' '.join(command)}:\n{run.stderr}")

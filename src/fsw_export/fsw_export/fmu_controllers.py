@@ -1,0 +1,183 @@
+"""The controllers as FMUs: which variables they have, and how these are the signals of their C libraries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from math import inf
+from typing import Any
+
+from fsw_control.parameters import load, validate
+from fsw_decentral import DecentralController
+from fsw_decentral.gains import Gains
+from fsw_export.c_library import ControllerSources, decentral_sources, nmpc_sources
+from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, sources
+from fsw_export.signals import Signal
+from fsw_model import ModelParameters, ProcessModel
+from fsw_nmpc import NmpcController
+
+#: parameters of the decentralized controller's node, and where they are in the library's tuning
+_DECENTRAL = {name: name for name in Gains.__dataclass_fields__} | {
+    "force_min": "force_min_kn",
+    "force_max": "force_max_kn",
+    "speed_min": "speed_min_rpm",
+    "speed_max": "speed_max_rpm",
+    "force_step": "force_step_kn",
+    "speed_step": "speed_step_rpm",
+    "friction.constant": "friction[0]",
+    "friction.linear": "friction[1]",
+    "friction.quadratic": "friction[2]",
+    "spindle_inertia": "spindle_inertia_kgm2",
+    "nominal_torque": "nominal_torque_nm",
+    "blind_limit": "blind_limit_s",
+}
+_TYPE = {"real": "Real", "int": "Integer", "bool": "Boolean"}
+#: parameters of the NMPC's node that its FMU has as its own
+_NMPC = (
+    *("depth_aggressiveness", "temperature_aggressiveness", "calmness", "depth_priority"),
+    *("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step"),
+    *("blind_limit", "max_iterations", "plan_reuse"),
+)
+#: signals that the FMU sets itself
+_OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
+#: the one future set-point that the FMU takes
+_KNOWN = Signal("change_valid", "bool", "", "whether the next set-point is known: the change_... signals", "n_changes")
+
+
+def nmpc(values: Mapping[str, Any]) -> Content:
+    """The NMPC, given parameters by their name in ``nmpc.yaml``.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is unknown or out of range, a file cannot be used, or the solver is not the library's own.
+    """
+    specs = load("fsw_nmpc", "nmpc.yaml")
+    chosen = validate(specs, values)
+    controller = NmpcController(chosen)
+    if controller.solver is not None:
+        raise ValueError("solver: only rti, the library's own, can be exported")
+    parameters = [parameter(specs[name], chosen[name]) for name in _NMPC]
+    library = nmpc_sources(controller.library, controller.settings)
+    return _content(library, parameters, controller.settings.model, sources("fmu_nmpc.c"))
+
+
+def decentral(values: Mapping[str, Any], model: ModelParameters) -> Content:
+    """The decentralized controller, given parameters by their name in ``decentral.yaml``; the tuning becomes gains.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is unknown or out of range.
+    """
+    specs = load("fsw_decentral", "decentral.yaml")
+    chosen = validate(specs, values)
+    controller = DecentralController(chosen)
+    chosen |= asdict(controller.gains)
+    parameters = []
+    for name, spec in specs.items():
+        if name in _DECENTRAL:
+            low, high = spec.range or (-inf, inf)
+            allowed = (max(low, 0.0), high) if hasattr(controller.gains, name) else (low, high)
+            text = spec.description.partition("; negative:")[0]
+            parameters.append(parameter(replace(spec, range=allowed, description=text), chosen[name]))
+    lines = [f"  tuning->{member} = real->{name.replace('.', '_')};" for name, member in _DECENTRAL.items()]
+    code = "\n".join(
+        [
+            "/* Generated from the table of parameters of fsw_export. */",
+            '#include "fmu_controller.h"',
+            "",
+            "int controller_tune(controller_tuning *tuning, const fmu_reals *real, const fmu_integers *integer,",
+            "                    char *message) {",
+            "  (void)integer, (void)message;",
+            *lines,
+            "  return 0;",
+            "}",
+            "",
+        ]
+    )
+    return _content(decentral_sources(controller.library), parameters, model, {"fmu_decentral.c": code})
+
+
+def _content(
+    library: ControllerSources, parameters: list[Variable], model: ModelParameters, tune: Mapping[str, str]
+) -> Content:
+    """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C file of its parameters."""
+    start = ProcessModel(model).equilibrium()
+    at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
+    at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
+    own = {variable.name: variable for variable in parameters}
+    inputs = [signal for signal in library.inputs if signal.name not in _OWN]
+    if any(signal.name == "n_changes" for signal in library.inputs):
+        inputs.append(_KNOWN)
+    variables = [_input(signal, at) for signal in inputs]
+    if any(signal.name == "acting_force_kn" for signal in inputs):
+        variables += [flag("drives_valid", "Whether acting_force_kn and acting_speed_rpm are wired and good", False)]
+    variables += [
+        given(
+            "applied_force_kn",
+            "Force set-point in force until now, if it is not that of this FMU",
+            "kN",
+            at["force_kn"],
+        ),
+        given("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", at["speed_rpm"]),
+        flag("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
+        *(shown(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
+        *parameters,
+        replace(
+            own["force_max"], name="start_force_kn", description="Force at the start", start=at["force_kn"], fixed=True
+        ),
+        replace(
+            own["speed_max"],
+            name="start_speed_rpm",
+            description="Spindle speed at the start",
+            start=at["speed_rpm"],
+            fixed=True,
+        ),
+    ]
+    header = f"fmu_{library.name}.h"
+    shared = sources("fmu_controller.c", "fmu_controller.h", header)
+    code = {**library.files(), **shared, **tune, "signals.h": _signals(inputs, library.outputs)}
+    return Content(f"fsw_{library.name}", _text(library.title), tuple(variables), header, code)
+
+
+def _text(source: Signal | str) -> str:
+    text = source if isinstance(source, str) else source.text
+    return text[:1].upper() + text[1:]
+
+
+def _unit(signal: Signal) -> str:
+    return "K" if signal.name == "temperature_offset_c" else signal.unit  # a difference: degC has its zero elsewhere
+
+
+def _input(signal: Signal, at: Mapping[str, float]) -> Variable:
+    quantity = signal.name.removeprefix("reference_").removeprefix("acting_")
+    if signal.kind == "bool":
+        return flag(signal.name, _text(signal), signal is not _KNOWN)
+    return given(signal.name, _text(signal), signal.unit, at.get(quantity, 0.0))
+
+
+def _signals(inputs: Iterable[Signal], outputs: Iterable[Signal]) -> str:
+    """``signals.h``: from the FMU's variables to the library's input, and from its output to the variables."""
+
+    def variable(signal: Signal) -> str:
+        return f"{_TYPE[signal.kind].lower()}->{signal.name}"
+
+    def value(signal: Signal) -> str:
+        return f"boolean->drives_valid ? {variable(signal)} : NAN" if signal.name[:7] == "acting_" else variable(signal)
+
+    arguments = "fmu_reals *real, {0}fmu_integers *integer, {0}fmu_booleans *boolean) {{"
+    return "\n".join(
+        [
+            "/* Generated from the table of signals of fsw_export. */",
+            "static void give_input(controller_input *in, const " + arguments.format("const "),
+            "  (void)integer;",
+            *(f"  in->{signal.in_c} = {value(signal)};" for signal in inputs),
+            "}",
+            "",
+            "static void show_output(const controller_output *out, " + arguments.format(""),
+            *(f"  {variable(signal)} = out->{signal.in_c};" for signal in outputs),
+            "}",
+            "",
+        ]
+    )

@@ -1,0 +1,114 @@
+"""The plant as an FMU: which variables it has, and its process as C."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from fsw_control import weld
+from fsw_control.parameters import validate
+from fsw_export.fmu_description import Content, Variable, given, parameter, shown, sources
+from fsw_model import ProcessModel, equations
+from fsw_plant import PlantEmulator, config
+
+#: parameters of the plant that the FMU has as its own
+_FIXED = ("start.depth_mm", "start.temperature_c")
+_TUNABLE = (
+    "limits.force_min_kn",
+    "limits.force_max_kn",
+    "limits.speed_min_rpm",
+    "limits.speed_max_rpm",
+    "limits.force_rate_kn_per_s",
+    "limits.speed_rate_rpm_per_s",
+    "actuators.lag_s",
+    "sensors.torque_drop_nm_per_rpm",
+)
+
+
+def plant(values: Mapping[str, Any]) -> Content:
+    """The plant.
+
+    Parameters
+    ----------
+    values : mapping of str to Any
+        Parameters by their name in ``plant.yaml``: start values of the FMU's own, ``model_file``, and factors
+        ``model.*`` on model parameters.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
+        within the drives' limits.
+    """
+    own = (*_FIXED, *_TUNABLE, "model_file")
+    specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
+    validate(specs, values)
+    chosen = config.PlantConfig.from_values(values)
+    PlantEmulator(chosen)  # checks the start
+    process = ProcessModel(chosen.model)
+    start = process.equilibrium()
+    variables: list[Variable] = [
+        given("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
+        given("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
+        given("axial_force_disturbance_kn", "Acts beside the drive's force during a step", "kN", 0.0),
+        given("spindle_speed_disturbance_rpm", "Acts beside the drive's speed during a step", "rpm", 0.0),
+        given("depth_disturbance_mm", "Added to the depth that is shown at the end of a step", "mm", 0.0),
+        given("temperature_disturbance_k", "Added to the temperature that is shown at the end of a step", "K", 0.0),
+        shown("depth_mm", "Shoulder depth, as the sensor shows it", "mm"),
+        shown("torque_nm", "Motor torque, as the sensor shows it: with the peak of an accelerating spindle", "N m"),
+        shown("temperature_c", "Temperature of the stir zone, as the thermocouple shows it", "degC"),
+        shown("acting_force_kn", "Axial force that acts, as the drive reports it", "kN"),
+        shown("acting_speed_rpm", "Spindle speed that acts, as the drive reports it", "rpm"),
+        shown("process_torque_nm", "Torque of the tool on the copper", "N m"),
+        shown("friction_torque_nm", "Friction of motor and transmission", "N m"),
+        shown("power_kw", "Power of the process", "kW"),
+        shown("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
+        *(parameter(specs[name], chosen[name], fixed=True) for name in _FIXED),
+        *(parameter(specs[name], chosen[name]) for name in _TUNABLE),
+    ]
+    return Content(
+        "fsw_plant",
+        "Friction stir welding process with its drives; no noise",
+        tuple(variables),
+        "fmu_plant.h",
+        {**sources("fmu_plant.c", "fmu_plant.h"), **process_code(process)},
+    )
+
+
+def process_code(process: ProcessModel) -> dict[str, str]:
+    """``process.c``, the step and the outputs of the process by CasADi, and ``process.h`` with its numbers."""
+    p = process.parameters
+    functions = [process.step_function, process.output_function]
+    generator = ca.CodeGenerator("process", {"casadi_int": "int", "casadi_real": "double", "with_header": False})
+    for function in functions:
+        generator.add(function)
+    with tempfile.TemporaryDirectory() as made:
+        generator.generate(made + "/")
+        text = (Path(made) / "process.c").read_text(encoding="utf-8")
+    numbers: dict[str, float] = {
+        "PROCESS_STATES": equations.N_STATES,
+        "PROCESS_POWER": equations.N_POWER,
+        "PROCESS_DELAY": process.delay_steps,
+        "PROCESS_FORCE_KN": p.operating_force_kn,
+        "PROCESS_DEPTH_MM": p.operating_depth_mm,
+        "PROCESS_TEMPERATURE_C": p.operating_temperature_c,
+        "PROCESS_POWER_KW": p.operating_power_kw,
+        "PROCESS_GAIN_C_PER_KW": p.thermal_gain_c_per_kw,
+        "PROCESS_SOFTENING_PER_C": p.softening_per_c,
+        "PROCESS_INERTIA_KGM2": p.spindle_inertia_kgm2,
+        "NOMINAL_SPEED_RPM": weld.SPEED_RPM,
+    }
+    for function in functions:
+        for size in ("arg", "res", "iw", "w"):
+            numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(function, f"sz_{size}")()
+    lines = ["/* Generated from the model's parameters by fsw_export. */", "#ifndef PROCESS_H", "#define PROCESS_H", ""]
+    lines += [f"#define {name} {number!r}" for name, number in numbers.items()] + [""]
+    lines += [
+        f"int {function.name()}(const double **arg, double **res, int *iw, double *w, int mem);"
+        for function in functions
+    ]
+    return {"process.c": text, "process.h": "\n".join([*lines, "", "#endif", ""])}
