@@ -23,6 +23,8 @@ _RATIOS = (
     "total_variation_speed_rpm",
 )
 _COLUMNS = 3
+#: times outside are drawn up to so many times what is allowed, or up to this share of the welds
+_WIDEST, _SHOWN_SHARE = 2.0, 0.98
 #: ratios beyond these are not drawn
 _SHOWN = (0.1, 10.0)
 _DPI = 110
@@ -75,12 +77,18 @@ def ratios(results: Results) -> bytes | None:
 
 
 def times_outside(results: Results) -> bytes | None:
-    """Distributions of the time outside each limit; None without limits."""
-    limits = results.campaign.limits
+    """Distributions of the time outside each limit that any weld leaves; None if there is none."""
+    found = {
+        limit: [results.numbers(f"outside_{limit.signal}_s", label) for label in results.labels]
+        for limit in results.campaign.limits
+    }
+    limits = [limit for limit, times in found.items() if np.max(times) > 0.0]
 
     def draw(axes: Any, i: int) -> None:
-        for label in results.labels:
-            _steps(axes, results.numbers(f"outside_{limits[i].signal}_s", label), label)
+        for label, times in zip(results.labels, found[limits[i]], strict=True):
+            _steps(axes, times, label)
+        shown_s = max(_WIDEST * limits[i].at_most_s, float(np.quantile(found[limits[i]], _SHOWN_SHARE)))
+        axes.set_xlim(0.0, shown_s or None)
         axes.axvline(limits[i].at_most_s, color="0.4", lw=0.8)
         axes.set(title=limits[i].signal, xlabel="time outside [s]", ylabel="welds up to [%]")
         axes.title.set_fontsize("medium")
