@@ -175,6 +175,8 @@ def _figures_of_merit(results: Results) -> list[_Block]:
 def _ratios(results: Results) -> _Table:
     rows = []
     for key in results.figures:
+        if ROWS[key][1] in ("", "%"):  # counts and shares
+            continue
         cells = []
         for label in results.labels[1:]:
             values = results.ratio(key, label)
