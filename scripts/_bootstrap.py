@@ -22,8 +22,6 @@ RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
-# lock files of what only some commands need, but all tests
-EXTRAS = ("campaign",)
 
 
 def with_genuine_ros():
@@ -41,7 +39,7 @@ def ensure(dev=False, oldest=False, extras=()):
     oldest : bool
         Take an environment of its own (``.venv-oldest``) with the oldest supported versions, for tests.
     extras : sequence of str
-        Lock files without their suffix of what only some commands need; ``dev`` installs all of ``EXTRAS``.
+        Lock files without their suffix of what only some commands need.
 
     Raises
     ------
@@ -52,8 +50,7 @@ def ensure(dev=False, oldest=False, extras=()):
         sys.exit(f"needs Python {OLDEST[0]}.{OLDEST[1]} or newer, this is {sys.version.split()[0]} ({sys.executable})")
     home = WORKSPACE / (".venv-oldest" if oldest else ".venv-ros" if with_genuine_ros() else ".venv")
     names = ("oldest.lock",) if oldest else ("runtime.lock", *(("dev.lock",) if dev else ()))
-    extras = dict.fromkeys((*extras, *(EXTRAS if dev and not oldest else ())))
-    names = (*names, *(f"{name}.lock" for name in extras))
+    names = (*names, *(f"{extra}.lock" for extra in extras))
     if not os.environ.get("CC") and not any(map(shutil.which, ("cc", "gcc", "clang"))):
         names = (*names, "compiler.lock")
     locks = [WORKSPACE / "requirements" / name for name in names]

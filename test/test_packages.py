@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_control", "fsw_plant", "fsw_msgs"},  # fsw_plant: for the machine to test with
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control"},
@@ -36,6 +37,7 @@ MAY_IMPORT = {
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
     "casadi": "casadi-pip",
+    "cryptography": "python3-cryptography",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -57,7 +59,16 @@ KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
 #: one command needs, of which rosdep has not all
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "dask", "distributed", "pyarrow", "fmpy"}
+OPTIONAL = {
+    "rosidl_embedded",
+    "rclpy_embedded",
+    "fsw_test_support",
+    "dask",
+    "distributed",
+    "pyarrow",
+    "fmpy",
+    "asyncua",
+}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

@@ -1,8 +1,9 @@
-"""Starts a weld: plant, controllers, supervisors and, if wanted, recorder and scenario player.
+"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder and scenario player.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
 Controllers, supervisors and recorder are started again when they die; one that refuses its parameters ends the launch.
-The plant is not: a weld cannot be restarted half-way, so its end is the end of the launch. To start a supervisor again
+So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
+restarted half-way, so its end is the end of the launch. To start a supervisor again
 costs a second, in which the drives hold; so in real time a second one stands by and takes over within two ticks.
 """
 
@@ -32,6 +33,7 @@ ARGUMENTS = {
         "decentral,nmpc",
         "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps them",
     ),
+    "machine": ("", "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant"),
     "scenario": ("", f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: steer by hand"),
     "record": ("false", "Whether a recorder runs"),
     "bag_dir": (
@@ -74,6 +76,7 @@ def weld(context: LaunchContext) -> list[Any]:
     standby = _flag("standby", given["standby"]) if given["standby"] else speed is None
     folder = Path(launch_config.log_dir)
     scenario = _scenario(given["scenario"], controllers[0])
+    machine = _machine_file(given["machine"], speed, scenario)
     if scenario is None:
         parameters = _parameters_by_hand(controllers, record, standby, speed)
     else:
@@ -93,10 +96,15 @@ def weld(context: LaunchContext) -> list[Any]:
         if record and bag.exists():
             raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
+    if machine:
+        parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
-    actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
+    if machine:
+        actions.append(node("fsw_machine", "machine", **_respawn()))
+    else:
+        actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
     actions += [node(CONTROLLER_MODULES[name].partition(".")[0], name, **_respawn()) for name in controllers]
     actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
     if standby:
@@ -191,6 +199,20 @@ def _write(path: Path, parameters: dict[str, Any]) -> Path:
     content = {f"/**/{name}": section for name, section in parameters.items() if section["ros__parameters"]}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
+
+
+def _machine_file(text: str, speed: float | None, scenario: Scenario | None) -> str:
+    """Path of the machine file, empty without a machine."""
+    if not text:
+        return ""
+    if speed is not None:
+        raise RuntimeError("machine: a machine runs in real time; leave realtime and speed as they are")
+    if scenario is not None:
+        raise RuntimeError("machine: a scenario needs the emulated plant; steer by hand, or leave out machine")
+    file = Path(text).expanduser()
+    if not file.is_file():
+        raise RuntimeError(f"machine: there is no file {file}")
+    return str(file.resolve())
 
 
 def _flag(name: str, text: str) -> bool:

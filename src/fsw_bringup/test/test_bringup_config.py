@@ -13,6 +13,7 @@ from fsw_control import parameters
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 FILES = {
     "fsw_plant": [("fsw_plant", "plant.yaml")],
+    "fsw_machine": [("fsw_machine", "gateway.yaml")],
     "fsw_decentral": [("fsw_control", "controller.yaml"), ("fsw_decentral", "decentral.yaml")],
     "fsw_nmpc": [("fsw_control", "controller.yaml"), ("fsw_nmpc", "nmpc.yaml")],
     "fsw_supervisor": [("fsw_supervisor", "supervisor.yaml")],

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from fsw_control.contract import SENSORS, Command
 
 #: Distance of a stamp from the newest one that counts as a jump of time.
-_JUMP_NS = 1_000_000_000
+JUMP_NS = 1_000_000_000
 #: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
 _PENDING_TICKS = 2
 #: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
@@ -76,7 +76,7 @@ class StampFilter:
 
     def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> Believed | None:
         """Take a sample that came at ``now_s`` on a steady clock; return what is believed because of it, or None."""
-        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= _JUMP_NS:
+        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= JUMP_NS:
             self._heard_s = now_s
             if self.newest_ns is None or stamp_ns > self.newest_ns:
                 self.newest_ns = stamp_ns

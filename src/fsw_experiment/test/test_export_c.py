@@ -1,6 +1,7 @@
 """The exported C: compiles everywhere without a warning and answers as Python does; bad input is told in one line."""
 
 import re
+import shutil
 import subprocess
 import sys
 
@@ -50,7 +51,7 @@ def test_vectors_under_sanitizers(exported, controller, tmp_path):
 def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
     folder = tmp_path / "copy"
     subprocess.run(["cp", "-r", str(exported[controller]), str(folder)], check=True)
-    expected = folder / "vectors" / "expected.csv"
+    expected = folder / "vectors" / "weld_expected.csv"
     lines = expected.read_text().splitlines()
     first, _, rest = lines[7].partition(",")
     lines[7] = f"{float(first) + 2e-9!r},{rest}"
@@ -108,7 +109,10 @@ def test_nothing_but_the_listed_library_functions(exported, controller, tmp_path
         (["--parameter", "solver=reference"], "solver must be rti"),
         (["--parameter", "calmness=1e9"], "calmness"),
         (["--parameter", "calmness"], "NAME=VALUE"),
-        (["--out", "full"], "is not an earlier export"),
+        (["--out", "full"], "full: holds something else"),
+        (["--out", "full", "--force"], "full: holds something else"),
+        (["--out", "nowhere/made"], "cannot write"),
+        (["--model", "strong.yaml"], "cannot hold this model"),
         (["--model", "far.yaml"], "cannot weld with this model"),
     ],
 )
@@ -118,6 +122,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
     (tmp_path / "fast.yaml").write_text("dead_time_s: 0.5\n")
     (tmp_path / "unknown.yaml").write_text("coper_lag_s: 1\n")
     (tmp_path / "far.yaml").write_text("operating_force_kn: 300.0\n")
+    (tmp_path / "strong.yaml").write_text("thermal_gain_c_per_kw: 20000\n")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").write_text("mine")
     before = sorted(tmp_path.rglob("*"))
@@ -131,14 +136,51 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_another_model_and_tuning(tmp_path):
-    """An export again replaces the one before; the model's numbers are in the tables."""
+    """The model's numbers are in the tables; an export again replaces the one before only when it may."""
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")
     out = tmp_path / "made"
     command = [sys.executable, "-c", "import sys; from fsw_experiment.cli.main import main; sys.exit(main())"]
     command += ["export", "c", "--model", "model.yaml", "--parameter", "depth_aggressiveness=0.5", "--out", str(out)]
-    for _ in range(2):
-        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert ran.returncode == 0, ran.stderr
+    for force, code in (([], 0), ([], 1), (["--force"], 0)):
+        ran = subprocess.run([*command, *force], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ran.returncode == code, ran.stderr
+        assert code == 0 or "holds an earlier export" in ran.stderr
     assert "2400 ticks, largest difference 0: passed" in ran.stdout
-    assert ".dead_time_s = 1.83," in (out / "src" / "fsw_tables.c").read_text()
-    assert ".time_s = {2.0," in (out / "src" / "fsw_tables.c").read_text()
+    assert "600 ticks, largest difference 0: passed" in ran.stdout
+    assert ".dead_time_s = 1.83," in (out / "src" / "fsw_nmpc_tables.c").read_text()
+    assert ".time_s = {2.0," in (out / "src" / "fsw_nmpc_tables.c").read_text()
+
+
+@pytest.mark.slow
+def test_both_in_one_program_in_cpp(exported, tmp_path):
+    """The headers work in C++, the two controllers beside each other, and each knows what it was made from."""
+    if shutil.which("g++") is None:
+        pytest.skip("apt-get install g++")
+    folders = [exported[name] / "src" for name in CONTROLLERS]
+    (tmp_path / "both.cpp").write_text(
+        '#include "fsw_nmpc_tables.h"\n#include "fsw_decentral_tables.h"\n#include <cstring>\n'
+        "static fsw_controller a;\nstatic fsw_decentral b;\nint main() {\n"
+        "  if (fsw_controller_init(&a, &fsw_nmpc_model, &fsw_nmpc_tuning)) return 1;\n"
+        "  if (fsw_decentral_init(&b, &fsw_decentral_gains)) return 2;\n"
+        "  fsw_input in;\n  fsw_output out;\n  fsw_input_clear(&in);\n  fsw_controller_step(&a, &in, &out);\n"
+        "  return out.healthy || std::strlen(fsw_controller_id()) != 16 || std::strlen(fsw_decentral_id()) != 16;\n}\n"
+    )
+    objects = []
+    for source in [path for folder in folders for path in folder.glob("*.c")]:
+        objects.append(str(tmp_path / f"{source.stem}.o"))
+        subprocess.run(["gcc", "-std=c99", "-O1", "-c", str(source), "-o", objects[-1]], check=True)
+    include = [option for folder in folders for option in ("-I", str(folder))]
+    program = str(tmp_path / "both")
+    subprocess.run(["g++", *include, str(tmp_path / "both.cpp"), *objects, "-o", program], check=True)
+    assert subprocess.run([program], check=False).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_fast_math_is_refused(exported, controller):
+    folder = exported[controller] / "src"
+    source = {"nmpc": "controller.c", "decentral": "decentral.c"}[controller]
+    command = [*kernel_build.compiler(), "-std=c99", "-ffast-math", "-fsyntax-only", str(folder / source)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ran.returncode != 0
+    assert "NaN is an argument" in ran.stderr

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
@@ -23,18 +24,22 @@ class ExportError(Exception):
     """An export is not possible; the message says what, where and what to do."""
 
 
-def write_folder(sources: ControllerSources, vectors: VectorRecorder, origin: str, out: Path) -> str:
+def write_folder(
+    sources: ControllerSources, vectors: Mapping[str, VectorRecorder], origin: str, out: Path, replace: bool = False
+) -> str:
     """Write the folder, compile its example and run it on the vectors.
 
     Parameters
     ----------
     sources : ControllerSources
-    vectors : VectorRecorder
-        Of the weld that is shipped as a test.
+    vectors : mapping of str to VectorRecorder
+        The test vectors by name.
     origin : str
         From which model and tuning, in words.
     out : Path
-        Must not exist yet, be empty, or hold an earlier export, which is replaced.
+        Must not exist yet, or be empty.
+    replace : bool
+        Whether an earlier export there is deleted, with all that has been put into it.
 
     Returns
     -------
@@ -46,10 +51,11 @@ def write_folder(sources: ControllerSources, vectors: VectorRecorder, origin: st
     ExportError
         If the folder holds something else or cannot be written, or the example fails.
     """
-    if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (out / _MARK).exists())):
-        raise ExportError(f"{out}: is not an earlier export; give a folder that does not exist yet, or an empty one")
+    if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
+        again = "; --force deletes it" if (out / _MARK).exists() else ""
+        kind = "an earlier export" if again else "something else"
+        raise ExportError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
             made = Path(scratch) / "export"
             _fill(made, sources, vectors)
@@ -63,7 +69,7 @@ def write_folder(sources: ControllerSources, vectors: VectorRecorder, origin: st
     return said
 
 
-def _fill(folder: Path, sources: ControllerSources, vectors: VectorRecorder) -> None:
+def _fill(folder: Path, sources: ControllerSources, vectors: Mapping[str, VectorRecorder]) -> None:
     """Sources, example and vectors."""
     for part in ("src", "vectors", "cortex_m7"):
         (folder / part).mkdir(parents=True)
@@ -71,12 +77,15 @@ def _fill(folder: Path, sources: ControllerSources, vectors: VectorRecorder) -> 
         (folder / "src" / name).write_text(text, encoding="utf-8")
     templates = resources.files("fsw_export").joinpath("c")
     for name in ("main.c", "CMakeLists.txt"):
-        (folder / name).write_text(templates.joinpath(name).read_text(encoding="utf-8"), encoding="utf-8")
+        text = templates.joinpath(name).read_text(encoding="utf-8").replace("@NAME@", f"fsw_{sources.name}")
+        (folder / name).write_text(text, encoding="utf-8")
     for entry in templates.joinpath("cortex_m7").iterdir():
         (folder / "cortex_m7" / entry.name).write_text(entry.read_text(encoding="utf-8"), encoding="utf-8")
     (folder / _MARK).write_text(_example_header(sources), encoding="utf-8")
-    (folder / "vectors" / "ticks.csv").write_text(csv_text(sources.inputs, vectors.ticks), encoding="utf-8")
-    (folder / "vectors" / "expected.csv").write_text(csv_text(sources.outputs, vectors.answers), encoding="utf-8")
+    for name, one in vectors.items():
+        (folder / "vectors" / f"{name}.csv").write_text(csv_text(sources.inputs, one.ticks), encoding="utf-8")
+        expected = folder / "vectors" / f"{name}_expected.csv"
+        expected.write_text(csv_text(sources.outputs, one.answers), encoding="utf-8")
 
 
 def _example_header(sources: ControllerSources) -> str:
@@ -91,13 +100,14 @@ def _example_header(sources: ControllerSources) -> str:
     return "\n".join(
         [
             "/* The controller and the columns of the CSV files, for main.c. */",
-            '#include "fsw_tables.h"\n',
+            f'#include "{sources.tables_name}.h"\n',
             f"#define CONTROLLER {sources.prefix}",
             f"#define INPUT {sources.input_type}",
             f"#define OUTPUT {sources.output_type}",
             f"#define START(controller) {sources.prefix}_init(controller, {sources.start})",
             f"#define RESET(controller, in) "
             f"{sources.prefix}_reset(controller, (in)->applied_force_kn, (in)->applied_speed_rpm)",
+            f"#define CLEAR(in) {sources.input_type}_clear(in)",
             f"#define STEP(controller, in, out) {sources.prefix}_step(controller, in, out)\n",
             "typedef struct { const char *name; size_t offset; int is_int; } column;\n",
             *tables,

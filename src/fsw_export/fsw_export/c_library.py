@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,7 @@ class ControllerSources:
     sizes : dict of str to int
         Macros that lower the header's sizes to those of the model.
     tables : str
-        C text: definitions of the constants ``fsw_exported_...``.
+        C text: definitions of the constants.
     declarations : str
         C text: their declarations.
     start : str
@@ -60,21 +62,32 @@ class ControllerSources:
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
 
+    @property
+    def tables_name(self) -> str:
+        """Name, without ending, of the files with model and tuning."""
+        return f"fsw_{self.name}_tables"
+
+    def digest(self) -> str:
+        """Digest of sources, model and tuning; ``<prefix>_id()`` returns it."""
+        sources = [path.read_text(encoding="utf-8") for path in sorted(self.folder.glob("*.[ch]"))]
+        return hashlib.sha256("\0".join([*sources, self.tables]).encode()).hexdigest()[:16]
+
     def files(self) -> dict[str, str]:
         """Text of every source file by name, tables included."""
         texts = {p.name: p.read_text(encoding="utf-8") for p in sorted(self.folder.glob("*.[ch]"))}
-        sizes = "".join(f"#define {name} {value}\n" for name, value in self.sizes.items())
+        header = texts[self.header]
+        for size, value in self.sizes.items():
+            header = re.sub(rf"#ifndef {size}\n(#define {size} )\d+(.*\n)#endif\n", rf"\g<1>{value}\2", header)
         guard = f"#define {Path(self.header).stem.upper()}_H\n"
-        if sizes:
-            note = f"\n/* Sizes of the exported model. */\n{sizes}"
-            texts[self.header] = texts[self.header].replace(guard, guard + note, 1)
-        texts["fsw_tables.h"] = (
-            "/* Model and tuning, written by fsw.py export. */\n#ifndef FSW_TABLES_H\n#define FSW_TABLES_H\n\n"
-            f'#include "{self.header}"\n\n{self.declarations}\n#endif\n'
+        identity = f'#define {self.prefix.upper()}_ID "{self.digest()}" /* of sources, model and tuning */\n'
+        texts[self.header] = header.replace(guard, f"{guard}{identity}", 1)
+        name = self.tables_name
+        texts[f"{name}.h"] = (
+            f"/* Model and tuning, written by fsw.py export. */\n#ifndef {name.upper()}_H\n#define {name.upper()}_H\n\n"
+            f'#include "{self.header}"\n\n#ifdef __cplusplus\nextern "C" {{\n#endif\n{self.declarations}'
+            "#ifdef __cplusplus\n}\n#endif\n#endif\n"
         )
-        texts["fsw_tables.c"] = (
-            f'/* Written by fsw.py export; do not edit. */\n#include "fsw_tables.h"\n\n{self.tables}'
-        )
+        texts[f"{name}.c"] = f'/* Written by fsw.py export; do not edit. */\n#include "{name}.h"\n\n{self.tables}'
         return texts
 
 
@@ -103,8 +116,8 @@ def nmpc_sources(library: Library, settings: Settings) -> ControllerSources:
         pointer: Any = getattr(model, name)
         kind = "int" if pointer._type_ is ctypes.c_int else "double"
         parts.append(c_text.array(kind, name, pointer[:length]))
-    parts.append(c_text.struct("fsw_model", "fsw_exported_model", model, {name: name for name in lengths}))
-    parts.append(c_text.struct("fsw_tuning", "fsw_exported_tuning", settings.struct()))
+    parts.append(c_text.struct("fsw_model", "fsw_nmpc_model", model, {name: name for name in lengths}))
+    parts.append(c_text.struct("fsw_tuning", "fsw_nmpc_tuning", settings.struct()))
     return ControllerSources(
         name="nmpc",
         title="nonlinear model predictive control of depth and temperature",
@@ -118,8 +131,8 @@ def nmpc_sources(library: Library, settings: Settings) -> ControllerSources:
             "FSW_MAX_HISTORY": model.n_history,
         },
         tables="\n".join(parts),
-        declarations="extern const fsw_model fsw_exported_model;\nextern const fsw_tuning fsw_exported_tuning;\n",
-        start="&fsw_exported_model, &fsw_exported_tuning",
+        declarations="extern const fsw_model fsw_nmpc_model;\nextern const fsw_tuning fsw_nmpc_tuning;\n",
+        start="&fsw_nmpc_model, &fsw_nmpc_tuning",
         input_type="fsw_input",
         output_type="fsw_output",
         inputs=NMPC_INPUTS,
@@ -136,9 +149,9 @@ def decentral_sources(library: DecentralLibrary) -> ControllerSources:
         header="fsw_decentral.h",
         prefix="fsw_decentral",
         sizes={},
-        tables=c_text.struct("fsw_decentral_tuning", "fsw_exported_tuning", library.state.tuning),
-        declarations="extern const fsw_decentral_tuning fsw_exported_tuning;\n",
-        start="&fsw_exported_tuning",
+        tables=c_text.struct("fsw_decentral_tuning", "fsw_decentral_gains", library.state.tuning),
+        declarations="extern const fsw_decentral_tuning fsw_decentral_gains;\n",
+        start="&fsw_decentral_gains",
         input_type="fsw_decentral_input",
         output_type="fsw_decentral_output",
         inputs=DECENTRAL_INPUTS,

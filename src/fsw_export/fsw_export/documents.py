@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -42,7 +43,9 @@ def write(folder: Path, sources: ControllerSources, origin: str, checked: str) -
         block=block,
         inputs=_table(sources.inputs),
         outputs=_table(sources.outputs),
-        figures=figures_text(sources.name),
+        figures=figures_text("nmpc_paper" if sources.sizes.get("FSW_MAX_BLOCKS") == _ALL_MOVES else sources.name),
+        tables=sources.tables_name,
+        digest=sources.digest(),
     )
     (folder / "README.md").write_text(readme, encoding="utf-8")
     (folder / f"{block}.st").write_text(_function_block(block, sources), encoding="utf-8")
@@ -71,9 +74,30 @@ def _function_block(block: str, sources: ControllerSources) -> str:
         block=block,
         title=sources.title,
         prefix=sources.prefix,
-        inputs="\n".join(map(_declaration, sources.inputs)),
+        inputs="\n".join(_declared_inputs(sources.inputs)),
         outputs="\n".join(map(_declaration, sources.outputs)),
     )
+
+
+def _declared_inputs(inputs: Sequence[Signal]) -> list[str]:
+    """Inputs as a PLC declares them: flags of what is valid in place of NaN, and one announced set-point."""
+    lines = []
+    for signal in inputs:
+        if signal.name in ("dt_s", "n_changes"):
+            continue
+        lines.append(_declaration(replace(signal, text=signal.text.partition("; NaN")[0])))
+        if flag := _FLAGS.get(signal.name):
+            lines.append(f"  {flag[0]} : BOOL; (* {flag[1]} *)")
+    return lines
+
+
+#: flag after the last of the inputs that it speaks of, in a function block
+_FLAGS = {
+    "acting_speed_rpm": ("drives_valid", "whether the two above are known"),
+    "applied_speed_rpm": ("applied_valid", "whether the two above are known; if not, as before"),
+    "reference_temperature_c": ("reference_valid", "whether the two above are known; if not, as before"),
+    "change_temperature_c": ("change_valid", "whether the three above announce a set-point"),
+}
 
 
 def _declaration(signal: Signal) -> str:
@@ -81,6 +105,8 @@ def _declaration(signal: Signal) -> str:
     return f"  {signal.name} : {_IEC_TYPES[signal.kind]}; (* {unit}{signal.text} *)"
 
 
+#: blocks of moves of the paper's tuning
+_ALL_MOVES = 54
 #: clocks of processors for which the time of a step is told [MHz]
 _CLOCKS = (200, 480, 1000)
 #: cap of the solver's iterations that the documentation recommends for slow processors
@@ -95,8 +121,8 @@ def figures_text(name: str) -> str:
     if not found:
         return "Not measured."
     return (
-        "Measured with the paper's model and the default tuning on a Cortex-M7 emulated by QEMU "
-        f"(gcc -O3, double precision):\n\n{_memory(found)}\n\n{_time(found)}"
+        f"Measured with the paper's model and {'its' if name == 'nmpc_paper' else 'the default'} tuning on a Cortex-M7 "
+        f"emulated by QEMU (gcc -O3, double precision):\n\n{_memory(found)}\n\n{_time(found)}"
     )
 
 
@@ -117,11 +143,10 @@ def _time(found: Mapping[str, Any]) -> str:
         "99th percentile": found["instructions_p99"],
         "largest": found["instructions_max"],
     }
-    if "instructions_per_iteration" in found:
-        for cap in (_LOW_CAP, load("fsw_nmpc", "nmpc.yaml")["max_iterations"].default):
-            most = 2 * cap  # a tick solves at most twice
-            worst = found["instructions_without"] + most * found["instructions_per_iteration"]
-            counts[f"estimate of the worst with `max_iterations` {cap}"] = worst
+    if "iterations_max" in found:
+        caps = load("fsw_nmpc", "nmpc.yaml")["max_iterations"]
+        for cap in (_LOW_CAP, caps.default):
+            counts[f"estimate of the worst with `max_iterations` {cap}"] = _worst(found, cap)
     lines = [
         "| tick | instructions | " + " | ".join(f"ms at {clock} MHz" for clock in _CLOCKS) + " |",
         "|---|---|" + "---|" * len(_CLOCKS),
@@ -132,11 +157,31 @@ def _time(found: Mapping[str, Any]) -> str:
             f"| {title} | {count:,} | " + " | ".join(f"{_short(t[0])} to {_short(t[-1])}" for t in times) + " |"
         )
     ends = f"{_CYCLES[0]} to {_CYCLES[-1]}"
+    if "iterations_max" in found:
+        lines.append(_caps(found))
     lines.append(
         f"\nQEMU counts instructions. The times assume {ends} cycles per instruction; "
         "they were not measured on a board. A tick may take 100 ms."
     )
     return "\n".join(lines)
+
+
+def _caps(found: Mapping[str, Any]) -> str:
+    """Up to which cap of the iterations the worst tick fits, per clock."""
+    fits = {}
+    for clock in _CLOCKS:
+        budget = 0.1 * clock * 1e6 / _CYCLES[-1]
+        fits[clock] = max((cap for cap in range(1, 201) if _worst(found, cap) <= budget), default=0)
+    words = [f"{cap} at {clock} MHz" if cap else f"none at {clock} MHz" for clock, cap in fits.items()]
+    cycles = f"{_CYCLES[-1]} cycles per instruction"
+    return f"\nLargest `max_iterations` with which the worst tick takes 100 ms at {cycles}: {', '.join(words)}."
+
+
+def _worst(found: Mapping[str, Any], cap: int) -> int:
+    """Instructions of a tick that solves twice, as it may at most, each time up to the cap."""
+    without = int(found["instructions_without"])
+    per_iteration = (found["instructions_max"] - without) / found["iterations_max"]
+    return int(without + 2 * cap * per_iteration)
 
 
 def _short(value: float) -> str:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import random
 import re
 from collections.abc import Sequence
+from math import inf, nan
 from typing import Any, Protocol
 
 from fsw_export.signals import Signal
+
+#: share of the inputs that are wrong in the vectors with faults, and what they are then
+_SHARE = 0.03
+_WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
+_WRONG_INTS = (0, 1, -7)
+_WRONG_TIMES = (0.0, -1.0, nan, 0.05, 0.3, 2.0, 5.0)
+_PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 class CLibrary(Protocol):
@@ -19,14 +28,18 @@ class CLibrary(Protocol):
         """One tick: ``input`` to ``output``."""
         ...
 
+    def reset(self, force_kn: float, speed_rpm: float) -> None:
+        """Forget the past."""
+        ...
+
 
 class VectorRecorder:
-    """Notes input and output of every step of a library.
+    """Notes input and output of every step of a library, inside a ``with``.
 
     Parameters
     ----------
     library : CLibrary
-        Its ``step`` is replaced.
+        Its ``step`` is replaced meanwhile.
     inputs, outputs : sequence of Signal
 
     Attributes
@@ -36,18 +49,46 @@ class VectorRecorder:
     """
 
     def __init__(self, library: CLibrary, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
+        self.library, self.inputs, self.outputs = library, inputs, outputs
         self.ticks: list[tuple[float, ...]] = []
         self.answers: list[tuple[float, ...]] = []
-        step = library.step
+        self._step = library.step
 
-        def noted() -> None:
-            if hasattr(library.input, "n_changes"):
-                library.input.n_changes = min(library.input.n_changes, 1)  # the files have room for one
-            self.ticks.append(_row(library.input, inputs))
-            step()
-            self.answers.append(_row(library.output, outputs))
+    def __enter__(self) -> VectorRecorder:
+        self.library.step = self._noted  # type: ignore[method-assign]
+        return self
 
-        library.step = noted  # type: ignore[method-assign]
+    def __exit__(self, *error: object) -> None:
+        self.library.step = self._step  # type: ignore[method-assign]
+
+    def _noted(self) -> None:
+        if hasattr(self.library.input, "n_changes"):
+            self.library.input.n_changes = min(self.library.input.n_changes, 1)  # the files have room for one
+        self.ticks.append(_row(self.library.input, self.inputs))
+        self._step()
+        self.answers.append(_row(self.library.output, self.outputs))
+
+    def healthy(self) -> int:
+        """Number of answers that might be applied."""
+        column = next(i for i, signal in enumerate(self.outputs) if signal.name == "healthy")
+        return sum(bool(row[column]) for row in self.answers)
+
+
+def with_faults(weld: VectorRecorder, ticks: int = 600) -> VectorRecorder:
+    """Vectors from the ticks of a weld in which every input may be wrong: NaN, infinite, absurd, stale, late."""
+    rng = random.Random(7)
+    names = [signal.name for signal in weld.inputs]
+    first = dict(zip(names, weld.ticks[0], strict=True))
+    weld.library.reset(first["applied_force_kn"], first["applied_speed_rpm"])  # as the example does
+    with VectorRecorder(weld.library, weld.inputs, weld.outputs) as recorder:
+        for k, tick in enumerate(weld.ticks[:ticks]):
+            for signal, value in zip(weld.inputs, tick, strict=True):
+                _put(weld.library.input, signal.in_c, value)
+                if k > 0 and rng.random() < _SHARE:
+                    wrong = _WRONG_TIMES if signal.name == "dt_s" else _WRONG_INTS if signal.is_int else _WRONG_REALS
+                    _put(weld.library.input, signal.in_c, rng.choice(wrong))
+            recorder.library.step()
+    return recorder
 
 
 def _row(struct: Any, signals: Sequence[Signal]) -> tuple[float, ...]:
@@ -57,11 +98,17 @@ def _row(struct: Any, signals: Sequence[Signal]) -> tuple[float, ...]:
 def _member(struct: Any, designator: str) -> Any:
     """Value of a member such as ``change[0].at_s``."""
     value = struct
-    for name, index in re.findall(r"(\w+)(?:\[(\d+)\])?", designator):
+    for name, index in _PART.findall(designator):
         value = getattr(value, name)
         if index:
             value = value[int(index)]
     return value
+
+
+def _put(struct: Any, designator: str, value: float) -> None:
+    """Set a member."""
+    holder, _, name = designator.rpartition(".")
+    setattr(_member(struct, holder) if holder else struct, name, value)
 
 
 def csv_text(signals: Sequence[Signal], rows: Sequence[Sequence[float]]) -> str:

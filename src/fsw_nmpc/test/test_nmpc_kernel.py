@@ -1,5 +1,6 @@
 """The C library by itself: strict C99, sanitizers, sizes, builds."""
 
+import ctypes
 import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
@@ -203,3 +204,71 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
             library.step()
             given.applied_force_kn, given.applied_speed_rpm = library.output.force_kn, library.output.speed_rpm
     assert bytes(usual.output) == bytes(zig.output)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("softening_per_c", float("nan")),
+        ("dead_time_s", 0.0),
+        ("copper_lag_s", float("inf")),
+        ("modes", None),
+        ("torque_par", None),
+        ("time_s", [1e18]),
+        ("weight", [float("nan")]),
+        ("block_reach", [0.0]),
+    ],
+)
+def test_model_that_is_none_is_refused(field, value):
+    """Missing tables and numbers that are not finite are found at the start, not in a tick."""
+    library = make_library(20)
+    tables = Tables(P, library.horizon)
+    if isinstance(value, list):
+        values = (ctypes.c_double * 4096)(*value)
+        value = ctypes.cast(values, ctypes.POINTER(ctypes.c_double))
+    setattr(tables.model, field, value)
+    tuning = library.state.tuning
+    assert library._lib.fsw_controller_init(library._controller, ctypes.byref(tables.model), ctypes.byref(tuning)) == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("max_iterations", 0),
+        ("max_iterations", 2**31 - 1),
+        ("tolerance", -1.0),
+        ("offset_keep", 5.0),
+        ("plan_reuse", -1),
+    ],
+)
+def test_tuning_that_is_none_is_refused(field, value):
+    library = make_library(20)
+    tuning = type(library.state.tuning).from_buffer_copy(library.state.tuning)
+    setattr(tuning, field, value)
+    with pytest.raises(ValueError, match="tuning"):
+        library.configure(tuning)
+    assert getattr(library.state.tuning, field) != value
+
+
+def test_inputs_that_are_none_never_make_a_command():
+    """Without finite inputs the controller stays at its last ones, and time goes on in ticks."""
+    library = make_library(20)
+    nan = float("nan")
+    library.reset(nan, float("inf"))
+    given, told = library.input, library.output
+    library._lib.fsw_input_clear(library._input)
+    library.step()
+    assert not told.healthy
+    assert np.isfinite([told.force_kn, told.speed_rpm]).all()
+    given.depth_mm, given.torque_nm, given.temperature_c = 2.66, 1050.0, 816.4
+    given.depth_fresh = given.torque_fresh = given.temperature_fresh = 1
+    given.applied_force_kn, given.applied_speed_rpm = 1e300, nan
+    given.reference_depth_mm, given.reference_temperature_c = 2.7, 818.0
+    library.step()
+    assert told.healthy
+    assert LIMITS.force_min_kn <= told.force_kn <= LIMITS.force_max_kn
+    given.depth_fresh = given.torque_fresh = given.temperature_fresh = 0
+    given.dt_s = 0.0
+    for _ in range(200):
+        library.step()
+    assert not told.healthy  # blind: a call without time counts as a tick

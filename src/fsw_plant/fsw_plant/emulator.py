@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 
 from fsw_control import SENSORS, Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel
 from fsw_plant.actuators import Actuator
-from fsw_plant.commands import CommandGate
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.schedule import PlantSchedule
@@ -147,7 +147,7 @@ class PlantEmulator:
         self.stopped = ""
         self.disturbances: dict[str, Disturbance] = {}
         self.faults: dict[str, Fault] = {}
-        self.gate = CommandGate(config)
+        self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._sensors = [NoisySensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
         self._last_shown: dict[str, float] = {}
@@ -222,7 +222,7 @@ class PlantEmulator:
         Returns
         -------
         str
-            Empty when accepted, else why not (one of ``commands.REASONS``); ``gate`` counts and keeps the words.
+            Empty when accepted, else why not (one of ``command_gate.REASONS``); ``gate`` counts and keeps the words.
         """
         measured_ns = None if self._reading is None else self._reading.stamp_ns
         if stamp_ns is None:
@@ -335,8 +335,8 @@ class PlantEmulator:
         if config.model != self.config.model:
             self._model = _process_model(config.model)
             self._state.power = self._model.with_history(self._state.power)
-        self.config = self.gate.config = self.watchdog.config = config
-        self.gate.sources = tuple(config["commands.sources"])
+        self.config = self.watchdog.config = config
+        self.gate.configure(config.limits, config["commands.max_age_s"], config["commands.sources"])
         self._force.configure(config.limits.force_step_kn, config["actuators.lag_s"])
         self._speed.configure(config.limits.speed_step_rpm, config["actuators.lag_s"])
         for sensor, (noise, resolution) in zip(self._sensors, _sensor_noise(config), strict=True):

@@ -17,21 +17,21 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
-from fsw_control.topics_ros import LATEST, STREAM
+from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.topics_ros import STREAM
 from fsw_model import OperatingPointError
-from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand
+from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.events import DisturbanceError
-from fsw_plant.reports_ros import ERROR, OK, WARN, Report
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import FROM_WIRE, truth_message
 
@@ -65,12 +65,11 @@ class PlantNode(Node):
         self._answered = True
         self._sent_s = 0.0
         self._resent = 0
-        self._command_publishers: list[str] = []
-        self._announced_sources: tuple[str, ...] = ()
         self._seen = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._running = False
         self._open_topics()
+        self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
         self._guard = SingleInstanceGuard(self)
         self._guard.check(values["discovery_s"], self._announce)
         self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
@@ -93,7 +92,6 @@ class PlantNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
     # ---------------------------------------------------------------- ticks
 
@@ -165,32 +163,16 @@ class PlantNode(Node):
             self._answered = True
             self._next_tick()
 
-    def _on_supervisor(self, message: SupervisorState) -> None:
-        self._announced_sources = (*(record.name for record in message.controllers), *BUILT_IN_SOURCES)
-        self._set_sources()
-
-    def _set_sources(self) -> None:
-        """With a second publisher of commands about, only sources that the supervisor announces are accepted."""
-        sources = tuple(self._settings["commands.sources"])
-        if not sources and len(self._command_publishers) > 1:
-            sources = self._announced_sources
-        self._plant.gate.sources = sources
-
     # ---------------------------------------------------------------- watching
 
     def _patrol(self) -> None:
-        publishers = sorted(info.node_name for info in self.get_publishers_info_by_topic("fsw/command"))
-        if publishers != self._command_publishers:
-            self._command_publishers = publishers
-            self._set_sources()
-            if len(publishers) > 1:
-                self.get_logger().warning(f"{len(publishers)} publishers of fsw/command: {', '.join(publishers)}")
+        self._writers.look()
         if self._lockstep and self._running and not self._answered:
             self._watch_answer(time.monotonic() - self._sent_s)
 
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values
-        publishers = ", ".join(self._command_publishers) or "no node"
+        publishers = ", ".join(self._writers.names) or "no node"
         what = (
             f"no command for tick {self._plant.tick} within {waited_s:.1f} s (fsw/command is published by {publishers})"
         )
@@ -234,7 +216,7 @@ class PlantNode(Node):
                 reports.clock(self._mode(), self._running, self._stamps.jumps, self._resent),
                 reports.process(plant),
                 reports.watchdog(plant),
-                reports.commands(plant, new, self._command_publishers),
+                reports.commands(plant.gate, new, self._writers.names),
                 reports.sensors(plant),
             ]
         )
@@ -272,7 +254,7 @@ class PlantNode(Node):
             self._scenario = values["scenario"]
             self._plant.schedule = PlantSchedule.from_text_or_file(self._scenario)
         self._plant.reconfigure(PlantConfig.from_values(values))
-        self._set_sources()
+        self._writers.set_sources()
 
     def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
         """Fill in a service's response: ``act`` does it and returns what has been done, or raises why not."""
@@ -310,7 +292,7 @@ class PlantNode(Node):
                 depth_mm=units.mm_from_m(request.depth) if request.depth != 0.0 else None,
                 temperature_c=request.temperature if request.temperature != 0.0 else None,
             )
-            self._set_sources()
+            self._writers.set_sources()
             truth = self._plant.truth()
             return f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
 

@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
-
-from diagnostic_msgs.msg import DiagnosticStatus
-
+from fsw_control.reports_ros import ERROR, OK, WARN, Report, commands
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.watchdog import WatchdogState
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-
-
-class Report(NamedTuple):
-    """One line of diagnostics; ``level`` is a constant of ``DiagnosticStatus``."""
-
-    part: str
-    level: bytes
-    text: str
-    values: Mapping[str, object]
+__all__ = ["clock", "commands", "process", "sensors", "watchdog"]
 
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
@@ -59,25 +46,6 @@ def watchdog(plant: PlantEmulator) -> Report:
         return Report("watchdog", ERROR, f"{away}: {safe}", values)
     text = f"{away}: last command held" if dog.armed else "no command yet: start held"
     return Report("watchdog", WARN, text, values)
-
-
-def commands(plant: PlantEmulator, new_refusals: int, publishers: Sequence[str]) -> Report:
-    """Commands refused (``new_refusals`` since the last report), and the nodes that publish them.
-
-    Two publishers are normal for a moment while a standby takes over; an error only when commands are refused too.
-    """
-    gate, names = plant.gate, ", ".join(publishers)
-    values: dict[str, object] = {"refused": gate.total(), "last refusal": gate.last_refusal}
-    values |= {f"refused: {reason}": count for reason, count in gate.refused.items()}
-    values["publishers"] = names
-    level, texts = OK, []
-    if len(publishers) > 1:
-        level = ERROR if new_refusals else WARN
-        texts.append(f"{len(publishers)} publishers: {names}")
-    if new_refusals:
-        level = max(level, WARN)
-        texts.append(f"{new_refusals} refused; last: {gate.last_refusal}")
-    return Report("commands", level, "; ".join(texts) or "accepted", values)
 
 
 def sensors(plant: PlantEmulator) -> Report:

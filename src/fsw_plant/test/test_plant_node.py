@@ -11,12 +11,12 @@ from itertools import pairwise
 import pytest
 
 from fsw_control import Command
+from fsw_control.single_instance_ros import AnotherPlantError
 from fsw_control.topics_ros import LATEST
 from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_plant.single_instance_ros import AnotherPlantError
 
 pytestmark = pytest.mark.slow
 

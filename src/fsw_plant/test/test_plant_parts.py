@@ -5,10 +5,10 @@ from math import exp, inf, isnan, nan, pi, sin
 
 import pytest
 
-from fsw_control import Command
+from fsw_control import Command, Limits
+from fsw_control.command_gate import REASONS, CommandGate
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
-from fsw_plant.commands import REASONS, CommandGate
 from fsw_plant.events import Disturbance, DisturbanceError, Fault, Sample
 from fsw_plant.sensors import NoisySensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
@@ -168,7 +168,7 @@ def test_watchdog_before_the_first_command():
 
 
 def gate_of(*sources):
-    return CommandGate(PlantConfig.from_values({"commands.sources": sources}))
+    return CommandGate(Limits(), 0.5, sources)
 
 
 GOOD = Command(78.4, 407.0)

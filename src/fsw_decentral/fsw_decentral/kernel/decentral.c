@@ -196,6 +196,13 @@ int fsw_decentral_configure(fsw_decentral *c, const fsw_decentral_tuning *tuning
   return 0;
 }
 
+void fsw_decentral_input_clear(fsw_decentral_input *in) {
+  in->depth_mm = in->torque_nm = in->temperature_c = in->applied_force_kn = in->applied_speed_rpm = NAN;
+  in->reference_depth_mm = in->reference_temperature_c = NAN;
+  in->depth_valid = in->torque_valid = in->temperature_valid = 0;
+  in->dt_s = FSW_DECENTRAL_TICK_S;
+}
+
 void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm) {
   c->dt_s = FSW_DECENTRAL_TICK_S;
   start_loops(c);

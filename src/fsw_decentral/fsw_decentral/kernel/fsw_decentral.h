@@ -9,6 +9,13 @@
 #ifndef FSW_DECENTRAL_H
 #define FSW_DECENTRAL_H
 
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "NaN is an argument of this library: compile without -ffast-math, -Ofast, /fp:fast"
+#endif
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define FSW_DECENTRAL_TICK_S 0.1             /* counts as the time since the last tick where that is not usable */
 
 /* Gains, limits and what is known of the spindle. */
@@ -105,7 +112,7 @@ const char *fsw_decentral_id(void);
 int fsw_decentral_is_usable(const fsw_decentral_tuning *tuning);
 
 /* Take a tuning and start from the middle of its bounds. Returns 0, or 1 when the tuning is not usable: the controller
- * must not be used then. */
+ * must not be used then. No other function may be called before. */
 int fsw_decentral_init(fsw_decentral *c, const fsw_decentral_tuning *tuning);
 
 /* Another tuning; the proposals do not jump. Returns 0, or 1 when it is not usable: then the last one stays. */
@@ -114,8 +121,14 @@ int fsw_decentral_configure(fsw_decentral *c, const fsw_decentral_tuning *tuning
 /* Forget the past; the next step starts from these inputs, or from the last proposal if one of them is not finite. */
 void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm);
 
-/* One tick. The proposal is always within one step of the applied command, or of the last proposal where that is not
+/* An input of which nothing is known: no sample, NaN, one tick since the last. */
+void fsw_decentral_input_clear(fsw_decentral_input *in);
+
+/* One tick, to be called once every FSW_DECENTRAL_TICK_S: the largest moves are per call. The proposal is always within one step of the applied command, or of the last proposal where that is not
  * finite; and within the bounds, or as far on the way there as the step allows. */
 void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_decentral_output *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

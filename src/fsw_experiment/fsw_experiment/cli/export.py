@@ -40,6 +40,10 @@ events:
 """
 
 
+#: of the proposals of that weld, which has sensor faults
+_HEALTHY_SHARE = 0.95
+
+
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     parser = commands.add_parser(
@@ -65,6 +69,7 @@ def add_command(commands: Any) -> None:
         help="parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5",
     )
     c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    c.add_argument("--force", action="store_true", help="delete an earlier export that is there")
     c.set_defaults(run=_run_c)
     fmu = kinds.add_parser(
         "fmu",
@@ -108,7 +113,7 @@ def _model(path: Path | None) -> ModelParameters:
 def _run_c(arguments: argparse.Namespace) -> int:
     from fsw_export.c_folder import ExportError, write_folder
     from fsw_export.c_library import decentral_sources, nmpc_sources
-    from fsw_export.vectors import VectorRecorder
+    from fsw_export.vectors import VectorRecorder, with_faults
 
     model = _model(arguments.model)
     controller = _controller(arguments, model)
@@ -116,13 +121,20 @@ def _run_c(arguments: argparse.Namespace) -> int:
         sources = nmpc_sources(controller.library, controller.settings)
     else:
         sources = decentral_sources(controller.library)
-    vectors = VectorRecorder(controller.library, sources.inputs, sources.outputs)
-    _weld(controller, model, arguments.model)
+    with VectorRecorder(controller.library, sources.inputs, sources.outputs) as weld:
+        _weld(controller, model, arguments.model)
+    if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
+        raise CommandError(
+            f"export c: in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} proposals were "
+            "healthy: this controller cannot hold this model; check model and tuning"
+        )
+    vectors = {"weld": weld, "faults": with_faults(weld)}
     try:
-        said = write_folder(sources, vectors, _origin(arguments), arguments.out)
+        said = write_folder(sources, vectors, _origin(arguments), arguments.out, arguments.force)
     except ExportError as error:
         raise CommandError(f"export c: {error}") from None
-    print(f"{arguments.out}: README.md, src, vectors of a weld; example: {said}")
+    print(said)
+    print(f"{arguments.out}: README.md, src, test vectors")
     return 0
 
 
@@ -194,7 +206,8 @@ def _gains(path: Path | None) -> dict[str, Any]:
 def _origin(arguments: argparse.Namespace) -> str:
     """Model and tuning in words."""
     model = f"model `{arguments.model.name}`" if arguments.model is not None else "the paper's model"
-    tuning = f"tuning `{arguments.tuning.name}`" if arguments.tuning is not None else "default tuning"
+    default = "default tuning" + " but for" * bool(arguments.parameter)
+    tuning = f"tuning `{arguments.tuning.name}`" if arguments.tuning is not None else default
     return ", ".join([model, tuning, *(f"`{text}`" for text in arguments.parameter)])
 
 

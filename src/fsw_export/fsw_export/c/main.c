@@ -1,6 +1,6 @@
 /* Example: reads the ticks of a weld from a CSV file, steps the controller, and writes the commands as CSV.
  *
- *   fsw_example [TICKS.csv [EXPECTED.csv]]     without arguments: vectors/ticks.csv vectors/expected.csv
+ *   fsw_example [TICKS.csv [EXPECTED.csv]]     without arguments: all test vectors
  *
  * With EXPECTED.csv it compares instead of writing, and ends with 1 if an output differs by more than 1e-9. */
 #include <math.h>
@@ -30,7 +30,7 @@ extern unsigned fsw_counter(void);
 static void put(void *record, const column *c, double value) {
   char *at = (char *)record + c->offset;
   if (c->is_int) {
-    const int whole = (int)value;
+    const int whole = value > -1e9 && value < 1e9 ? (int)value : 0;
     memcpy(at, &whole, sizeof whole);
   } else {
     memcpy(at, &value, sizeof value);
@@ -49,6 +49,11 @@ static double get(const void *record, const column *c) {
   return whole;
 }
 
+/* Whether a cell ends here: with a comma, or with the line. */
+static int is_end(const char *at, int has_next) {
+  return has_next ? *at == ',' : *at == '\n' || *at == '\r' || *at == '\0';
+}
+
 /* Whether the first line of a file names the columns in their order. */
 static int has_header(FILE *file, const column *table, size_t n) {
   if (!fgets(line, LINE, file)) return 0;
@@ -57,7 +62,7 @@ static int has_header(FILE *file, const column *table, size_t n) {
     const size_t length = strlen(table[i].name);
     if (strncmp(at, table[i].name, length) != 0) return 0;
     at += length;
-    if (*at != (i + 1 < n ? ',' : '\n')) return 0;
+    if (!is_end(at, i + 1 < n)) return 0;
     at++;
   }
   return 1;
@@ -69,14 +74,15 @@ static int read_row(FILE *file, size_t n) {
   char *at = line, *end;
   for (size_t i = 0; i < n; i++) {
     values[i] = strtod(at, &end);
-    if (end == at || *end != (i + 1 < n ? ',' : '\n')) return -1;
+    if (end == at || !is_end(end, i + 1 < n)) return -1;
     at = end + 1;
   }
   return 1;
 }
 
 static int differ(double value, double expected) {
-  return value != value ? expected == expected : !(fabs(value - expected) <= TOLERANCE);
+  if (value == expected || (value != value && expected != expected)) return 0;
+  return !(fabs(value - expected) <= TOLERANCE);
 }
 
 static void write_row(void) {
@@ -85,7 +91,7 @@ static void write_row(void) {
 
 static int run(FILE *ticks, FILE *expected) {
   double largest = 0.0;
-  long row = 1;
+  long row = 0;
   int status = 0, wrong = 0;
   if (!has_header(ticks, INPUTS, COUNT(INPUTS))) {
     fprintf(stderr, "ticks: the first line must name the columns of fsw_example.h\n");
@@ -104,9 +110,10 @@ static int run(FILE *ticks, FILE *expected) {
   if (!expected) printf(",count");
 #endif
   if (!expected) printf("\n");
+  CLEAR(&input);
   while ((status = read_row(ticks, COUNT(INPUTS))) > 0) {
     for (size_t i = 0; i < COUNT(INPUTS); i++) put(&input, &INPUTS[i], values[i]);
-    if (row++ == 1) RESET(&controller, &input); /* it starts from the set-points that are in force */
+    if (row++ == 0) RESET(&controller, &input); /* it starts from the set-points that are in force */
 #ifdef FSW_COUNTER
     const unsigned before = fsw_counter();
 #endif
@@ -123,7 +130,7 @@ static int run(FILE *ticks, FILE *expected) {
       continue;
     }
     if (read_row(expected, COUNT(OUTPUTS)) != 1) {
-      fprintf(stderr, "expected: line %ld is missing or wrong\n", row);
+      fprintf(stderr, "expected: line %ld is missing or wrong\n", row + 1);
       return 2;
     }
     for (size_t i = 0; i < COUNT(OUTPUTS); i++) {
@@ -131,20 +138,22 @@ static int run(FILE *ticks, FILE *expected) {
       if (off > largest) largest = off;
       if (!differ(value, values[i])) continue;
       if (wrong++ < 5)
-        fprintf(stderr, "line %ld: %s is %.17g, expected %.17g\n", row, OUTPUTS[i].name, value, values[i]);
+        fprintf(stderr, "line %ld: %s is %.17g, expected %.17g\n", row + 1, OUTPUTS[i].name, value, values[i]);
     }
   }
   if (status < 0) {
-    fprintf(stderr, "ticks: line %ld is wrong\n", row + 1);
+    fprintf(stderr, "ticks: line %ld is wrong\n", row + 2);
     return 2;
   }
-  if (expected) printf("%ld ticks, largest difference %.3g: %s\n", row - 1, largest, wrong ? "FAILED" : "passed");
+  if (row == 0 || (expected && read_row(expected, COUNT(OUTPUTS)) != 0)) {
+    fprintf(stderr, row ? "expected: more lines than ticks\n" : "ticks: no line\n");
+    return 2;
+  }
+  if (expected) printf("%ld ticks, largest difference %.3g: %s\n", row, largest, wrong ? "FAILED" : "passed");
   return wrong != 0;
 }
 
-int main(int argc, char **argv) {
-  const char *ticks_name = argc > 1 ? argv[1] : "vectors/ticks.csv";
-  const char *expected_name = argc > 2 ? argv[2] : argc > 1 ? NULL : "vectors/expected.csv";
+static int run_files(const char *ticks_name, const char *expected_name) {
   FILE *ticks = fopen(ticks_name, "r"), *expected = expected_name ? fopen(expected_name, "r") : NULL;
   int status = 2;
   if (!ticks)
@@ -156,4 +165,12 @@ int main(int argc, char **argv) {
   if (ticks) fclose(ticks);
   if (expected) fclose(expected);
   return status;
+}
+
+int main(int argc, char **argv) {
+  if (argc > 1) return run_files(argv[1], argc > 2 ? argv[2] : NULL);
+  const int weld = run_files("vectors/weld.csv", "vectors/weld_expected.csv");
+  const int faults = run_files("vectors/faults.csv", "vectors/faults_expected.csv");
+  printf("memory: %lu bytes\n", (unsigned long)(sizeof controller + sizeof input + sizeof output));
+  return weld > faults ? weld : faults;
 }

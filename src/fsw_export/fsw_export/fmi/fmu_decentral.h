@@ -2,7 +2,7 @@
 #ifndef FMU_DECENTRAL_H
 #define FMU_DECENTRAL_H
 
-#include "fsw_tables.h"
+#include "fsw_decentral_tables.h"
 
 #define CONTROLLER_INIT fsw_decentral_init
 #define CONTROLLER_CONFIGURE fsw_decentral_configure

@@ -10,7 +10,7 @@ int controller_tune(controller_tuning *t, const fmu_reals *v, const fmu_integers
                             v->temperature_aggressiveness / START_TEMPERATURE_AGGRESSIVENESS};
   const double calmer = v->calmness / START_CALMNESS, depth_first = v->depth_priority / START_DEPTH_PRIORITY;
   const double move_max[2] = {v->force_step, v->speed_step};
-  *t = fsw_exported_tuning;
+  *t = fsw_nmpc_tuning;
   for (int q = 0; q < 2; q++) {
     const double share = t->move_max[q] / move_max[q];
     t->time_s[q] /= faster[q];

@@ -1,10 +1,15 @@
 /* One tick of the controller: estimate, pose the problem, solve it, accept the solution or fall back, keep the limits. */
+#include <limits.h>
 #include <math.h>
 
 #include "internal.h"
 
 /* a gap in the ticks that is too long to be predicted over: the estimator starts again */
 #define LONGEST_GAP_S 3.0
+#define LONGEST_HORIZON_S 600.0
+#define MOST_ITERATIONS 200
+/* an applied command so many times above the bounds is none */
+#define ABSURD 10.0
 /* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
 #define ACCEPTED 1e-6
 /* A solve is repeated about its solution when that begins with a move so far from the expected one, in largest moves;
@@ -28,6 +33,10 @@ static int rises_to(const int *values, int n, int most) {
 /* Whether a model fits what this was compiled for, and its tables into each other. */
 static int fits(const fsw_model *m) {
   const int n = m->n_blocks, nv = 2 * n;
+  if (!m->step_interval || !m->interval_block || !m->interval_ticks || !m->block_reach || !m->out_step || !m->depth_width ||
+      !m->temp_width || !m->time_s || !m->modes || !m->weight_start || !m->weight_segment || !m->weight ||
+      !m->ahead_power || !m->torque_par)
+    return 0;
   if (n < 1 || n > FSW_MAX_BLOCKS || m->n_out < 1 || m->n_out > FSW_MAX_OUT || m->n_steps < 1) return 0;
   if (m->n_steps > FSW_MAX_STEPS || m->n_history < 1 || m->n_history > FSW_MAX_HISTORY || m->n_weights < 0) return 0;
   if (!rises_to(m->step_interval, m->n_steps, m->n_out - 1) || !rises_to(m->interval_block, m->n_out, n - 1)) return 0;
@@ -42,23 +51,63 @@ static int fits(const fsw_model *m) {
   return 1;
 }
 
-static int is_usable(const fsw_tuning *t) {
-  double sum = t->tolerance + t->offset_keep + t->jump_sigmas + t->blind_limit_s;
-  for (int i = 0; i < FSW_STATES; i++) sum += t->walk[i];
-  for (int i = 0; i < 3; i++) sum += t->noise[i];
-  for (int q = 0; q < 2; q++) {
-    sum += t->time_s[q] + t->corridor_decay[q] + t->dead_band[q] + t->weight[q] + t->square[q] + t->move_weight[q];
-    sum += t->move_square[q] + t->move_max[q] + t->input_min[q] + t->input_max[q];
-    if (!(t->move_max[q] > 0.0) || !(t->input_min[q] < t->input_max[q])) return 0;
+/* Note a value for checks of many at once. */
+static void add(double value, double *sum, double *least) {
+  *sum += value;
+  if (value < *least) *least = value;
+}
+
+/* Sum of a table, which is not finite if one of its values is not. */
+static double total(const double *values, int n) {
+  double sum = 0.0;
+  for (int i = 0; i < n; i++) sum += values[i];
+  return sum;
+}
+
+/* Whether the numbers of a model whose sizes fit are finite, and its horizon has an end. */
+static int is_finite_model(const fsw_model *m) {
+  const double any[10] = {m->slow_pole,          m->fast_gain,          m->softening_per_c,         m->inertia_nm_s_per_rpm,
+                          m->operating_force_kn, m->operating_depth_mm, m->operating_temperature_c, m->operating_power_kw,
+                          m->depth_gain[0],      m->depth_gain[1]};
+  const double positive[4] = {m->thermal_gain_c_per_kw, m->copper_lag_s, m->tool_lag_s, m->dead_time_s};
+  double sum = total(any, 10) + total(positive, 4) + total(m->friction, 3) + total(m->ahead_mode, FSW_MODES);
+  sum += total(m->torque_par, 6) + total(m->modes, m->n_steps * FSW_MODES) + total(m->weight, 6 * m->n_weights);
+  sum += total(m->ahead_power, 6 * m->n_history) + total(m->block_reach, m->n_blocks) + total(m->interval_ticks, m->n_out);
+  for (int i = 0; i < 4; i++)
+    if (!(positive[i] > 0.0)) return 0;
+  for (int b = 0; b < m->n_blocks; b++)
+    if (!(m->block_reach[b] > 0.0)) return 0;
+  for (int i = 0; i < m->n_out; i++) {
+    if (!(m->interval_ticks[i] > 0.5) || !(m->time_s[i] > (i ? m->time_s[i - 1] : 0.0))) return 0;
+    if (m->time_s[i] > LONGEST_HORIZON_S) return 0;
   }
-  return fsw_is_finite(sum) && t->trajectory >= FSW_APPROACH && t->trajectory <= FSW_RECENTRED && t->max_iterations >= 0;
+  return fsw_is_finite(sum);
+}
+
+static int is_usable(const fsw_tuning *t) {
+  double sum = 0.0, least = 0.0;
+  const double one[4] = {t->tolerance, t->offset_keep, t->jump_sigmas, t->blind_limit_s};
+  for (int i = 0; i < 4; i++) add(one[i], &sum, &least);
+  for (int i = 0; i < FSW_STATES; i++) add(t->walk[i], &sum, &least);
+  for (int i = 0; i < 3; i++) add(t->noise[i], &sum, &least);
+  for (int q = 0; q < 2; q++) {
+    const double two[9] = {t->time_s[q], t->corridor_decay[q], t->dead_band[q],   t->weight[q],   t->square[q],
+                           t->move_weight[q], t->move_square[q], t->input_min[q], t->input_max[q]};
+    for (int i = 0; i < 9; i++) add(two[i], &sum, &least);
+    if (!(t->move_max[q] > 0.0) || !fsw_is_finite(t->move_max[q]) || !(t->input_min[q] < t->input_max[q])) return 0;
+    if (t->corridor_decay[q] > 1.0 || (t->trajectory == FSW_APPROACH && !(t->time_s[q] >= FSW_TICK_S))) return 0;
+  }
+  if (!fsw_is_finite(sum) || least < 0.0 || t->offset_keep > 1.0) return 0;
+  if (t->trajectory < FSW_APPROACH || t->trajectory > FSW_RECENTRED) return 0;
+  return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
 }
 
 int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning) {
-  if (!fits(model) || !is_usable(tuning)) return 1;
+  if (!fits(model) || !is_finite_model(model) || !is_usable(tuning)) return 1;
   c->model = *model;
   c->tuning = *tuning;
   c->bad_cycles = 0;
+  for (int q = 0; q < 2; q++) c->applied[q] = 0.5 * (tuning->input_min[q] + tuning->input_max[q]);
   fsw_controller_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
   return 0;
 }
@@ -75,23 +124,39 @@ static void clear_plan(fsw_controller *c) {
   c->plan.has_outputs = 0;
 }
 
+/* The command in force, unless it is not finite or beyond all machines. */
+static void take_applied(fsw_controller *c, double force_kn, double speed_rpm) {
+  const double *most = c->tuning.input_max;
+  if (!(fabs(force_kn) <= ABSURD * most[0]) || !(fabs(speed_rpm) <= ABSURD * most[1])) return;
+  c->applied[0] = force_kn;
+  c->applied[1] = speed_rpm;
+}
+
+void fsw_input_clear(fsw_input *in) {
+  in->depth_mm = in->torque_nm = in->temperature_c = in->force_kn = in->speed_rpm = NAN;
+  in->applied_force_kn = in->applied_speed_rpm = in->reference_depth_mm = in->reference_temperature_c = NAN;
+  in->depth_fresh = in->torque_fresh = in->temperature_fresh = in->n_changes = 0;
+  in->dt_s = FSW_TICK_S;
+  for (int i = 0; i < FSW_MAX_CHANGES; i++) in->change[i].at_s = in->change[i].depth_mm = in->change[i].temperature_c = NAN;
+}
+
 void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm) {
   c->estimator.started = 0;
   c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
   c->late_s = 0.0;
-  c->applied[0] = force_kn;
-  c->applied[1] = speed_rpm;
+  take_applied(c, force_kn, speed_rpm);
   clear_plan(c);
 }
 
 /* Bring the estimator to this tick; 0 while there is nothing to start from. */
 static int estimate(fsw_controller *c, const fsw_input *in) {
-  const int is_gap = !(in->dt_s >= 0.0 && in->dt_s < LONGEST_GAP_S);
+  const double dt_s = in->dt_s > 0.0 ? in->dt_s : FSW_TICK_S;
+  const int is_gap = !(dt_s < LONGEST_GAP_S);
   fsw_input now = *in;
   now.applied_force_kn = c->applied[0];
   now.applied_speed_rpm = c->applied[1];
-  c->late_s += is_gap ? LONGEST_GAP_S : in->dt_s;
+  c->late_s += is_gap ? LONGEST_GAP_S : dt_s;
   int ticks = (int)(c->late_s / FSW_TICK_S + 0.5);
   c->late_s -= ticks * FSW_TICK_S;
   if (c->estimator.started && ticks * FSW_TICK_S < LONGEST_GAP_S) {
@@ -136,10 +201,7 @@ static void tell_estimates(const fsw_controller *c, fsw_output *out) {
 }
 
 int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out) {
-  if (fsw_is_finite(in->applied_force_kn) && fsw_is_finite(in->applied_speed_rpm)) {
-    c->applied[0] = in->applied_force_kn;
-    c->applied[1] = in->applied_speed_rpm;
-  }
+  take_applied(c, in->applied_force_kn, in->applied_speed_rpm);
   if (fsw_is_finite(in->reference_depth_mm) && fsw_is_finite(in->reference_temperature_c)) {
     c->reference[0] = in->reference_depth_mm;
     c->reference[1] = in->reference_temperature_c;
@@ -269,10 +331,10 @@ void fsw_controller_end(fsw_controller *c, const double *moves, const double *de
     c->bad_in_a_row = 0;
   } else {
     p->is_cold = 1; /* the start may have been the cause: a failed solve must not poison the next */
-    c->bad_in_a_row++;
-    c->bad_cycles++;
+    if (c->bad_in_a_row < INT_MAX) c->bad_in_a_row++;
+    if (c->bad_cycles < INT_MAX) c->bad_cycles++;
     out->reason = FSW_SOLVER_FAILED;
-    out->healthy = c->bad_in_a_row <= c->tuning.plan_reuse;
+    out->healthy = p->has_outputs && c->bad_in_a_row <= c->tuning.plan_reuse;
   }
   for (int s = 0; s < 3; s++)
     if (c->estimator.blind_s[s] > c->tuning.blind_limit_s + 1e-9) out->blind |= 1 << s;

@@ -89,7 +89,18 @@ static void take_inputs(fsw_estimator *e, const fsw_input *in) {
 static int plausible_depth(double depth_mm) { return depth_mm > 0.0 && depth_mm < DEEPEST_MM; }
 static int plausible_rise(double rise_c) { return rise_c > -LARGEST_DEVIATION_C && rise_c < LARGEST_DEVIATION_C; }
 
-/* Begin at rest at a measurement; 0 if a sensor that is needed is missing. */
+/* Whether states and variances are finite and where a weld can be. */
+static int is_sound(const fsw_estimator *e, const fsw_model *m) {
+  double sum = 0.0;
+  for (int i = 0; i < N; i++) {
+    if (!(e->p[i][i] >= 0.0)) return 0;
+    sum += e->x[i] + e->p[i][i];
+  }
+  return fsw_is_finite(sum) && plausible_depth(fsw_contact_depth(e, m, 0)) && plausible_rise(e->x[FSW_TOOL]) &&
+         fabs(e->x[FSW_FORCE]) < LARGEST_OFFSET_KN;
+}
+
+/* Begin at rest at a measurement; 0 if a sensor that is needed is missing or an input is absurd. */
 int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
@@ -124,8 +135,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *i
     e->blind_s[s] = e->innovation[s] = e->expected[s] = 0.0;
   }
   e->last_speed_rpm = e->acting_speed_rpm;
-  e->started = 1;
-  return 1;
+  return e->started = is_sound(e, m);
 }
 
 /* Rows of a[] that do not change while it runs. */
@@ -281,17 +291,6 @@ static void correct(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, c
     update(e, t, TEMPERATURE, row, rise_c - e->x[FSW_TOOL] - e->x[FSW_TEMP_OFFSET], t->noise[TEMPERATURE], jumping);
   }
   e->x[FSW_SCALE] = fsw_clip(e->x[FSW_SCALE], LEAST_SCALE, LARGEST_SCALE);
-}
-
-/* Whether states and variances are finite and where a weld can be. */
-static int is_sound(const fsw_estimator *e, const fsw_model *m) {
-  double sum = 0.0;
-  for (int i = 0; i < N; i++) {
-    if (!(e->p[i][i] >= 0.0)) return 0;
-    sum += e->x[i] + e->p[i][i];
-  }
-  return fsw_is_finite(sum) && plausible_depth(fsw_contact_depth(e, m, 0)) && plausible_rise(e->x[FSW_TOOL]) &&
-         fabs(e->x[FSW_FORCE]) < LARGEST_OFFSET_KN;
 }
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether

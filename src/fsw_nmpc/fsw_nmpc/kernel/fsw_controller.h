@@ -10,6 +10,13 @@
 #ifndef FSW_CONTROLLER_H
 #define FSW_CONTROLLER_H
 
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "NaN is an argument of this library: compile without -ffast-math, -Ofast, /fp:fast"
+#endif
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Sizes, which a build may lower to those of its model. */
 #ifndef FSW_MAX_BLOCKS
 #define FSW_MAX_BLOCKS 54
@@ -99,9 +106,9 @@ typedef struct {
   double depth_mm, torque_nm, temperature_c;
   int depth_fresh, torque_fresh, temperature_fresh; /* whether it is a good sample of this tick */
   double force_kn, speed_rpm;                       /* inputs that act, as the drives report them; NaN: unknown */
-  double applied_force_kn, applied_speed_rpm;       /* command in force until now */
-  double reference_depth_mm, reference_temperature_c;
-  double dt_s;                                      /* since the last tick */
+  double applied_force_kn, applied_speed_rpm;       /* command in force until now; NaN: as before */
+  double reference_depth_mm, reference_temperature_c; /* NaN: as before */
+  double dt_s;                                      /* since the last tick; counts as one tick where not above 0 */
   int n_changes;
   fsw_change change[FSW_MAX_CHANGES];               /* in order of time */
 } fsw_input;
@@ -176,17 +183,22 @@ int fsw_controller_bytes(void);
 const char *fsw_controller_id(void);
 
 /* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 when a size or an index is
- * beyond what this was compiled for or the tuning cannot be used: the controller must not be used then. */
+ * beyond what this was compiled for, a table is missing or not finite, or the tuning cannot be used: the controller must
+ * not be used then. No other function may be called before. */
 int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning);
 
-/* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or the limits are no limits: the
- * tuning is then as before. */
+/* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or out of range: the tuning is then
+ * as before. */
 int fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning);
 
-/* Forget the past; the next step starts from these inputs. */
+/* Forget the past; the next step starts from these inputs, or, where they are not finite, from those applied last. */
 void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm);
 
-/* One tick. The proposal is always within the limits, whatever the input. */
+/* An input of which nothing is known: no sample, NaN, one tick since the last. */
+void fsw_input_clear(fsw_input *in);
+
+/* One tick, to be called once every FSW_TICK_S: the largest moves are per call. The proposal is finite, within one move of
+ * the applied command, and within the bounds or as far on the way there as a move allows, whatever the input. */
 void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out);
 
 /* The same in two halves, for another solver in between: begin returns whether there is a problem to solve (in
@@ -202,4 +214,7 @@ int fsw_predict(fsw_controller *c, const fsw_start *start, const double *v, doub
 /* One real-time iteration about the moves in v, which are replaced by the solution. */
 int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_output *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -1,10 +1,11 @@
-"""Which commands the plant accepts."""
+"""Which commands are passed on to the process: the rules of the plant emulator and of the gateway to a machine."""
 
 from __future__ import annotations
 
-from fsw_control import Command
+from collections.abc import Sequence
+
 from fsw_control.command_check import Flaw, refusal
-from fsw_plant.config import PlantConfig
+from fsw_control.contract import Command, Limits
 
 #: Why a command can be refused.
 REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future")
@@ -15,43 +16,66 @@ class CommandGate:
 
     Attributes
     ----------
+    limits : Limits
+        Bounds that a command has to keep; the change per tick is not checked.
+    max_age_s : float
+        Maximum age of the measurement that an accepted command answers.
     sources : tuple of str
         Whose commands are accepted; empty: all.
     refused : dict of str to int
-        How many commands were refused for each of ``REASONS``.
+        How many commands were refused for each of ``REASONS``, and of the node's own ``more_reasons``.
     last_refusal : str
         The last refusal in words.
     last_stamp_ns : int or None
         Stamp of the last measurement that was answered.
     """
 
-    def __init__(self, config: PlantConfig) -> None:
-        self.config = config
-        self.sources: tuple[str, ...] = tuple(config["commands.sources"])
-        self.refused = dict.fromkeys(REASONS, 0)
+    def __init__(
+        self, limits: Limits, max_age_s: float, sources: Sequence[str] = (), more_reasons: Sequence[str] = ()
+    ) -> None:
+        self.configure(limits, max_age_s, sources)
+        self.refused = dict.fromkeys((*REASONS, *more_reasons), 0)
         self.last_refusal = ""
         self.last_stamp_ns: int | None = None
+
+    def configure(self, limits: Limits, max_age_s: float, sources: Sequence[str] = ()) -> None:
+        """Check by other settings from now on, without forgetting."""
+        self.limits, self.max_age_s = limits, max_age_s
+        self.sources: tuple[str, ...] = tuple(sources)
 
     def check(self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None) -> str:
         """Why a command is refused (one of ``REASONS``), empty if it is accepted.
 
-        The arguments are those of ``PlantEmulator.apply``, and the stamp of the plant's last measurement, None before
-        the first.
+        Parameters
+        ----------
+        command : Command
+        stamp_ns : int
+            Stamp of the measurement that it answers.
+        source : str
+            Who computed it.
+        healthy : bool
+            Whether its sender says that it may be applied.
+        measured_ns : int or None
+            Stamp of the last measurement; None before the first.
         """
         reason, words = self._refusal(command, stamp_ns, source, healthy, measured_ns)
         if reason:
-            self.refused[reason] += 1
-            self.last_refusal = f"{reason}: {words}"
+            self.refuse(reason, words)
         else:
             self.last_stamp_ns = stamp_ns
         return reason
+
+    def refuse(self, reason: str, words: str) -> None:
+        """Count a command that is refused."""
+        self.refused[reason] += 1
+        self.last_refusal = f"{reason}: {words}"
 
     def _refusal(
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
     ) -> tuple[str, str]:
         if self.sources and source not in self.sources:
             return "source", f"source {source!r} is none of {', '.join(sorted(self.sources))}"
-        wrong = refusal(command, self.config.limits)
+        wrong = refusal(command, self.limits)
         if not healthy and (wrong is None or wrong.flaw is not Flaw.NOT_FINITE):
             return "unhealthy", f"{source!r} marked it as not to be applied"
         if wrong is not None:
@@ -60,7 +84,7 @@ class CommandGate:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns:
             return "repeated", f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already"
-        if measured_ns > stamp_ns and measured_ns - stamp_ns > round(self.config["commands.max_age_s"] * 1e9):
+        if measured_ns > stamp_ns and measured_ns - stamp_ns > round(self.max_age_s * 1e9):
             return "too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old"
         return "", ""
 

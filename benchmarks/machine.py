@@ -1,0 +1,141 @@
+"""At the emulated machine in real time: from a new value of the cycle counter to the set-point that answers it.
+
+Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the machine's own, from
+writing the counter to the heartbeat of the command; the cycles' intervals show whether 10 Hz was held.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure(extras=("machine",))
+
+import rclpy
+import yaml
+from rclpy.context import Context
+from report import Figures, parser, save, show
+
+from fsw_control import messages_ros as convert
+from fsw_control import weld
+from fsw_control.contract import Reference
+from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED
+from fsw_experiment.launcher import Launcher
+from fsw_machine import machine_server
+from fsw_msgs.msg import WeldReference
+
+NODES = {
+    "gateway": "fsw_machine.machine_node",
+    "nmpc": "fsw_nmpc.nmpc_node",
+    "decentral": "fsw_decentral.decentral_node",
+    "supervisor": "fsw_supervisor.supervisor_node",
+}
+#: cycles that do not count: while everything starts, and while it ends
+WARM_UP, AT_THE_END = 50, 30
+
+
+def machine_file(folder: Path, secure: bool) -> Path:
+    """The shipped machine file for a free port, with certificates of its own if wanted."""
+    shipped = Path(machine_server.__file__).with_name("machine.yaml")
+    content = yaml.safe_load(shipped.read_text(encoding="utf-8"))
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        content["endpoint"] = f"opc.tcp://127.0.0.1:{one.getsockname()[1]}/fsw"
+    if secure:
+        content |= yaml.safe_load(machine_server.make_certificates(folder))
+    path = folder / "machine.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+@contextlib.contextmanager
+def set_points(domain: int) -> Iterator[None]:
+    """States the operating point for as long as the context lasts."""
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = rclpy.create_node("set_points", context=context)
+    publisher = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
+    publisher.publish(convert.reference_message(Reference(weld.DEPTH_MM, weld.TEMPERATURE_C), 0))
+    yield
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def processor_s(process: int) -> float:
+    """Processor time that a process has used."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def measure(cycles: int, secure: bool) -> Figures:
+    """Run the chain for so many cycles."""
+    with (
+        tempfile.TemporaryDirectory() as text,
+        free_domain() as domain,
+        set_points(domain),
+        Launcher(Path(text) / "log", domain) as launcher,
+    ):
+        folder = Path(text)
+        file, report = machine_file(folder, secure), folder / "report.json"
+        options = ["--machine-file", str(file), "--report", str(report)]
+        options += ["--server-key", str(folder / "server_key.pem")] if secure else []
+        launcher.start("machine", machine_server.__name__, options)
+        launcher.wait_for_text("machine", "machine serves")
+        for name, module in NODES.items():
+            settings = {"gateway": f"machine_file:={file}", "supervisor": "controller:=nmpc"}.get(name)
+            launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
+        launcher.wait_for_text("supervisor", r"-> auto \(nmpc\)")
+        before = {name: processor_s(child.process.pid) for name, child in launcher.children.items()}
+        begin_s = time.monotonic()
+        time.sleep((WARM_UP + cycles + AT_THE_END) * weld.TICK_S)  # the measurement itself
+        took_s = time.monotonic() - begin_s
+        used = {name: processor_s(child.process.pid) - before[name] for name, child in launcher.children.items()}
+        launcher.stop()
+        measured = json.loads(report.read_text(encoding="utf-8"))
+    window = slice(-cycles - AT_THE_END, -AT_THE_END)
+    latencies_ms = sorted(1e3 * one for one in measured["latencies_s"][window] if one is not None)
+    intervals_ms = [1e3 * (b - a) for a, b in pairwise(measured["begun_s"][window])]
+    off_ms = sorted(abs(one - 1e3 * weld.TICK_S) for one in intervals_ms)
+    kind = "secure" if secure else "plain"
+    figures: Figures = {
+        "cycles": len(intervals_ms) + 1,
+        "cycles_without_a_command": cycles - len(latencies_ms),
+        "cycle_mean_ms": statistics.mean(intervals_ms),
+        "cycle_off_p99_ms": off_ms[int(0.99 * len(off_ms))],
+        "latency_p50_ms": statistics.median(latencies_ms),
+        "latency_p99_ms": latencies_ms[int(0.99 * len(latencies_ms))],
+        "latency_max_ms": latencies_ms[-1],
+        "gateway_processor_percent": 100.0 * used["gateway"] / took_s,
+        "machine_processor_percent": 100.0 * used["machine"] / took_s,
+    }
+    return {f"{kind}_{name}": value for name, value in figures.items()}
+
+
+def main() -> None:
+    """Measure without and with encryption."""
+    cli = parser(__doc__, "300 cycles instead of 1200")
+    arguments = cli.parse_args()
+    figures: Figures = {}
+    for secure in (False, True):
+        figures |= measure(300 if arguments.quick else 1200, secure)
+    show(figures)
+    save(figures, arguments.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""Who writes commands, and whose are therefore accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+
+from fsw_control.command_gate import CommandGate
+from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.topics_ros import LATEST
+from fsw_msgs.msg import SupervisorState
+
+
+class CommandWriters:
+    """Sets the gate's sources: with a second publisher of commands about, only those that the supervisor announces.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    gate : callable
+        Returns the gate, which may be replaced.
+    configured : callable
+        Sources by parameter; where there are any, only they are accepted.
+
+    Attributes
+    ----------
+    names : list of str
+        Nodes that publish commands, as of the last :meth:`look`.
+    """
+
+    def __init__(self, node: Node, gate: Callable[[], CommandGate], configured: Callable[[], Sequence[str]]) -> None:
+        self.names: list[str] = []
+        self._node, self._gate, self._configured = node, gate, configured
+        self._announced: tuple[str, ...] = ()
+        node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
+
+    def look(self) -> None:
+        """Find out who publishes commands; to be called a few times a second."""
+        names = sorted(info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command"))
+        if names != self.names:
+            self.names = names
+            self.set_sources()
+            if len(names) > 1:
+                self._node.get_logger().warning(f"{len(names)} publishers of fsw/command: {', '.join(names)}")
+
+    def set_sources(self) -> None:
+        """Tell the gate, also after the configured sources have changed."""
+        sources = tuple(self._configured())
+        self._gate().sources = self._announced if not sources and len(self.names) > 1 else sources
+
+    def _on_supervisor(self, message: SupervisorState) -> None:
+        self._announced = (*(record.name for record in message.controllers), *BUILT_IN_SOURCES)
+        self.set_sources()

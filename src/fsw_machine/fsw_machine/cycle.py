@@ -1,0 +1,72 @@
+"""When the machine's cycle counter changes, and when to look for the next change."""
+
+from __future__ import annotations
+
+#: polling begins so long before the change that is expected [s]
+LEAD_S = 0.004
+#: time between two polls while the change is near, and while it is overdue [s]
+NEAR_S = 0.002
+OVERDUE_S = 0.01
+#: the change counts as overdue after so many periods
+_OVERDUE_PERIODS = 1.5
+#: share of the phase error that is corrected at a change
+_GAIN = 0.2
+
+
+class CycleTracker:
+    """Follows the counter, and the phase of its changes on the local steady clock.
+
+    A server tells nobody when it changes a value, short of a subscription, whose sampling and publishing intervals are
+    up to the server. So it is polled, but only about when the counter is due.
+
+    Attributes
+    ----------
+    skipped, restarts : int
+        Cycles that were never seen, and times that the counter went back.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self.skipped = self.restarts = 0
+        self._period_s = period_s
+        self._counter: int | None = None
+        self._due_s: float | None = None
+        self._polls = 0
+
+    def see(self, counter: int, read_s: float) -> int | None:
+        """Take a value of the counter, read at ``read_s`` on a steady clock.
+
+        Returns
+        -------
+        int or None
+            None where it has not changed; else the cycles since the value before, 0 at the first value and where it
+            has gone back.
+        """
+        before, self._counter = self._counter, counter
+        if counter == before:
+            self._polls += 1
+            return None
+        steps = 0 if before is None else max(0, counter - before)
+        if before is not None and not steps:
+            self.restarts += 1
+        self.skipped += max(0, steps - 1)
+        self._correct(steps, read_s)
+        self._polls = 0
+        return steps
+
+    def next_poll_s(self, read_s: float) -> float:
+        """When to read next, after the read of ``read_s``."""
+        if self._due_s is None:
+            return read_s + NEAR_S
+        if read_s > self._due_s + (_OVERDUE_PERIODS - 1.0) * self._period_s:
+            return read_s + OVERDUE_S
+        return max(self._due_s - LEAD_S, read_s + NEAR_S)
+
+    def _correct(self, steps: int, read_s: float) -> None:
+        """Note when the next change is due."""
+        if self._due_s is None or steps != 1 or abs(read_s - self._due_s) > self._period_s / 2.0:
+            self._due_s = read_s + self._period_s
+        elif self._polls:
+            self._due_s += self._period_s + _GAIN * (read_s - self._due_s)
+        else:
+            # It had changed before the first look, nobody knows when: look earlier.
+            self._due_s = min(self._due_s, read_s) + self._period_s - LEAD_S

@@ -1,0 +1,46 @@
+"""What went wrong with the server, in one line that says what to do."""
+
+from __future__ import annotations
+
+from asyncua import ua
+
+from fsw_machine.certificates import SecurityError
+from fsw_machine.machine_file import MachineFile
+
+_USER = {"BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid", "BadUserSignatureInvalid"}
+_OWN_CERTIFICATE = {
+    *("BadCertificateUntrusted", "BadCertificateInvalid", "BadCertificateTimeInvalid", "BadCertificateUriInvalid"),
+    *("BadCertificateUseNotAllowed", "BadCertificateChainIncomplete", "BadCertificateRevoked"),
+    *("BadSecurityChecksFailed", "BadCertificateHostNameInvalid", "BadSecurityModeRejected"),
+}
+
+
+class LinkError(RuntimeError):
+    """The server is not as the machine file says; the message names the entry and what to do."""
+
+
+def words(error: BaseException, machine: MachineFile) -> str:
+    """An error of the connection in one line."""
+    at = f"endpoint {machine.endpoint}"
+    if isinstance(error, LinkError | SecurityError):
+        return str(error)
+    if isinstance(error, ua.UaStatusCodeError):
+        name = type(error).__name__ if type(error) is not ua.UaStatusCodeError else f"status {error.code:#010x}"
+        if name in _USER:
+            if machine.user is None:
+                return f"user: {at} wants a user ({name}); give user.name and its password"
+            source = machine.user.password_file or f"the variable {machine.user.password_env}"
+            return f"user: {at} refuses {machine.user.name!r} with the password of {source} ({name})"
+        if name in _OWN_CERTIFICATE and machine.security is not None:
+            text = "does not accept our security.certificate"
+            return f"{at} {text} {machine.security.certificate} ({name}); put it into the server's trust list"
+        if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
+            return f"security: {at} refuses this security ({name}); see what the server is set to"
+        return f"{at}: {name}"
+    if machine.security is None and "No matching endpoints" in str(error):
+        return f"security: {at} lets nobody in without security; give policy, certificate, ..."
+    if isinstance(error, TimeoutError):
+        return f"{at}: no answer in time"
+    if isinstance(error, OSError):
+        return f"{at}: no connection ({error.strerror or error or type(error).__name__})"
+    return f"{at}: {type(error).__name__}: {' '.join(str(error).split())[:200]}"

@@ -1,0 +1,228 @@
+"""The gateway to a machine as a node: in place of the plant emulator."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import Temperature
+
+from fsw_control import messages_ros as convert
+from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.node_main_ros import run
+from fsw_control.parameters import problem
+from fsw_control.parameters_ros import declare
+from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.reports_ros import commands as commands_report
+from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
+from fsw_control.topics_ros import STREAM
+from fsw_machine import gateway_reports_ros as reports
+from fsw_machine.gateway import Gateway, Publication, limits_from
+from fsw_machine.machine_file import MachineFile
+from fsw_machine.samples import CycleRead
+from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand
+
+try:
+    from fsw_machine import certificates
+    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Standing, Written, password
+except ModuleNotFoundError as error:
+    sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
+
+_PATROL_S = 0.2
+_REPORT_S = 1.0
+
+
+class MachineNode(Node):
+    """Publishes what the machine measures and writes the commands that its gateway accepts.
+
+    The link's thread appends events to a queue and triggers a guard condition; everything else happens in the
+    executor's thread.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("fsw_machine")
+        self._settings = declare(self, "fsw_machine", "gateway.yaml")
+        values = self._settings.values
+        given = values["machine_file"]
+        path = Path(given).expanduser() if given else Path(str(resources.files("fsw_machine") / "machine.yaml"))
+        self._machine = MachineFile.load(path)
+        self._check_secrets()
+        self._gateway = Gateway(self._machine, values)
+        self._events: deque[Event] = deque()
+        self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
+        self._standing_s = self._longest_write_s = 0.0
+        self._reported = (0, 0)
+        self._told: dict[str, tuple[bytes, str]] = {}
+        self._refused = ""
+        self._open_topics()
+        self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
+        self._guard = SingleInstanceGuard(self)
+        self._guard.check(values["discovery_s"], self._announce)
+        self._settings.add_check(partial(problem, limits_from))
+        self._settings.on_change(self._configure)
+        self._wake = self.create_guard_condition(self._on_events)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_PATROL_S, self._writers.look, clock=steady)
+        self.create_timer(_REPORT_S, self._report, clock=steady)
+        self._link = MachineLink(self._machine, _link_settings(values), self._deliver)
+        self._link.start()
+
+    def _check_secrets(self) -> None:
+        """Refuse to start with certificates or a password that cannot be used; they are checked at every attempt."""
+        if self._machine.security is not None:
+            certificates.check(self._machine.security, certificates.now())
+        if self._machine.user is not None:
+            password(self._machine.user)
+
+    def _open_topics(self) -> None:
+        self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
+        self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
+        self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+
+    def destroy_node(self) -> None:
+        """Close the session, then end."""
+        if hasattr(self, "_link"):
+            self._link.stop()
+        super().destroy_node()
+
+    # ---------------------------------------------------------------- the link
+
+    def _deliver(self, event: Event) -> None:
+        """In the link's thread."""
+        self._events.append(event)
+        self._wake.trigger()
+
+    def _on_events(self) -> None:
+        while self._events:
+            self._on_event(self._events.popleft())
+
+    def _on_event(self, event: Event) -> None:
+        gateway = self._gateway
+        if isinstance(event, CycleRead):
+            standing, self._standing_s = self._standing_s, 0.0
+            permissive, joined = gateway.permissive, gateway.joined
+            publication = gateway.on_read(event)
+            if publication is not None:
+                self._publish(publication)
+            if standing or (permissive, joined) != (gateway.permissive, gateway.joined):
+                self._report()
+        elif isinstance(event, Written):
+            gateway.on_written(event.order, event.failure)
+            self._longest_write_s = max(self._longest_write_s, event.took_s)
+            if event.failure:
+                self.get_logger().error(f"command not taken: {event.failure}", throttle_duration_sec=1.0)
+        elif isinstance(event, Connected):
+            self._attempts, self._standing_s = 0, 0.0
+            gateway.on_connected()
+            self._report()
+        elif isinstance(event, Lost):
+            self._losses += gateway.connected
+            self._attempts += 1
+            self._lost, self._retry_s = event.reason, event.retry_s
+            gateway.on_lost()
+            self._report()
+        elif isinstance(event, Standing):
+            self._standing_s = event.age_s
+            self._report()
+
+    def _publish(self, out: Publication) -> None:
+        """The drives first, because the sensors' last sample completes the tick."""
+        self._drives.publish(convert.drives_message(out.drives, out.stamp_ns))
+        self._depths.publish(convert.depth_message(out.depth_mm, out.stamp_ns))
+        self._torques.publish(convert.torque_message(out.torque_nm, out.stamp_ns))
+        self._temperatures.publish(convert.temperature_message(out.temperature_c, out.stamp_ns))
+
+    def _on_command(self, message: WeldCommand) -> None:
+        gateway, stamp_ns = self._gateway, convert.stamp_ns(message.header.stamp)
+        refused = gateway.gate.total()
+        now_s = time.monotonic()
+        order = gateway.on_command(convert.command(message), stamp_ns, message.source, message.healthy, now_s)
+        if order is not None:
+            self._refused = ""
+            self._link.write(order)
+        elif gateway.gate.total() > refused:
+            reason = gateway.gate.last_refusal.partition(":")[0]
+            if reason != self._refused:
+                self.get_logger().warning(f"command refused: {gateway.gate.last_refusal}")
+            self._refused = reason
+
+    # ---------------------------------------------------------------- reports
+
+    def _configure(self, values: dict[str, Any]) -> None:
+        self._gateway.configure(values)
+        self._writers.set_sources()
+        self._link.settings = _link_settings(values)
+
+    def _announce(self) -> None:
+        self._publish_reports([Report("connection", OK, STARTING, {})])
+
+    def _report(self) -> None:
+        gateway = self._gateway
+        totals = (gateway.gate.total(), gateway.failed)
+        refused, failed = (new - old for new, old in zip(totals, self._reported, strict=True))
+        self._reported = totals
+        longest_s, self._longest_write_s = self._longest_write_s, 0.0
+        lines = [
+            reports.connection(
+                self._machine.endpoint, gateway.connected, self._lost, self._losses, self._attempts, self._retry_s
+            ),
+            reports.machine(gateway, self._standing_s, self._link.tracker.skipped, self._link.tracker.restarts),
+            reports.clock(gateway, self._settings.values),
+            commands_report(gateway.gate, refused, self._writers.names),
+            reports.writes(gateway, failed, longest_s),
+        ]
+        self._publish_reports(lines)
+        for line in lines:
+            if line.part in ("connection", "machine") and self._told.get(line.part) != (line.level, _kind(line.text)):
+                self._told[line.part] = (line.level, _kind(line.text))
+                self._log(line)
+
+    def _log(self, line: Report) -> None:
+        logger, text = self.get_logger(), f"{line.part}: {line.text}"
+        # three calls, because rclpy refuses a line of code that changes its severity
+        if line.level == ERROR:
+            logger.error(text)
+        elif line.level == WARN:
+            logger.warning(text)
+        else:
+            logger.info(text)
+
+    def _publish_reports(self, lines: list[Report]) -> None:
+        status = [
+            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
+            for part, level, text, values in lines
+        ]
+        self._diagnostics.publish(convert.diagnostics_message(self.get_clock().now().nanoseconds, status))
+
+
+def _kind(text: str) -> str:
+    """A text without its figures, so that one thing is logged once."""
+    return "".join(character for character in text if not character.isdigit())
+
+
+def _link_settings(values: dict[str, Any]) -> LinkSettings:
+    return LinkSettings(
+        values["request_timeout_s"], values["cycle_timeout_s"], values["reconnect.first_s"], values["reconnect.max_s"]
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run(MachineNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""Values and nodes of the server: converted, and checked once per connection against the machine file."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+from asyncua import Client, ua
+
+from fsw_machine.link_errors import LinkError
+from fsw_machine.machine_file import READ, WRITTEN, MachineFile
+from fsw_machine.samples import RawValue
+
+_EPOCH = datetime(1970, 1, 1)
+_MICROSECOND = timedelta(microseconds=1)
+_WHOLE = {ua.VariantType[name] for name in ("SByte", "Byte", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")}
+_NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *_WHOLE}
+
+
+def epoch_ns(when: datetime) -> int:
+    """Nanoseconds since 1970 of a timestamp, which is UTC."""
+    plain = when.astimezone(UTC).replace(tzinfo=None) if when.tzinfo else when
+    return (plain - _EPOCH) // _MICROSECOND * 1000
+
+
+def raw_value(answer: ua.DataValue) -> RawValue:
+    """A value of the server, without asyncua's types."""
+    value = None if answer.Value is None else answer.Value.Value
+    status = answer.StatusCode or ua.StatusCode()
+    source_ns = None if answer.SourceTimestamp is None else epoch_ns(answer.SourceTimestamp)
+    return RawValue(value, int(status.value), status.name, source_ns)
+
+
+async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId]) -> list[ua.VariantType]:
+    """Look whether all nodes exist, are of the right kind and may be written; returns the types of those written.
+
+    A value that is only bad at present is no error here.
+
+    Raises
+    ------
+    LinkError
+        Naming the entry of the machine file.
+    """
+    names = (*READ, *WRITTEN)
+    wanted = [ua.ReadValueId(nodes[name], ua.AttributeIds.Value) for name in names]
+    wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.UserAccessLevel) for name in WRITTEN]
+    wanted += [ua.ReadValueId(nodes[name], ua.AttributeIds.DataType) for name in names]
+    answers = await client.uaclient.read(ua.ReadParameters(NodesToRead=wanted))
+    values = dict(zip(names, answers, strict=False))
+    access = dict(zip(WRITTEN, answers[len(names) :], strict=False))
+    types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
+    found = [_type(name, machine, values[name], types[name]) for name in names]
+    for name, kind in zip(names, found, strict=True):
+        node = machine.nodes[name].node
+        if name == "permissive":
+            fits, wanted_kind = kind is ua.VariantType.Boolean, "a Boolean"
+        elif name in ("cycle", "heartbeat"):
+            fits, wanted_kind = kind in _WHOLE, "a whole number"
+        else:
+            fits, wanted_kind = kind in _NUMBERS, "a number"
+        if not fits:
+            raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
+    for name, answer in access.items():
+        level = None if answer.Value is None else answer.Value.Value
+        if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
+            raise LinkError(f"nodes.{name}: {machine.nodes[name].node} may not be written by this user")
+    return found[len(READ) :]
+
+
+def _type(name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.DataValue) -> ua.VariantType:
+    node = machine.nodes[name].node
+    status = value.StatusCode or ua.StatusCode()
+    if status.value in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
+        raise LinkError(f"nodes.{name}: the server has no node {node}")
+    if status.value == ua.StatusCodes.BadAttributeIdInvalid:
+        raise LinkError(f"nodes.{name}: {node} has no value; it must be a variable")
+    if status.value in (ua.StatusCodes.BadUserAccessDenied, ua.StatusCodes.BadNotReadable):
+        raise LinkError(f"nodes.{name}: {node} may not be read by this user ({status.name})")
+    if value.Value is not None and value.Value.VariantType is not ua.VariantType.Null:
+        kind = value.Value.VariantType
+    else:
+        declared = None if data_type.Value is None else data_type.Value.Value
+        known = isinstance(declared, ua.NodeId) and declared.NamespaceIndex == 0 and declared.Identifier in range(1, 26)
+        kind = ua.VariantType(declared.Identifier) if known and declared is not None else ua.VariantType.Null
+    if value.Value is not None and value.Value.is_array:
+        raise LinkError(f"nodes.{name}: {node} is an array, must be a single value")
+    return kind

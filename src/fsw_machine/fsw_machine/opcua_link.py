@@ -1,0 +1,327 @@
+"""The OPC UA client: asyncio in a thread of its own, with a small hand-over to the node's thread."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError as FutureCancelledError
+from dataclasses import dataclass
+from typing import Any
+
+from asyncua import Client, ua
+from asyncua.crypto import security_policies
+
+from fsw_control import weld
+from fsw_machine import certificates
+from fsw_machine.certificates import SecurityError
+from fsw_machine.cycle import CycleTracker
+from fsw_machine.gateway import Order
+from fsw_machine.link_errors import LinkError, words
+from fsw_machine.machine_file import READ, WRITTEN, MachineFile, NodeSpec, Security, User
+from fsw_machine.node_check import check_nodes, epoch_ns, raw_value
+from fsw_machine.samples import CycleRead
+
+#: while connecting, requests may take longer: a server may be busy with keys [s]
+_CONNECT_TIMEOUT_S = 5.0
+#: a server keeps the session of a client that was killed for so long, and many keep few [ms]
+_SESSION_MS = 20_000
+#: how long the session's end may take [s]
+_END_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """Session, nodes and rights are there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """There is no connection: why, and when the next attempt begins (seconds from now)."""
+
+    reason: str
+    retry_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The cycle counter has not changed for so long."""
+
+    age_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The server's answer to an order; ``failure`` is empty if it was taken. ``took_s`` is the round trip."""
+
+    order: Order
+    failure: str
+    took_s: float
+
+
+Event = Connected | Lost | Standing | Written | CycleRead
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSettings:
+    """What the node's parameters of these names say."""
+
+    request_timeout_s: float
+    cycle_timeout_s: float
+    first_s: float
+    max_s: float
+
+
+class BackOff:
+    """Waits between attempts: doubled after each, up to a maximum, short again after a success."""
+
+    def __init__(self, first_s: float, max_s: float) -> None:
+        self._first_s, self._max_s = first_s, max(first_s, max_s)
+        self._next_s = first_s
+
+    def next(self) -> float:
+        """The wait before the next attempt."""
+        wait_s, self._next_s = self._next_s, min(2.0 * self._next_s, self._max_s)
+        return min(wait_s, self._max_s)
+
+    def reset(self) -> None:
+        """An attempt has succeeded."""
+        self._next_s = self._first_s
+
+
+class MachineLink:
+    """Connects, reads every cycle, writes orders, and connects again, until it is stopped.
+
+    Parameters
+    ----------
+    machine : MachineFile
+    settings : LinkSettings
+    deliver : callable
+        Gets every event; called in the link's thread.
+    """
+
+    def __init__(self, machine: MachineFile, settings: LinkSettings, deliver: Callable[[Event], None]) -> None:
+        self._machine, self.settings, self._deliver = machine, settings, deliver
+        self.tracker = CycleTracker(weld.TICK_S)
+        self._client: Client | None = None
+        self._order_types: list[ua.VariantType] = []
+        self._nodes: dict[str, ua.NodeId] = {}
+        self._loop = asyncio.new_event_loop()
+        self._task: asyncio.Task[None] | None = None
+        self._writes: set[asyncio.Task[None]] = set()
+        self._thread = threading.Thread(target=self._run_loop, name="opcua", daemon=True)
+        for name in ("asyncua", "asyncio"):
+            # what fails is told here, in one line of our own
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+
+    def start(self) -> None:
+        """Begin to connect."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the session and end the thread."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._cancel)
+        self._thread.join(3.0 * _END_S)
+
+    def write(self, order: Order) -> None:
+        """Write an order; its ``Written`` follows, unless the connection is lost."""
+        with contextlib.suppress(RuntimeError, FutureCancelledError):  # the loop has ended meanwhile
+            self._loop.call_soon_threadsafe(self._begin_write, order)
+
+    # ---------------------------------------------------------------- in the thread
+
+    def _run_loop(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._task = self._loop.create_task(self._run())
+            with contextlib.suppress(asyncio.CancelledError):
+                self._loop.run_until_complete(self._task)
+        finally:
+            self._loop.close()
+
+    def _cancel(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _run(self) -> None:
+        back_off = BackOff(self.settings.first_s, self.settings.max_s)
+        while True:
+            try:
+                await self._connect()
+                back_off.reset()
+                self._deliver(Connected())
+                await self._follow()
+            except Exception as error:
+                wait_s = back_off.next()
+                self._deliver(Lost(words(error, self._machine), wait_s))
+                await self._disconnect()
+                await asyncio.sleep(wait_s)
+            finally:
+                await self._disconnect()
+
+    async def _connect(self) -> None:
+        machine = self._machine
+        client = Client(machine.endpoint, timeout=_CONNECT_TIMEOUT_S, watchdog_intervall=3600.0)
+        client.name = client.description = "fsw_machine"
+        client.session_timeout = _SESSION_MS
+        if machine.security is not None:
+            await secure(client, machine, machine.security)
+        if machine.user is not None:
+            client.set_user(machine.user.name)
+            client.set_password(password(machine.user))
+        self._client = client
+        try:
+            await client.connect()
+        except AssertionError:
+            # asyncua trips over servers that refuse the secure channel with a ServiceFault
+            raise LinkError(f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}") from None
+        index = 0
+        if machine.namespace:
+            uris = await client.get_namespace_array()
+            if machine.namespace not in uris:
+                raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
+            index = uris.index(machine.namespace)
+        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
+        self._order_types = await check_nodes(client, machine, self._nodes)
+
+    async def _disconnect(self) -> None:
+        client, self._client = self._client, None
+        for write in self._writes:
+            write.cancel()
+        if client is None:
+            return
+        # An answer is not waited for long: what hangs has perhaps been unplugged.
+        with contextlib.suppress(Exception):
+            await asyncio.wait_for(asyncio.shield(client.disconnect()), _END_S)
+        protocol = client.uaclient.protocol
+        if protocol is not None and protocol.transport is not None:
+            # aborted, so that nothing that was sent into a broken connection is delivered later
+            protocol.transport.abort()
+
+    # ---------------------------------------------------------------- reading
+
+    async def _follow(self) -> None:
+        """Read once per cycle, for as long as that works."""
+        request = ua.ReadParameters(
+            TimestampsToReturn=ua.TimestampsToReturn.Source,
+            NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in READ],
+        )
+        changed_s = told_s = time.monotonic()
+        while True:
+            assert self._client is not None
+            answers = await asyncio.wait_for(self._client.uaclient.read(request), self.settings.request_timeout_s)
+            read_s = time.monotonic()
+            counter = answers[0].Value.Value if answers[0].Value is not None else None
+            # a bad counter is none: nothing is published then, and nothing written
+            whole = isinstance(counter, int) and not isinstance(counter, bool) and answers[0].StatusCode.is_good()
+            steps = self.tracker.see(int(counter or 0), read_s) if whole else None
+            if steps is not None:
+                if answers[0].SourceTimestamp is None:
+                    raise LinkError("nodes.cycle: without a source timestamp; the server must send one with each value")
+                changed_s = told_s = read_s
+                values = {name: raw_value(answer) for name, answer in zip(READ, answers, strict=True)}
+                source_ns = epoch_ns(answers[0].SourceTimestamp)
+                self._deliver(CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps))
+            elif read_s - told_s > self.settings.cycle_timeout_s:
+                told_s = read_s
+                self._deliver(Standing(read_s - changed_s))
+            await asyncio.sleep(max(0.0, self.tracker.next_poll_s(read_s) - time.monotonic()))
+
+    # ---------------------------------------------------------------- writing
+
+    def _begin_write(self, order: Order) -> None:
+        task = self._loop.create_task(self._write(order))
+        self._writes.add(task)
+        task.add_done_callback(self._writes.discard)
+
+    async def _write(self, order: Order) -> None:
+        """Write set-points and heartbeat in one request, the heartbeat last."""
+        client, begin_s = self._client, time.monotonic()
+        if client is None or begin_s - order.accepted_s > weld.TICK_S:
+            self._deliver(Written(order, "it could not be sent within its cycle", 0.0))
+            return
+        try:
+            numbers = (order.force, order.speed, order.heartbeat)
+            request = ua.WriteParameters(
+                NodesToWrite=[
+                    ua.WriteValue(self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(_variant(number, kind)))
+                    for name, number, kind in zip(WRITTEN, numbers, self._order_types, strict=True)
+                ]
+            )
+            results = await asyncio.wait_for(client.uaclient.write(request), self.settings.request_timeout_s)
+            refused = [
+                f"{name}: {result.name}" for name, result in zip(WRITTEN, results, strict=True) if not result.is_good()
+            ]
+            failure = f"refused by the machine: {', '.join(refused)}" if refused else ""
+        except asyncio.CancelledError:
+            raise
+        except Exception as error:
+            failure = words(error, self._machine)
+        self._deliver(Written(order, failure, time.monotonic() - begin_s))
+
+
+async def secure(client: Client, machine: MachineFile, security: Security) -> None:
+    """Check the certificates, look at what the server offers, and set the client's security.
+
+    asyncua itself accepts expired certificates and compares the server's late, so both are done here first.
+    """
+    client.application_uri, pinned = certificates.check(security, certificates.now())
+    kind = getattr(security_policies, f"SecurityPolicy{security.policy}")
+    endpoints = await client.connect_and_get_server_endpoints()
+    offered = [one for one in endpoints if one.SecurityPolicyUri == kind.URI]
+    offered = [one for one in offered if one.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt]
+    if not offered:
+        names = sorted(
+            {str(one.SecurityPolicyUri).rpartition("#")[2] + f"/{one.SecurityMode.name}" for one in endpoints}
+        )
+        raise SecurityError(
+            f"security.policy: {machine.endpoint} does not offer {security.policy}/SignAndEncrypt; "
+            f"it offers {', '.join(names)}"
+        )
+    if not (offered[0].ServerCertificate or b"").startswith(certificates.der(pinned)):
+        raise SecurityError(
+            f"security.server_certificate: the server's certificate is not {security.server_certificate} "
+            f"(SHA-1 {certificates.thumbprint(pinned)}); if it is known to have a new one, copy that into the file"
+        )
+    await client.set_security(
+        kind, str(security.certificate), str(security.private_key), server_certificate=str(security.server_certificate)
+    )
+
+
+def password(user: User) -> str:
+    """The user's password, from its file or environment variable."""
+    if user.password_file is None:
+        text = os.environ.get(user.password_env, "")
+        if not text:
+            raise SecurityError(f"user.password_env: the environment variable {user.password_env} is not set")
+        return text
+    try:
+        text = user.password_file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "no text in UTF-8"
+        raise SecurityError(f"user.password_file: cannot read {user.password_file}: {why}") from None
+    if not text:
+        raise SecurityError(f"user.password_file: {user.password_file} is empty")
+    return text
+
+
+def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
+    """The node's id; where it names no namespace, in the one given."""
+    text = spec.node if spec.node.startswith("ns=") else f"ns={namespace};{spec.node}"
+    return ua.NodeId.from_string(text)
+
+
+def _hint(machine: MachineFile) -> str:
+    if machine.security is None:
+        return ""
+    return f"; most likely our security.certificate {machine.security.certificate} is not in its trust list"
+
+
+def _variant(number: float, kind: ua.VariantType) -> Any:
+    whole = kind not in (ua.VariantType.Float, ua.VariantType.Double)
+    return ua.Variant(round(number) if whole else float(number), kind)

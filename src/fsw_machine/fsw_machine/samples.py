@@ -1,0 +1,114 @@
+"""What one Read of the server says: values with status and source timestamp, judged against the cycle counter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import NamedTuple
+
+from fsw_control.units import NANOSECONDS
+from fsw_machine.machine_file import NodeSpec
+
+#: a value may be so much newer than the cycle counter: half a cycle [ns]; more is of another cycle or another clock
+_NEWER_NS = 50_000_000
+#: the two upper bits of a status code; 0: good, 1: uncertain, 2: bad
+_SEVERITY_BITS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class RawValue:
+    """A value as the server sent it.
+
+    Attributes
+    ----------
+    value : object
+        Whatever it is; None: nothing.
+    status : int
+        OPC UA status code.
+    status_name : str
+        For messages.
+    source_ns : int or None
+        Source timestamp, on the server's clock.
+    """
+
+    value: object
+    status: int = 0
+    status_name: str = "Good"
+    source_ns: int | None = None
+
+    @property
+    def good(self) -> bool:
+        """Whether the status is good, not uncertain or bad."""
+        return self.status >> _SEVERITY_BITS == 0
+
+
+class Sample(NamedTuple):
+    """A number in its unit inside, NaN where it must not be used, and then why."""
+
+    value: float
+    fault: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CycleRead:
+    """The read that has shown a new value of the cycle counter.
+
+    Attributes
+    ----------
+    counter : int
+    values : mapping of str to RawValue
+        By the names of ``machine_file.READ``.
+    source_ns : int
+        Source timestamp of the counter.
+    read_s, read_ns : float, int
+        When the read was answered, on the local steady clock and on the local wall clock.
+    steps : int
+        Cycles since the counter value before; 0 at the first, and after it went back.
+    """
+
+    counter: int
+    values: Mapping[str, RawValue]
+    source_ns: int
+    read_s: float
+    read_ns: int
+    steps: int
+
+
+def fault_of(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> str:
+    """Why a value must not be used with the cycle of ``cycle_ns``, whatever its type; empty if it may."""
+    if not raw.good:
+        return f"status {raw.status_name}"
+    if raw.source_ns is None:
+        return "without a source timestamp"
+    age_ns = cycle_ns - raw.source_ns
+    if age_ns > round(spec.stale_after_s * NANOSECONDS):
+        return f"{age_ns / NANOSECONDS:.2f} s older than the cycle counter"
+    if -age_ns > _NEWER_NS:
+        return f"{-age_ns / NANOSECONDS:.2f} s newer than the cycle counter"
+    return ""
+
+
+def number_fault(value: object) -> str:
+    """Why a value is no finite number, empty if it is one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{_type_name(value)}, not a number"
+    return "" if isfinite(value) else "not finite"
+
+
+def sample(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> Sample:
+    """The number of a value in its unit inside."""
+    fault = fault_of(raw, spec, cycle_ns) or number_fault(raw.value)
+    return Sample(nan, fault) if fault else Sample(spec.inside(float(raw.value)))  # type: ignore[arg-type]
+
+
+def bit(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> Sample:
+    """A bit as 1.0 or 0.0; NaN where it must not be used."""
+    fault = fault_of(raw, spec, cycle_ns)
+    if not fault and not isinstance(raw.value, bool):
+        fault = f"{_type_name(raw.value)}, not a Boolean"
+    return Sample(nan, fault) if fault else Sample(float(raw.value is True))
+
+
+def _type_name(value: object) -> str:
+    return "empty" if value is None else f"a {type(value).__name__}"

@@ -1,0 +1,55 @@
+"""Stamps of the ticks, from the server's source timestamps."""
+
+from __future__ import annotations
+
+#: deviation of the source timestamps from counter and local clock that counts as a step of the server's clock [ns]
+STEP_NS = 500_000_000
+
+
+class Stamps:
+    """Stamps that rise with the machine's cycles, whatever its clock does.
+
+    A stamp is the counter's source timestamp plus a shift. The shift is 0 at first, or with ``received`` what makes the
+    first stamp the local time. Where the source timestamps leave both what the cycle counter has counted and what has
+    passed here by half a second, or do not rise, the server's clock was set: the shift takes up the step, so that the
+    stamps go on as if it had not been. Less than that is a busy machine or network.
+
+    Attributes
+    ----------
+    steps : int
+        Steps of the server's clock.
+    shift_ns : int
+        Stamp less source timestamp.
+    """
+
+    def __init__(self, period_ns: int, received: bool = False) -> None:
+        self.steps = self.shift_ns = 0
+        self._period_ns, self._received = period_ns, received
+        self._last_ns: int | None = None
+
+    def next(self, source_ns: int, steps: int, local_ns: int, elapsed_ns: int) -> int:
+        """Stamp of a tick.
+
+        Parameters
+        ----------
+        source_ns : int
+            Source timestamp of the counter.
+        steps : int
+            Cycles since the tick before; 0: not known.
+        local_ns : int
+            Local wall clock.
+        elapsed_ns : int
+            Time since the tick before on the local steady clock.
+        """
+        if self._last_ns is None:
+            self.shift_ns = local_ns - source_ns if self._received else 0
+        else:
+            moved_ns = source_ns + self.shift_ns - self._last_ns
+            counted_ns = steps * self._period_ns
+            passed_ns = max(elapsed_ns, self._period_ns)
+            off_ns = min(abs(moved_ns - (counted_ns or passed_ns)), abs(moved_ns - passed_ns))
+            if off_ns > STEP_NS or moved_ns <= 0:
+                self.steps += 1
+                self.shift_ns += (counted_ns or passed_ns) - moved_ns
+        self._last_ns = source_ns + self.shift_ns
+        return self._last_ns

@@ -1,0 +1,27 @@
+from setuptools import find_packages, setup
+
+package_name = "fsw_machine"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["*.yaml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="FSW Control maintainers",
+    maintainer_email="maintainers@fsw-control.invalid",
+    description="Gateway to a machine over OPC UA, in place of the plant emulator, and a machine to test it with.",
+    license="Apache-2.0",
+    tests_require=["pytest"],
+    entry_points={
+        "console_scripts": [
+            "machine = fsw_machine.machine_node:main",
+            "machine_server = fsw_machine.machine_server:main",
+        ]
+    },
+)

@@ -1,0 +1,138 @@
+"""Machine files: what is taken, and one line for everything that is wrong."""
+
+import math
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_machine.machine_file import READ, WRITTEN, MachineFile, MachineFileError
+
+SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
+
+
+def changed(text, path, value=None, remove=False):
+    """The text of a machine file with one entry (dotted) set or removed."""
+    content = yaml.safe_load(text)
+    *above, last = path.split(".")
+    section = content
+    for key in above:
+        section = section[key]
+    if remove:
+        del section[last]
+    else:
+        section[last] = value
+    return yaml.safe_dump(content)
+
+
+def test_the_shipped_file_names_every_node(machine):
+    assert tuple(machine.nodes) == (*READ, *WRITTEN)
+    assert machine.security is None and machine.user is None
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "number", "inside"),
+    [
+        ("depth", "m", 0.00266, 2.66),
+        ("depth", "um", 2660.0, 2.66),
+        ("torque", "kN m", 0.98, 980.0),
+        ("temperature", "K", 1089.55, 816.4),
+        ("force_acting", "N", 78400.0, 78.4),
+        ("speed_setpoint", "rad/s", 10 * math.pi, 300.0),
+        ("speed_in_force", "1/s", 5.0, 300.0),
+    ],
+)
+def test_units(shipped_text, name, unit, number, inside):
+    spec = MachineFile.parse(changed(shipped_text, f"nodes.{name}.unit", unit)).nodes[name]
+    assert spec.inside(number) == pytest.approx(inside)
+    assert spec.number(inside) == pytest.approx(number)
+
+
+@given(
+    scale=st.floats(1e-3, 1e3) | st.floats(-1e3, -1e-3),
+    offset=st.floats(-1e3, 1e3),
+    number=st.floats(-1e5, 1e5),
+)
+def test_scale_and_offset_are_undone_when_written(scale, offset, number):
+    content = {name: {"node": "i=1"} for name in (*READ, *WRITTEN)}
+    for name, unit in (("depth", "mm"), ("torque", "N m"), ("temperature", "K")):
+        content[name]["unit"] = unit
+    for name in ("acting", "in_force", "setpoint"):
+        content[f"force_{name}"]["unit"], content[f"speed_{name}"]["unit"] = "kN", "rpm"
+    content["temperature"] |= {"scale": scale, "offset": offset}
+    text = yaml.safe_dump({"endpoint": "opc.tcp://plc:4840", "security": "none", "nodes": content})
+    spec = MachineFile.parse(text).nodes["temperature"]
+    assert spec.inside(number) == pytest.approx(scale * number + offset - 273.15, abs=1e-6)
+    assert spec.number(spec.inside(number)) == pytest.approx(number, abs=1e-5 / abs(scale) + 1e-6)
+
+
+WRONG = [
+    ("nodes.depth.unit", None, "nodes.depth.unit: missing; give one of mm, m, um"),
+    ("nodes.depth.unit", "kN", "nodes.depth.unit: 'kN' is no unit of length"),
+    ("nodes.depth.unit", 5, "nodes.depth.unit: 5 is not a text"),
+    ("nodes.depth.node", "Weld.Depth", "nodes.depth.node: 'Weld.Depth' is not a node id"),
+    ("nodes.depth.node", "ns=two;s=Depth", "is not a node id"),
+    ("nodes.depth.scale", 0, "nodes.depth.scale: must not be 0"),
+    ("nodes.depth.scale", float("nan"), "nodes.depth.scale: nan is not a finite number"),
+    ("nodes.depth.scale", True, "nodes.depth.scale: True is not a finite number"),
+    ("nodes.depth.stale_after_s", -1.0, "nodes.depth.stale_after_s: -1 must be above 0"),
+    ("nodes.depth.untis", "mm", "nodes.depth.untis: unknown; did you mean unit?"),
+    ("nodes.heartbeat.unit", "s", "nodes.heartbeat.unit: unknown"),
+    ("nodes.depht", {"node": "i=1"}, "nodes.depht: unknown; did you mean depth?"),
+    ("nodes.torque", None, "nodes.torque: missing"),
+    ("nodes.torque", "i=5", "nodes.torque must be a mapping"),
+    ("nodes", [], "nodes must be a mapping"),
+    ("security", None, "security: missing; for a plain connection write 'security: none'"),
+    ("security", "off", "security must be a mapping (or write 'security: none' for plain)"),
+    ("security", False, "security must be a mapping"),
+    ("security", SECURITY | {"policy": "Basic128"}, "security.policy: 'Basic128' is none of Basic256Sha256"),
+    ("security", {**SECURITY, "private_key": ""}, "security.private_key: '' is not a text"),
+    ("endpoint", "http://plc:4840", "endpoint: 'http://plc:4840' is none; write opc.tcp://host:port/path"),
+    ("endpoint", "opc.tcp://plc", "endpoint: "),
+    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint: "),
+    ("user", {"name": "weld", "password_env": "P"}, "user: a password would travel unencrypted"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "words"), WRONG)
+def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
+    with pytest.raises(MachineFileError) as caught:
+        MachineFile.parse(changed(shipped_text, path, value, remove=value is None))
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("machine.yaml: ") and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("user", "words"),
+    [
+        ({"name": "weld", "password": "secret"}, "user.password: must not be in this file"),
+        ({"name": "weld"}, "user.name: give either password_file or password_env"),
+        ({"name": "weld", "password_env": "P", "password_file": "p"}, "user.name: give either"),
+    ],
+)
+def test_passwords_are_elsewhere(shipped_text, user, words):
+    text = changed(changed(shipped_text, "security", SECURITY), "user", user)
+    with pytest.raises(MachineFileError, match=words):
+        MachineFile.parse(text)
+
+
+@pytest.mark.parametrize("text", ["", "5", "nodes: [", "\0", "[]"])
+def test_what_is_no_machine_file(text):
+    with pytest.raises(MachineFileError) as caught:
+        MachineFile.parse(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read(tmp_path):
+    with pytest.raises(MachineFileError, match="cannot read"):
+        MachineFile.load(tmp_path / "none.yaml")
+
+
+def test_paths_are_relative_to_the_file(shipped_text, tmp_path):
+    content = yaml.safe_load(changed(shipped_text, "security", SECURITY))
+    content["user"] = {"name": "weld", "password_file": "secret"}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(content))
+    loaded = MachineFile.load(tmp_path / "m.yaml")
+    assert loaded.security.certificate == tmp_path / "c.der"
+    assert loaded.user.password_file == tmp_path / "secret"

@@ -1,0 +1,251 @@
+"""What the gateway publishes and which commands it passes on."""
+
+from math import isnan, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control import Command
+from fsw_control.parameters import defaults, load
+from fsw_machine.gateway import PAUSE_S, Gateway
+from fsw_machine.samples import RawValue
+
+STEADY = Command(78.4, 407.5)
+
+
+class Machine:
+    """Reads cycle after cycle into a gateway, as a machine does that obeys it."""
+
+    def __init__(self, machine, parameters, read_of):
+        self.gateway = Gateway(machine, parameters)
+        self.gateway.on_connected()
+        self._read_of = read_of
+        self.counter = 100
+        self.stamp_ns = None
+        self.in_force = STEADY
+
+    @property
+    def now_s(self):
+        return self.counter * 0.1
+
+    def cycle(self, steps=1, **changed):
+        self.counter += steps
+        given = {"force_in_force": self.in_force.force_kn, "speed_in_force": self.in_force.speed_rpm} | changed
+        out = self.gateway.on_read(self._read_of(self.counter, steps=steps, **given))
+        self.stamp_ns = out.stamp_ns if out else self.stamp_ns
+        return out
+
+    def command(self, force_kn=STEADY.force_kn, speed_rpm=STEADY.speed_rpm, after_s=0.02, **given):
+        stamp_ns, healthy = given.get("stamp_ns", self.stamp_ns), given.get("healthy", True)
+        at_s = self.now_s + after_s
+        return self.gateway.on_command(Command(force_kn, speed_rpm), stamp_ns, "nmpc", healthy, at_s)
+
+    def obey(self, order):
+        assert order is not None, self.refused
+        self.gateway.on_written(order, "")
+        self.in_force = order.command
+
+    def pause(self, **changed):
+        """Cycles until something is published again; how many were withheld."""
+        for count in range(100):
+            if self.cycle(**changed) is not None:
+                return count
+        raise AssertionError("nothing is published any more")
+
+    @property
+    def refused(self):
+        return {reason for reason, count in self.gateway.gate.refused.items() if count}
+
+
+@pytest.fixture
+def running(machine, parameters, read_of):
+    made = Machine(machine, parameters, read_of)
+    made.cycle()
+    return made
+
+
+def test_a_tick_has_the_values_and_the_counters_timestamp(running):
+    out = running.cycle()
+    assert (out.depth_mm, out.torque_nm, out.temperature_c, out.drives) == (2.66, 980.0, 816.4, STEADY)
+    assert out.stamp_ns == running.gateway.read.source_ns
+
+
+def test_an_invalid_value_is_nan_and_the_others_stay(running):
+    bad = RawValue(0.0, status=0x80000000, status_name="Bad", source_ns=running.gateway.read.source_ns)
+    out = running.cycle(depth=bad, temperature="hot")
+    assert isnan(out.depth_mm) and isnan(out.temperature_c) and out.torque_nm == 980.0
+    assert running.gateway.invalid == 2
+
+
+def test_the_heartbeat_is_the_cycle_that_the_command_answers(running):
+    order = running.command(78.5, 408.0)
+    assert (order.force, order.speed, order.heartbeat) == (78.5, 408.0, running.counter)
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"force_kn": nan}, "not_finite"),
+        ({"force_kn": 200.0}, "out_of_range"),
+        ({"healthy": False}, "unhealthy"),
+        ({"stamp_ns": 5}, "too_old"),
+        ({"stamp_ns": 2**62}, "future"),
+        ({"after_s": 0.3}, "stale_read"),
+        ({"force_kn": 80.0}, "jump"),
+        ({"speed_rpm": 411.0}, "jump"),
+    ],
+)
+def test_refused(running, given, reason):
+    assert running.command(**given) is None
+    assert running.refused == {reason}
+
+
+def test_only_one_command_per_cycle_and_only_one_under_way(running):
+    order = running.command()
+    assert running.command() is None and running.refused == {"repeated"}
+    assert isnan(running.cycle().drives.force_kn)
+    assert running.command() is None and "unanswered" in running.refused
+    running.obey(order)
+    running.cycle()
+    running.obey(running.command())
+    assert running.cycle().drives == STEADY
+
+
+def test_a_stamp_between_two_ticks_is_refused(running):
+    running.obey(running.command())
+    running.cycle()
+    assert running.command(stamp_ns=running.stamp_ns - 1) is None and running.refused == {"unknown_stamp"}
+
+
+def test_nothing_before_the_first_read(machine, parameters, read_of):
+    made = Machine(machine, parameters, read_of)
+    assert made.command(stamp_ns=1) is None and made.refused == {"disconnected"}
+
+
+@pytest.mark.parametrize("permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)])
+def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
+    out = running.cycle(permissive=permissive)
+    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn)
+    assert running.command() is None and running.refused == {"not_permissive"}
+
+
+def test_commands_begin_anew_from_the_drives_when_the_machine_permits_again(running):
+    running.cycle(permissive=False)
+    running.in_force = Command(70.0, 407.5)
+    assert running.cycle() is None
+    assert running.command() is None and running.refused == {"paused"}
+    withheld = 1 + running.pause(force_acting=70.0)
+    assert withheld == pytest.approx(PAUSE_S / 0.1, abs=1)
+    assert running.gateway.joined
+    assert running.command(78.4) is None and "jump" in running.refused
+    running.cycle(force_acting=70.0)
+    running.obey(running.command(70.5))
+
+
+def test_after_a_loss_of_the_connection_the_pause_is_as_long(running):
+    running.gateway.on_lost()
+    assert running.command() is None and running.refused == {"disconnected"}
+    running.gateway.on_connected()
+    assert running.command() is None and running.gateway.gate.refused["disconnected"] == 2
+    assert running.pause() == pytest.approx(PAUSE_S / 0.1, abs=1)
+    running.obey(running.command())
+
+
+def test_after_a_long_loss_there_is_nothing_to_wait_for(running):
+    running.gateway.on_lost()
+    running.gateway.on_connected()
+    assert running.cycle(steps=100) is not None
+
+
+def test_a_steady_ramp_at_the_limit_is_no_jump_though_the_machine_shows_it_a_cycle_later(running):
+    shown = STEADY
+    for _ in range(8):
+        order = running.command(running.in_force.force_kn + 1.0)
+        assert order is not None, running.gateway.gate.last_refusal
+        running.gateway.on_written(order, "")
+        running.cycle(force_in_force=shown.force_kn)
+        shown = running.in_force = order.command
+
+
+def test_what_the_server_has_not_taken_does_not_count_as_in_force(running):
+    running.gateway.on_written(running.command(79.4), "refused")
+    assert isnan(running.cycle().drives.force_kn)
+    assert running.command(80.4) is None and running.refused == {"jump"}
+    assert running.gateway.failed == 1 and running.gateway.last_failure == "refused"
+
+
+def test_a_ramp_goes_on_when_single_commands_are_lost(running):
+    running.obey(running.command(79.4))
+    running.cycle()
+    running.gateway.on_written(running.command(80.4), "refused")
+    running.cycle()
+    running.obey(running.command(81.4))
+    running.cycle(steps=4)
+    assert running.command(85.4) is None and running.refused == {"jump"}
+
+
+@pytest.mark.parametrize("how", ["jump", "failure"])
+def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
+    for _ in range(3):
+        assert running.gateway.joined
+        if how == "jump":
+            assert running.command(90.0) is None
+        else:
+            running.gateway.on_written(running.command(), "refused")
+        running.cycle()
+    assert not running.gateway.joined
+    running.pause()
+    running.obey(running.command())
+
+
+def test_without_known_set_points_in_force_nothing_is_written(running):
+    running.cycle(force_in_force=None)
+    assert running.command() is None and running.refused == {"jump"}
+
+
+def test_a_late_answer_to_an_order_from_before_a_loss_changes_nothing(running):
+    order = running.command()
+    running.gateway.on_lost()
+    running.gateway.on_written(order, "")
+    assert running.gateway.written == 0
+
+
+events = st.one_of(
+    st.tuples(st.just("cycle"), st.booleans(), st.sampled_from([60.0, 77.0, 78.4, nan, None]), st.integers(1, 30)),
+    st.tuples(st.just("command"), st.sampled_from([60.0, 78.0, 78.9, 79.5, 300.0, nan]), st.floats(0.0, 0.4)),
+    st.tuples(st.just("written"), st.booleans()),
+    st.tuples(st.just("lost")),
+    st.tuples(st.just("connected")),
+)
+
+
+@given(st.lists(events, max_size=60))
+def test_whatever_happens_only_permitted_small_moves_in_limits_are_written(machine, read_of, happened):
+    made = Machine(machine, defaults(load("fsw_machine", "gateway.yaml")), read_of)
+    order = None
+    permitted, connected, in_force, written = False, True, nan, None
+    for what, *given_ in happened:
+        if what == "cycle":
+            permitted, in_force, steps = given_
+            made.cycle(steps=steps, permissive=permitted, force_in_force=in_force)
+            written = written if permitted else None
+        elif what == "lost":
+            made.gateway.on_lost()
+            connected, permitted, order, written = False, False, None, None
+        elif what == "connected":
+            made.gateway.on_connected()
+            connected, permitted = True, False
+        elif what == "written" and order is not None:
+            made.gateway.on_written(order, "" if given_[0] else "refused")
+            written = (order.heartbeat, order.command.force_kn) if given_[0] else written
+            order = None
+        elif what == "command" and made.stamp_ns is not None:
+            force_kn, after_s = given_
+            new = made.command(force_kn, after_s=after_s)
+            if new is not None:
+                assert connected and permitted and after_s <= 0.25 and 60.0 <= force_kn <= 95.0
+                cycles = 0 if written is None else made.counter - written[0]
+                moves = [(in_force, 1.0)] + ([(written[1], cycles)] if 0 < cycles <= 3 else [])
+                assert any(abs(value - force_kn) <= move + 1e-6 for value, move in moves)
+                order = new

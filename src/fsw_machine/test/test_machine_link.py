@@ -1,0 +1,246 @@
+"""The OPC UA client against the test machine: reads, writes, security, and one line for everything that is wrong."""
+
+import queue
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from fsw_machine import certificates
+from fsw_machine.certificates import SecurityError
+from fsw_machine.gateway import Gateway
+from fsw_machine.machine_file import MachineFile
+from fsw_machine.machine_server import CLIENT_URI, SERVER_URI
+from fsw_machine.opcua_link import BackOff, Connected, LinkSettings, Lost, MachineLink, Standing, Written, password
+from fsw_machine.samples import CycleRead
+from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
+
+SETTINGS = LinkSettings(request_timeout_s=1.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
+PATIENCE_S = 20.0
+
+
+class Linked:
+    """A link and what it delivers."""
+
+    def __init__(self, file):
+        self.machine = MachineFile.load(file)
+        self.events = queue.Queue()
+        self.link = MachineLink(self.machine, SETTINGS, self.events.put)
+        self.link.start()
+
+    def next(self, kind):
+        """The next event of a kind."""
+        while not isinstance(event := self.events.get(timeout=PATIENCE_S), kind):
+            pass
+        return event
+
+
+@pytest.fixture
+def connect():
+    """Makes links that end with the test."""
+    made = []
+
+    def make(file):
+        made.append(Linked(file))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.link.stop()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("machine")
+
+
+@pytest.fixture(scope="module")
+def plain(folder, shipped_text):
+    """A machine without security; returns it and its port."""
+    port = free_port()
+    running = RunningMachine(write_machine_file(folder / "plain.yaml", port, shipped_text))
+    yield running, port
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def secured(folder, shipped_text):
+    """A machine with security and a user; returns it, its port and its file's additions."""
+    hosts = ["localhost", "127.0.0.1"]
+    made = {name: certificates.make(folder, name, CLIENT_URI, hosts) for name in ("client", "other")}
+    start = datetime.now(UTC) - timedelta(days=9)
+    made["expired"] = certificates.make(folder, "expired", CLIENT_URI, hosts, days=3, start=start)
+    made["server"] = certificates.make(folder, "server", SERVER_URI, hosts)
+    (folder / "password").write_text("stir\n")
+    (folder / "wrong").write_text("weld\n")
+    security = {
+        "policy": "Basic256Sha256",
+        "certificate": str(made["client"][0]),
+        "private_key": str(made["client"][1]),
+        "server_certificate": str(made["server"][0]),
+    }
+    user = {"name": "fsw", "password_file": "password"}
+    port = free_port()
+    file = write_machine_file(folder / "secured.yaml", port, shipped_text, security=security, user=user)
+    running = RunningMachine(file, made["server"][1])
+    yield running, port, {"security": security, "user": user}
+    running.stop()
+
+
+def told(connect, folder, port, text, **changes):
+    """What the link says of a machine file that does not fit."""
+    return connect(write_machine_file(folder / "changed.yaml", port, text, **changes)).next(Lost).reason
+
+
+@pytest.mark.slow
+def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, shipped_text, parameters):
+    running, port = plain
+    linked = connect(write_machine_file(folder / "good.yaml", port, shipped_text))
+    linked.next(Connected)
+    gateway = Gateway(linked.machine, parameters)
+    gateway.on_connected()
+    reads = [linked.next(CycleRead) for _ in range(8)]
+    counters = [read.counter for read in reads]
+    assert counters == sorted(set(counters))
+    out = gateway.on_read(reads[-1])
+    assert 2.5 < out.depth_mm < 2.8 and gateway.samples["depth"].fault == ""
+    order = gateway.on_command(out.drives, out.stamp_ns, "test", True, reads[-1].read_s)
+    linked.link.write(order)
+    answer = linked.next(Written)
+    assert answer.failure == "" and answer.order is order
+    assert running.server.taken[-1][0] == reads[-1].counter
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"nodes__depth__node": "s=Weld.Dept"}, "nodes.depth: the server has no node s=Weld.Dept"),
+        ({"nodes__depth__node": "s=Weld.Permissive"}, "nodes.depth: s=Weld.Permissive is of type Boolean, must be a"),
+        ({"nodes__permissive__node": "s=Weld.Depth"}, "nodes.permissive: s=Weld.Depth is of type Double, must be a B"),
+        ({"nodes__cycle__node": "s=Weld.Depth"}, "nodes.cycle: s=Weld.Depth is of type Double, must be a whole"),
+        ({"nodes__depth__node": "ns=0;i=85"}, "nodes.depth: ns=0;i=85 has no value; it must be a variable"),
+        ({"nodes__depth__node": "ns=0;i=2255"}, "nodes.depth: ns=0;i=2255 is"),
+        ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat: s=Weld.Cycle may not be written by this user"),
+        ({"namespace": "urn:other"}, "namespace: the server has no urn:other; it has"),
+    ],
+)
+def test_nodes_that_do_not_fit(connect, plain, folder, shipped_text, changes, words):
+    assert told(connect, folder, plain[1], shipped_text, **changes).startswith(words)
+
+
+@pytest.mark.slow
+def test_no_server(connect, folder, shipped_text):
+    linked = connect(write_machine_file(folder / "none.yaml", free_port(), shipped_text))
+    waits = [linked.next(Lost) for _ in range(3)]
+    assert "no connection" in waits[0].reason
+    assert [one.retry_s for one in waits] == [0.1, 0.2, 0.2]
+
+
+@pytest.mark.slow
+def test_with_certificates_and_password(connect, secured, folder, shipped_text):
+    _, port, additions = secured
+    linked = connect(write_machine_file(folder / "good.yaml", port, shipped_text, **additions))
+    linked.next(Connected)
+    linked.next(CycleRead)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"security__server_certificate": "other.der"}, "security.server_certificate: the server's certificate is not"),
+        ({"security__certificate": "other.der", "security__private_key": "other_key.pem"}, "security.certificate"),
+        ({"security__certificate": "expired.der", "security__private_key": "expired_key.pem"}, "expired on"),
+        ({"security__private_key": "other_key.pem"}, "security.private_key: "),
+        ({"security__policy": "Aes256Sha256RsaPss"}, "security.policy: "),
+        ({"user__password_file": "wrong"}, "user: "),
+        ({"user__password_file": "none"}, "user.password_file: cannot read"),
+    ],
+)
+def test_security_that_does_not_fit(connect, secured, folder, shipped_text, changes, words):
+    _, port, additions = secured
+    content = {"security": dict(additions["security"]), "user": dict(additions["user"])}
+    for name, value in changes.items():
+        section, key = name.split("__")
+        content[section][key] = value
+    reason = told(connect, folder, port, shipped_text, **content)
+    assert words in reason and "\n" not in reason
+    assert not {"stir", "weld"} & set(reason.split())
+
+
+@pytest.mark.slow
+def test_a_secured_server_does_not_let_in_a_plain_client(connect, secured, folder, shipped_text):
+    assert told(connect, folder, secured[1], shipped_text).startswith("security: ")
+
+
+@pytest.mark.slow
+def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain, folder, shipped_text):
+    proxy = Proxy(plain[1])
+    try:
+        linked = connect(write_machine_file(folder / "proxy.yaml", proxy.port, shipped_text))
+        linked.next(CycleRead)
+        for stop, go in ((proxy.stall, proxy.flow), (proxy.cut, lambda: None)):
+            stop()
+            assert linked.next(Lost).reason
+            go()
+            linked.next(Connected)
+            linked.next(CycleRead)
+    finally:
+        linked.link.stop()
+        proxy.stop()
+
+
+@pytest.mark.slow
+def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_text):
+    changes = {"nodes__cycle__node": "ns=0;i=2267", "namespace": "urn:fsw-control:machine"}  # ServiceLevel, constant
+    linked = connect(write_machine_file(folder / "still.yaml", plain[1], shipped_text, **changes))
+    assert linked.next(Standing).age_s > 0.3
+
+
+def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
+    later = datetime.now(UTC) + timedelta(days=5)
+    cert, key = certificates.make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
+    certificates.make(tmp_path, "later", CLIENT_URI, ["127.0.0.1"], start=later)
+    (tmp_path / "text.der").write_text("no certificate")
+    names = {
+        "policy": "Basic256Sha256",
+        "certificate": cert.name,
+        "private_key": key.name,
+        "server_certificate": cert.name,
+    }
+    for changes, words in (
+        ({"certificate": "none.der"}, "security.certificate: cannot read"),
+        ({"certificate": "text.der"}, "holds no certificate"),
+        ({"certificate": "later.der"}, "is not valid before"),
+        ({"private_key": "text.der"}, "holds no private key"),
+        ({"private_key": "later_key.pem"}, "does not belong to"),
+        ({"server_certificate": "later.der"}, "security.server_certificate: "),
+    ):
+        file = write_machine_file(tmp_path / "m.yaml", 4840, shipped_text, security=names | changes)
+        with pytest.raises(SecurityError, match=words):
+            certificates.check(MachineFile.load(file).security, certificates.now())
+    assert certificates.check(MachineFile.load(_good(tmp_path, shipped_text, names)).security, certificates.now())[0]
+    assert key.stat().st_mode & 0o077 == 0
+
+
+def _good(folder, text, security):
+    return write_machine_file(folder / "m.yaml", 4840, text, security=security)
+
+
+def test_a_password_from_the_environment(tmp_path, shipped_text, monkeypatch):
+    names = {"policy": "Basic256Sha256", "certificate": "c", "private_key": "k", "server_certificate": "s"}
+    user = {"name": "fsw", "password_env": "FSW_TEST_PASSWORD"}
+    file = write_machine_file(tmp_path / "m.yaml", 4840, shipped_text, security=names, user=user)
+    user = MachineFile.load(file).user
+    with pytest.raises(SecurityError, match="FSW_TEST_PASSWORD is not set"):
+        password(user)
+    monkeypatch.setenv("FSW_TEST_PASSWORD", "stir")
+    assert password(user) == "stir"
+
+
+def test_the_waits_between_attempts_are_bounded():
+    back_off = BackOff(0.5, 10.0)
+    assert [back_off.next() for _ in range(7)] == [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    back_off.reset()
+    assert back_off.next() == 0.5
+    assert BackOff(5.0, 1.0).next() == 5.0

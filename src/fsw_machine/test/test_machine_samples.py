@@ -1,0 +1,67 @@
+"""Values of the server: used, or NaN with a reason; never zero."""
+
+from math import inf, isnan, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_machine.samples import RawValue, bit, sample
+
+NOW_NS = 1_700_000_000_000_000_000
+BAD, UNCERTAIN = 0x80310000, 0x40900000
+
+
+def raw(value, age_s=0.0, **given):
+    return RawValue(value, source_ns=NOW_NS - round(age_s * 1e9), **given)
+
+
+@pytest.mark.parametrize("value", [2.66, 3, -1.0, 0.0])
+def test_a_good_number_is_used(machine, value):
+    assert sample(raw(value, age_s=0.2), machine.nodes["depth"], NOW_NS) == (value, "")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (raw(2.66, status=BAD, status_name="BadNoCommunication"), "status BadNoCommunication"),
+        (raw(2.66, status=UNCERTAIN, status_name="UncertainLastUsableValue"), "status UncertainLastUsableValue"),
+        (raw(2.66, age_s=0.3), "0.30 s older than the cycle counter"),
+        (raw(2.66, age_s=-0.1), "0.10 s newer than the cycle counter"),
+        (RawValue(2.66), "without a source timestamp"),
+        (raw(nan), "not finite"),
+        (raw(inf), "not finite"),
+        (raw(None), "empty, not a number"),
+        (raw("2.66"), "a str, not a number"),
+        (raw(True), "a bool, not a number"),
+        (raw([2.66]), "a list, not a number"),
+    ],
+)
+def test_any_other_is_invalid_and_not_zero(machine, value, words):
+    found = sample(value, machine.nodes["depth"], NOW_NS)
+    assert isnan(found.value) and found.fault == words
+
+
+@pytest.mark.parametrize(("value", "expected"), [(True, 1.0), (False, 0.0)])
+def test_a_bit(machine, value, expected):
+    assert bit(raw(value), machine.nodes["permissive"], NOW_NS) == (expected, "")
+
+
+@pytest.mark.parametrize("value", [raw(1), raw(None), raw("true"), raw(True, age_s=1.0), raw(True, status=BAD)])
+def test_a_bit_that_is_not_clearly_one(machine, value):
+    found = bit(value, machine.nodes["permissive"], NOW_NS)
+    assert isnan(found.value) and found.fault
+
+
+@given(
+    value=st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.floats(), max_size=2),
+    status=st.integers(0, 2**32 - 1),
+    age_ns=st.none() | st.integers(-(10**10), 10**10),
+)
+def test_a_value_is_used_or_says_why_not(machine, value, status, age_ns):
+    given = RawValue(value, status, "Some", None if age_ns is None else NOW_NS - age_ns)
+    for judge, name in ((sample, "depth"), (bit, "permissive")):
+        found = judge(given, machine.nodes[name], NOW_NS)
+        assert isnan(found.value) == bool(found.fault)
+        if not found.fault:
+            assert status < 1 << 30 and age_ns is not None and -50_000_000 <= age_ns <= 250_000_000

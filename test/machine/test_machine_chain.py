@@ -1,0 +1,200 @@
+"""The whole chain at the emulated machine: each part is killed and ended in turn, the connection cut and stalled."""
+
+import itertools
+import signal
+import sys
+from importlib import resources
+from math import isnan
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from machine_weld import GRAPH, MachineWeld
+
+from fsw_control import weld as weld_numbers
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher
+from fsw_machine import machine_server
+from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
+from fsw_test_support.ros_graph import domain_id
+
+__all__ = ["domain_id"]
+
+OTHER_UNITS = {
+    "depth": "m",
+    "torque": "kN m",
+    "temperature": "K",
+    **dict.fromkeys(("force_acting", "force_in_force", "force_setpoint"), "N"),
+    **dict.fromkeys(("speed_acting", "speed_in_force", "speed_setpoint"), "rad/s"),
+}
+#: the machine's watchdog acts after 1.5 s, and its safe state is so near that the weld survives it many times
+WATCHDOG = {"watchdog.hold_s": 0.5, "watchdog.safe_force_kn": 77.0}
+
+
+@pytest.fixture(scope="module")
+def shipped_text():
+    return (resources.files("fsw_machine") / "machine.yaml").read_text()
+
+
+@pytest.fixture(scope="module")
+def secured(tmp_path_factory, shipped_text):
+    """Machine file parts with certificates, a user and other units."""
+    folder = tmp_path_factory.mktemp("certificates")
+    machine_server.make_certificates(folder)
+    names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    (folder / "password").write_text("stir")
+    security = {"policy": "Basic256Sha256"} | {key: str(folder / name) for key, name in names.items()}
+    units = {f"nodes__{name}__unit": unit for name, unit in OTHER_UNITS.items()}
+    return folder, {"security": security, "user": {"name": "fsw", "password_file": str(folder / "password")}} | units
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory, shipped_text, secured):
+    """Everything, with security and SI units, and a proxy between gateway and machine."""
+    folder = tmp_path_factory.mktemp("weld")
+    keys, parts = secured
+    port = free_port()
+    machine = RunningMachine(
+        write_machine_file(folder / "server.yaml", port, shipped_text, **parts), keys / "server_key.pem"
+    )
+    proxy = Proxy(port)
+    file = write_machine_file(folder / "machine.yaml", proxy.port, shipped_text, **parts)
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        weld = MachineWeld(domain, launcher, machine, file)
+        weld.proxy = proxy
+        weld.start(*GRAPH)
+        yield weld
+        weld.close()
+        codes = launcher.stop()
+        proxy.stop()
+        machine.stop()
+        assert set(codes.values()) == {0}, codes
+
+
+@pytest.fixture
+def weld(chain):
+    """The chain with all parts running; afterwards no command has been a bump."""
+    for name in GRAPH:
+        if not chain.launcher.children[name].running:
+            chain.start(name)
+    chain.runs()
+    chain.until(lambda: abs(chain.temperature_c() - weld_numbers.TEMPERATURE_C) < 15.0, "the process to settle")
+    first = len(chain.taken())
+    yield chain
+    chain.runs(more=3)
+    chain.assert_no_bump(first)
+
+
+def test_it_welds(weld):
+    """In other units than the paper's, and what nodes and machine say agrees."""
+    truth = weld.machine.do(lambda server: server.plant.truth())
+    weld.until_report("machine", "runs and obeys")
+    weld.until_report("writes", "taken")
+    assert weld.depths[-1].depth == pytest.approx(truth.depth_mm * 1e-3, abs=2e-5)
+    assert float(weld.value("machine", "temperature")) == pytest.approx(truth.temperature_c, abs=2.0)
+    assert weld.report("connection") == "connected"
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_nmpc_ends(weld, number):
+    weld.runs("nmpc")
+    weld.end("nmpc", number)
+    weld.runs("decentral")
+
+
+@pytest.mark.parametrize("name", ["supervisor", "gateway"])
+def test_part_ends_and_is_started_again_at_once(weld, name):
+    weld.end(name, signal.SIGTERM)
+    weld.start(name)
+    weld.runs()
+
+
+@pytest.mark.parametrize("name", ["supervisor", "gateway"])
+def test_the_heartbeat_ends(weld, name):
+    """The machine's watchdog takes over; what is started again begins from there."""
+    weld.end(name, signal.SIGKILL)
+    safe, count = weld.until_safe(), len(weld.taken())
+    weld.start(name)
+    weld.runs()
+    _, _, before = weld.taken()[count]
+    assert before.force_kn <= safe.force_kn and before.speed_rpm == safe.speed_rpm
+
+
+@pytest.mark.parametrize("how", ["cut", "stall"])
+def test_the_connection_breaks(weld, how):
+    losses = int(weld.value("connection", "losses"))
+    getattr(weld.proxy, how)()
+    weld.until(lambda: int(weld.value("connection", "losses")) > losses, "the loss to be told")
+    weld.proxy.flow()
+    weld.until_report("connection", "connected")
+    weld.runs()
+
+
+def test_the_machine_does_not_permit(weld):
+    weld.machine.do(lambda server: setattr(server, "permissive", False))
+    weld.until_report("machine", "permits no commands")
+    count = len(weld.taken())
+    weld.until_safe()
+    assert len(weld.taken()) == count and isnan(weld.drives[-1].axial_force)
+    assert int(weld.value("commands", "refused: not_permissive")) > 0
+    weld.machine.do(lambda server: setattr(server, "permissive", True))
+    weld.runs()
+
+
+def test_the_machines_clock_is_set(weld):
+    """By minutes, forwards and back: the stamps go on, and the weld with them."""
+    for offset_s in (300.0, -300.0):
+        weld.machine.do(lambda server, s=offset_s: setattr(server, "clock_offset_ns", round(s * 1e9)))
+        weld.until(lambda: "it was set" in weld.report("clock"), "the step to be told")
+        weld.runs()
+    stamps = [message.header.stamp for message in weld.depths]
+    times = [stamp.sec + stamp.nanosec * 1e-9 for stamp in stamps[-30:]]
+    assert all(0.0 < b - a < 0.5 for a, b in itertools.pairwise(times))
+    weld.machine.do(lambda server: setattr(server, "clock_offset_ns", 0))
+
+
+def test_a_second_gateway_is_refused(weld):
+    weld.launcher.start("second", "fsw_machine.machine_node")
+    child = weld.launcher.children.pop("second")
+    assert child.process.wait(30.0) == 2 and "end it first" in child.text()
+
+
+def test_a_long_stall(weld):
+    """The watchdog acts meanwhile; what was held back in the connection is not obeyed later."""
+    weld.proxy.stall()
+    weld.until_safe()
+    count = len(weld.taken())
+    weld.proxy.flow()
+    weld.runs()
+    assert weld.taken()[count][0] > weld.taken()[count - 1][0] + 10
+
+
+def test_the_machine_is_started_again(tmp_path, shipped_text, domain_id):
+    """The server as a process of its own, killed and ended: its counter begins again, and so does the weld."""
+    file = write_machine_file(tmp_path / "machine.yaml", free_port(), shipped_text)
+    with Launcher(tmp_path / "log", domain_id) as launcher:
+        weld = MachineWeld(domain_id, launcher, None, file)
+        weld.start("server", *GRAPH)
+        for times, number in enumerate((signal.SIGKILL, signal.SIGTERM)):
+            weld.until_report("writes", "taken")
+            weld.end("server", number)
+            weld.until_report("machine", "not connected")
+            weld.start("server")
+            weld.until(lambda goal=times + 1: int(weld.value("machine", "counter went back")) == goal, "the counter")
+            count = int(weld.value("writes", "written"))
+            weld.until(lambda least=count + 5: int(weld.value("writes", "written")) > least, "commands written")
+        weld.close()
+
+
+def test_a_machine_file_that_is_wrong_is_refused_in_one_line(tmp_path, shipped_text, domain_id):
+    file = write_machine_file(tmp_path / "machine.yaml", 4840, shipped_text, nodes__depth__unit="inch")
+    with Launcher(tmp_path / "log", domain_id) as launcher:
+        weld = MachineWeld(domain_id, launcher, None, file)
+        weld.start("gateway")
+        child = launcher.children["gateway"]
+        assert child.process.wait(30.0) == 2
+        text = child.text().strip()
+        assert "nodes.depth.unit: 'inch' is no unit of length" in text and "\n" not in text
+        weld.close()
