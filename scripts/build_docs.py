@@ -35,6 +35,7 @@ from fsw_control.parameters import ParameterSpec, parse
 from fsw_experiment import ranges, scenario_file
 from fsw_experiment.cli.main import parser as operator_parser
 from fsw_experiment.demo import parser as demo_parser
+from fsw_experiment.weld_programme import CANISTER_DIAMETER_MM, PHASES, TRAVERSE_MM_PER_MIN
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 
@@ -133,12 +134,13 @@ def scenarios() -> str:
     top = {
         "name": "letters, digits and `_`",
         "description": "any text",
-        "duration_s": str(ranges.DURATION_S),
+        "duration_s": f"{ranges.DURATION_S}; with `phases` it is left out",
         "controller": "the one that is applied at the start (default `decentral`); `none`: open loop",
         "plant": "parameters of the plant that differ from their defaults ([`plant.yaml`](parameters.md))",
-        "events": "a list in order of time; each entry has `at_s` and one of the events below",
+        "events": "a list in order of time; each has `at_s` (or `at_deg` of `phases`) and one of the events below",
         "figures": "figures of the paper that the scenario shows, 4 to 9",
         "announced": "whether controllers know the set-points beforehand, by `/fsw/reference_plan` (default false)",
+        "phases": "of a whole weld, in place of `reference` events; each entry as below",
     }
     if missing := set(scenario_file.KEYS) ^ set(top):
         raise SystemExit(f"describe the scenario keys {', '.join(sorted(missing))} in {Path(__file__).name}")
@@ -164,11 +166,29 @@ def scenarios() -> str:
         ("`command`", "`force_kn`", f"{ranges.COMMAND_FORCE_KN}; only in open loop"),
         ("", "`speed_rpm`", f"{ranges.COMMAND_SPEED_RPM}; only in open loop"),
     ]
+    phase_rows = [
+        ("`name`", f"in this order: {', '.join(f'`{name}`' for name in PHASES)}; one may be left out"),
+        ("`duration_s`", f"of a phase without travel: {ranges.DURATION_S}"),
+        ("`to_deg`", f"of one with travel: where it ends, {ranges.WELD_ANGLE_DEG}, not behind its beginning"),
+        ("`from_deg`", "where the phase before ends, which is the default"),
+        ("`length_mm`", f"of the path; default: the arc on a diameter of {CANISTER_DIAMETER_MM:g} mm, and not less"),
+        ("`speed_mm_per_min`", f"{ranges.WELD_SPEED_MM_PER_MIN} (default {TRAVERSE_MM_PER_MIN:g})"),
+        (
+            "`set_points`",
+            "a list; `at_s` from the phase's beginning (default 0), `depth_mm`, `temperature_c`, `over_s`",
+        ),
+        (
+            "largest change",
+            f"{ranges.WELD_STEP_DEPTH_MM:g} mm, {ranges.WELD_STEP_TEMPERATURE_C:g} degC; as a ramp "
+            f"{ranges.WELD_RATE_DEPTH_MM_PER_S:g} mm/s, {ranges.WELD_RATE_TEMPERATURE_C_PER_S:g} degC/s",
+        ),
+    ]
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
     shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
     lines = ["How to write one, with an example: [Write a scenario](../how-to/scenarios.md)."]
     lines += ["", "## Keys", "", *table(("key", "allowed"), [(f"`{key}`", text) for key, text in top.items()])]
     lines += ["", "## Events", "", *table(("event", "key", "allowed"), rows)]
+    lines += ["", "## Phases", "", *table(("key", "allowed"), phase_rows)]
     lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped)]
     return page("Scenario files", *lines)
 

@@ -68,6 +68,21 @@ events:
   - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
   - {at_s: 13.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
 """
+WELD = """
+name: short_weld
+controller: decentral
+announced: true
+phases:
+  - {name: dwell, duration_s: 3.0}
+  - {name: start, to_deg: 1.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
+  - {name: downward, to_deg: 2.0, length_mm: 12.0, set_points: [{at_s: 0.5, temperature_c: 819.4, over_s: 4.0}]}
+  - {name: joint_line, to_deg: 5.0, set_points: [{at_s: 3.0, depth_mm: 2.66}]}
+  - {name: overlap, to_deg: 6.0}
+  - {name: parking, to_deg: 7.0, length_mm: 11.0, set_points: [{temperature_c: 816.4}]}
+events:
+  - {at_s: 2.0, disturbance: {channel: torque, shape: ramp, amplitude_nm: 10.0, duration_s: 30.0}}
+  - {at_s: 24.0, switch: nmpc}  # on the joint line
+"""
 SIGNALS = (
     "depth_mm",
     "torque_nm",
@@ -80,7 +95,9 @@ SIGNALS = (
 TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
 
 
-@pytest.mark.parametrize("text", [CLOSED, OPEN, FALLBACK, ALONE], ids=["closed", "open", "fallback", "alone"])
+@pytest.mark.parametrize(
+    "text", [CLOSED, OPEN, FALLBACK, ALONE, WELD], ids=["closed", "open", "fallback", "alone", "weld"]
+)
 def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text(text)
@@ -91,7 +108,7 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path):
         elapsed_s = graph.run(launcher, shares.append)
     recorded = load_weld(graph.bag)
     assert recorded.problems == []
-    assert recorded.attachments["scenario.yaml"] == text.encode()
+    assert recorded.attachments["scenario.yaml"] == scenario.text.encode()
     there = cut_to_scenario(recorded)
     here = ClosedLoop(scenario, {name: make(name) for name in scenario.controllers}).run()
 

@@ -15,7 +15,7 @@ from fsw_experiment.scenario_file import load
 def graph(tmp_path_factory):
     """A weld at 10 Hz that goes on for as long as the tests need."""
     folder = tmp_path_factory.mktemp("weld")
-    scenario = load("quick", ["duration_s=600", "events=[]"])
+    scenario = load("quick", ["duration_s=600", "events=[]", "phases=[{name: dwell, duration_s: 600.0}]"])
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         WeldGraph(scenario, folder / "weld", realtime=True, record=False).start(launcher)
         launcher.wait_for_text("supervisor", "controller decentral is ready", 60.0)
@@ -71,6 +71,8 @@ def test_reference_keeps_what_is_left_out(fsw):
         ("mode", "manual", "--force", "78.4", "--speed", "407"),
         ("mode", "auto"),
         ("switch", "decentral"),
+        ("weld", "hold"),
+        ("weld", "resume"),
     ],
 )
 def test_orders_are_obeyed(fsw, arguments):
@@ -84,6 +86,8 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
     assert code == 1
     assert "unknown controller 'nobody'" in error
     assert error.count("\n") == 1
+    code, _, error = fsw("weld", "resume")
+    assert (code, error) == (1, "error: refused: the weld is running; it must be held\n")
 
 
 def test_an_empty_domain_is_told(capsys, monkeypatch):

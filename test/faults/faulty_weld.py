@@ -39,6 +39,7 @@ MODULES = {
     "supervisor": "fsw_supervisor.supervisor_node",
     "standby": "fsw_supervisor.supervisor_node",
     "recorder": "fsw_recorder.recorder_node",
+    "scenario": "fsw_experiment.scenario_node",
 }
 SUPERVISORS = ("supervisor", "standby")
 DEEP = QoSProfile(depth=2000)
@@ -152,6 +153,8 @@ class Weld(Spinner):
             remaps.append("__node:=fsw_supervisor_standby")
         if name == "recorder":
             settings.append(f"output:={self.bag}")
+        if name == "scenario":
+            settings.append(f"scenario:={self.folder / 'scenario.yaml'}")
         arguments = [item for setting in settings for item in ("-p", setting)]
         arguments += [item for remap in remaps for item in ("-r", remap)]
         self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])

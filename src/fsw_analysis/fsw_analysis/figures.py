@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from fsw_analysis.changes import experiment_time_s
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
+from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import Limits
 
@@ -102,6 +103,13 @@ _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     9: ("Fig. 9: output disturbances, manipulated variables", _INPUTS),
 }
 _OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
+_WHOLE_WELD = (
+    _DEPTH,
+    _TEMPERATURE,
+    replace(_DEPTH_ERROR, error=(DEAD_BAND_DEPTH_MM, 60.0, 1e3)),
+    replace(_TEMPERATURE_ERROR, error=(DEAD_BAND_TEMPERATURE_C, 2.0, 1.0)),
+    *_OVERVIEW[2:],
+)
 
 
 def draw(runs: Sequence[Run], numbers: Sequence[int], folder: Path, name: str = "") -> list[Path]:
@@ -148,7 +156,14 @@ def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
     _draw_page(runs, title, _OUTPUTS, 1, path)
 
 
-def _draw_page(runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, path: Path) -> None:
+def draw_whole_weld(runs: Sequence[Run], phases: Sequence[Span], title: str, path: Path) -> None:
+    """Draw a weld in phases on one page: outputs, their errors, inputs, torque and power."""
+    _draw_page(runs, title, _WHOLE_WELD, 2, path, phases)
+
+
+def _draw_page(
+    runs: Sequence[Run], title: str, panels: Sequence[_Panel], columns: int, path: Path, phases: Sequence[Span] = ()
+) -> None:
     with matplotlib.rc_context(STYLE):
         figure, axes = _page(title, panels, columns)
         for axis, panel in zip(axes, panels, strict=True):
@@ -156,6 +171,7 @@ def _draw_page(runs: Sequence[Run], title: str, panels: Sequence[_Panel], column
             draw_runs(axis, panel, runs)
         if len(runs) == 1:
             _mark_swaps(axes, runs[0].signals)
+        _mark_phases(axes, phases)
         _finish(figure, axes, path)
 
 
@@ -244,6 +260,15 @@ def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     axis.axhspan(-factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS)
     axis.set_ylim(-span, span)
     axis.margins(x=0.01)
+
+
+def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
+    """Every other phase on a grey ground; the names of the first axis stand in the middle of each."""
+    for number, (name, begin_s, end_s) in enumerate(phases):
+        for axis in axes:
+            axis.axvspan(begin_s, end_s, color="black", alpha=0.06 * (number % 2), linewidth=0.0)
+        middle, across = 0.5 * (begin_s + end_s), axes[0].get_xaxis_transform()
+        axes[0].text(middle, 0.03, name, transform=across, rotation=90, fontsize=7.0, ha="center", color="dimgray")
 
 
 def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:

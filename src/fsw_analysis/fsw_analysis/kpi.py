@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.changes import Change, changes, experiment_time_s
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, TruthSignals, WeldSignals
 
 #: Dead-bands of the paper's controller, section IV.
 DEAD_BAND_DEPTH_MM = 0.002
@@ -55,15 +55,14 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
     if signals.n_ticks < 2:
         raise KpiError(f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2")
     dt = np.diff(signals.time_s, prepend=signals.time_s[0] - float(np.median(np.diff(signals.time_s))))
-    truth = signals.truth if signals.truth is not None and np.isfinite(signals.truth.depth_mm).any() else None
-    outputs = signals if truth is None else truth
+    outputs = true_or_measured(signals)
     depth_error = outputs.depth_mm - signals.reference_depth_mm
     temperature_error = outputs.temperature_c - signals.reference_temperature_c
     events = _events(changes(signals), depth_error, temperature_error, experiment_time_s(signals), dt)
     result: dict[str, Any] = {
         "label": label or signals.path.name,
         "controllers": [name for name in dict.fromkeys(signals.command_source) if name],
-        "outputs": "measured" if truth is None else "truth",
+        "outputs": "measured" if outputs is signals else "truth",
         "duration_s": round(signals.duration_s, 9),
         "ticks": signals.n_ticks,
         "ticks_without_output": int(np.sum(~np.isfinite(outputs.depth_mm) | ~np.isfinite(outputs.temperature_c))),
@@ -85,6 +84,12 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
             result[f"solve_time_{name}_max_ms"] = float(times.max())
     result["events"] = events
     return result
+
+
+def true_or_measured(signals: WeldSignals) -> WeldSignals | TruthSignals:
+    """Where the outputs are: the emulator's truth if the bag has it, else the sensors."""
+    truth = signals.truth
+    return truth if truth is not None and np.isfinite(truth.depth_mm).any() else signals
 
 
 def _integrals_of_absolute_errors(

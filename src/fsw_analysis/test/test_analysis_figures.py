@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fsw_analysis.figures import Run, draw, draw_open_loop
+from fsw_analysis.figures import Run, draw, draw_open_loop, draw_whole_weld
 from fsw_analysis.signals import load_weld
 
 
@@ -42,6 +42,12 @@ def test_several_runs_and_missing_signals(weld, tmp_path):
     (path,) = draw([Run("one", weld), Run("bare", bare)], [], tmp_path)
     assert is_png(path)
     assert all(is_png(path) for path in draw([Run("bare", bare)], [6], tmp_path))
+
+
+@pytest.mark.slow
+def test_a_weld_in_phases_is_one_page(weld, tmp_path):
+    draw_whole_weld([Run("one", weld)], [("dwell", 0.0, 5.0), ("start", 5.0, 20.0)], "title", tmp_path / "weld.png")
+    assert is_png(tmp_path / "weld.png")
 
 
 def test_bad_input(weld, tmp_path):

@@ -1,13 +1,13 @@
 """Figures of merit, on signals whose figures are known beforehand."""
 
 import json
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fsw_analysis import kpi, kpi_table
+from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import changes, cut_to_scenario
 from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals
 
@@ -37,6 +37,21 @@ def signals(n=N, **columns):
     stamps = (np.arange(n, dtype=np.int64) + 1) * 100_000_000
     values |= {"stamp_ns": stamps, "time_s": (stamps - stamps[0]) * 1e-9, "path": Path("weld")}
     return WeldSignals(**(values | columns))
+
+
+def test_figures_of_phases_are_those_of_their_ticks(tmp_path):
+    error = np.concatenate([np.full(300, 1.0), np.full(600, -2.0), np.full(100, np.nan)])
+    weld = signals(temperature_c=850.0 + error)
+    spans = [("dwell", 0.0, 30.0), ("start", 30.0, 90.0), ("parking", 90.0, 100.0)]
+    dwell, start, parking, whole = figures = phase_kpi.compute(weld, "one", spans)
+    assert dwell.temperature_c == phase_kpi.ErrorStatistics(1.0, 0.0, 1.0, 1.0)
+    assert astuple(start.temperature_c) == (-2.0, 0.0, -2.0, -2.0) and not any(astuple(start.depth_mm))
+    assert parking.temperature_c is None and parking.power_kw is None
+    assert astuple(whole.temperature_c) == pytest.approx((-1.0, np.sqrt(2.0), -2.0, 1.0))
+    data, table = phase_kpi.write([figures], tmp_path)
+    assert [one["phase"] for one in json.loads(data.read_text())] == ["dwell", "start", "parking", "whole weld"]
+    assert "| whole weld | one | -1.00, 1.41, -2.00, +1.00 | +0.0, 0.0, +0.0, +0.0 | - |" in table.read_text()
+    assert "| published, 8 real welds | cascade | +0.6, 1.0, -7.0, +8.0 |" in table.read_text()
 
 
 def test_a_weld_at_rest_has_no_error():

@@ -30,7 +30,7 @@ from fsw_control.validity import SensorGuard
 from fsw_experiment.offline_supervisor import OfflineSupervisor
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
-from fsw_experiment.timeline import references, switches
+from fsw_experiment.timeline import announced, references, switches
 from fsw_model import STEP_S
 from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
 from fsw_plant.events import Fault
@@ -125,7 +125,8 @@ class ClosedLoop:
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
         (active, mode), reason = (first, "auto"), ""
-        plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in changes.items()]) if scenario.announced else None
+        coming = announced(changes.items()) if scenario.announced else None
+        plan = None if coming is None else ReferencePlan([(tick * TICK_NS, one) for tick, one in coming])
         guard = SensorGuard()
         ticks: list[_Tick] = []
         for tick in range(1, scenario.n_ticks + 1):

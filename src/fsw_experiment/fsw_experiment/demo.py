@@ -15,7 +15,7 @@ from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
-from fsw_experiment.cli.simulate import new_folder
+from fsw_experiment.cli.simulate import new_folder, write_phases
 from fsw_experiment.controllers import KNOWN
 from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
@@ -100,7 +100,8 @@ def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
     print(kpi_table.text(results))
-    return [*bags, *kpi_table.write(results, place), *draw(runs, scenario.figures, place)]
+    pages = draw(runs, scenario.figures, place)
+    return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
 
 
 def _variants(scenario: Scenario, controllers: Sequence[str]) -> dict[str, Scenario]:

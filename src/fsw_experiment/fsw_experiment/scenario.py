@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fsw_control.weld import TICK_S
+from fsw_experiment.weld_programme import Phase
 from fsw_plant import PlantEvent
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
@@ -85,6 +86,8 @@ class Scenario:
         The paper's figures that it shows.
     announced : bool
         Whether controllers know the set-points beforehand.
+    phases : tuple of Phase
+        Of a whole weld; its set-points are among the events.
     text : str
         The YAML it was read from, with all overrides applied.
     """
@@ -97,6 +100,7 @@ class Scenario:
     events: tuple[Event, ...] = ()
     figures: tuple[int, ...] = ()
     announced: bool = False
+    phases: tuple[Phase, ...] = ()
     text: str = ""
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from fsw_experiment.scenario import (
     Sine,
     SwitchEvent,
 )
+from fsw_experiment.weld_programme_file import place_events, read_phases
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
 from fsw_plant.event_schema import Place
@@ -33,7 +35,7 @@ _SHIPPED = Path(__file__).parent / "scenarios"
 #: figures of the paper that a scenario can show
 _FIGURES = range(4, 10)
 #: keys of a scenario file
-KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures", "announced")
+KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures", "announced", "phases")
 #: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's entry
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
@@ -101,8 +103,17 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
     Errors as :func:`load`.
     """
     at = Place(where, failure=ScenarioError)
+    plant = _plant(content.get("plant") or {}, at.inside("plant"))
+    phases, set_points = read_phases(at, content, plant) if "phases" in content else ((), ())
+    if phases:
+        # The plant reads the same text: times it knows, phases and angles it does not.
+        place_events(at, content, phases)
+        content.setdefault("duration_s", round(sum(phase.duration_s for phase in phases), 1))
+        text = None if text is None else yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     at.keys(content, KEYS, required=("name", "duration_s"))
     duration_s = at.number(content, "duration_s", ranges.DURATION_S)
+    if phases and abs(duration_s - (whole_s := sum(phase.duration_s for phase in phases))) > TICK_S:
+        raise at.inside("duration_s").error(f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out")
     controller = at.word(content, "controller", "decentral")
     latest = Range(0.0, duration_s, "s, the scenario's duration")
     events = tuple(
@@ -112,6 +123,9 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
     late = [f"events[{i}]" for i in range(1, len(events)) if events[i].at_s < events[i - 1].at_s]
     if late:
         raise at.inside(late[0]).error("is earlier than the event before it; list events in order of time")
+    if phases and any(isinstance(event, ReferenceEvent | CommandEvent) for event in events):
+        raise at.inside("events").error("has set-points or commands; with phases, give set_points in the phases")
+    events = tuple(sorted((*set_points, *events), key=attrgetter("at_s")))
     figures = tuple(at.list(content, "figures"))
     for figure in figures:
         if isinstance(figure, bool) or not isinstance(figure, int) or figure not in _FIGURES:
@@ -124,10 +138,11 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
         description=str(content.get("description", "")),
         duration_s=duration_s,
         controller=controller,
-        plant=_plant(content.get("plant") or {}, at.inside("plant")),
+        plant=plant,
         events=events,
         figures=figures,
         announced=announced,
+        phases=phases,
         text=json.dumps(content) if text is None else text,
     )
 

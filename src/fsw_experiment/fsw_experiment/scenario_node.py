@@ -25,7 +25,9 @@ from fsw_control.parameters_ros import declare
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_experiment.closed_loop import start_reference
 from fsw_experiment.scenario_file import load
-from fsw_experiment.timeline import references, switches
+from fsw_experiment.timeline import announced, references, switches
+from fsw_experiment.weld_programme import PhaseMachine, State
+from fsw_experiment.weld_programme_ros import ProgrammeServer
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference, WeldReferencePlan
 from fsw_plant import TICK_NS
 
@@ -61,10 +63,13 @@ class ScenarioNode(Node):
         self._silence_s: float = settings["silence_timeout_s"]
         self._tell_progress: bool = settings["progress"]
         self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self._references = deque(references(self._scenario, start_reference(self._scenario)).items())
+        self._all_references = references(self._scenario, start_reference(self._scenario))
+        self._references = deque(self._all_references.items())
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
-        self._tick = 0
+        self._stamp_ns = 0
+        self._tick = 0  #: of the scenario; the process is further by what was held
+        self._held = 0
         self._told = 0
         self._heard_s = self._began_s = time.monotonic()
         self.finished = False
@@ -73,12 +78,18 @@ class ScenarioNode(Node):
         self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._programme: ProgrammeServer | None = None
         self._listening = False
         self._extra_subscriptions: list[Subscription] = []
 
     def _on_watch(self) -> None:
         if not self._listening and self._controllers_listen():
             self._begin()
+        if self._programme is not None and self._programme.machine.state is State.ABORTED:
+            self._programme.ask_safe_stop()
+            if self._programme.stopped:
+                self._programme.publish(self._stamp_ns)
+                self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}")
         if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
             what = "no measurement on fsw/depth" if self._listening else f"no {self._controllers} controllers listening"
             self._end(f"{what} for {self._silence_s:g} s; is the graph running, on the same domain?")
@@ -101,6 +112,9 @@ class ScenarioNode(Node):
         self._setpoints.publish(convert.reference_message(first, 0))
         if self._simulated:
             self._send_ahead()
+        if self._scenario.phases:
+            machine = PhaseMachine(self._scenario.phases)
+            self._programme = ProgrammeServer(self, machine, self._on_hold, self._on_resume)
         self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
         # The plant counts the subscribers of every sensor; after its first tick these two are of no more use.
         self._extra_subscriptions = [
@@ -120,6 +134,13 @@ class ScenarioNode(Node):
                 self._announce()
         self._heard_s = time.monotonic()
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
+        if self._programme is not None:
+            machine, self._stamp_ns = self._programme.machine, stamp_ns
+            machine.follow(self._tick)
+            self._tick, self._held = machine.tick, machine.held
+            self._programme.on_tick(stamp_ns)
+            if machine.state in (State.HELD, State.ABORTED):
+                return
         self._send_ahead()
         while self._switches and self._switches[0][0] <= self._tick + 1:
             _, controller = self._switches.popleft()
@@ -130,14 +151,26 @@ class ScenarioNode(Node):
         if self._tick >= self._scenario.n_ticks:
             self._end("")
 
+    def _on_hold(self) -> None:
+        """Keep the present set-points: one issued now voids those that were sent ahead."""
+        present = max(tick for tick in self._all_references if tick <= self._tick)
+        self._setpoints.publish(convert.reference_message(self._all_references[present], 0))
+        self._references.clear()
+        self._announce()
+
+    def _on_resume(self) -> None:
+        self._references.extend((tick, one) for tick, one in self._all_references.items() if tick > self._tick)
+        self._announce()
+        self._send_ahead()
+
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time_ns(tick), reference) for tick, reference in self._references]
+            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._references)]
             self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
 
     def _time_ns(self, tick: int) -> int:
-        return tick * TICK_NS + (0 if self._first_ns is None else self._first_ns - TICK_NS)
+        return (tick + self._held) * TICK_NS + (0 if self._first_ns is None else self._first_ns - TICK_NS)
 
     def _send_ahead(self) -> None:
         for _ in range(_AHEAD):

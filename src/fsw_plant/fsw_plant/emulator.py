@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from math import expm1
 from typing import Any, NamedTuple
 
 from fsw_control import SENSORS, Command, weld
@@ -252,6 +253,7 @@ class PlantEmulator:
         end = Command(self._force.position + by.force_kn, self._speed.position + by.speed_rpm)
         try:
             self._model.step(self._state, mean_kn + by.force_kn, mean_rpm + by.speed_rpm)
+            self._add_torque(self._disturbance("torque"))
             self._outputs = self._model.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
@@ -259,6 +261,13 @@ class PlantEmulator:
         acceleration = (end.speed_rpm - self._acting.speed_rpm) / STEP_S
         self._inertia_torque_nm = self.config.model.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration
         self._acting = end
+
+    def _add_torque(self, torque_nm: float) -> None:
+        """Let a torque beside M_sp act on the motor torque (18) for a step; the power feels it from the next one on."""
+        if torque_nm:
+            *others, motor_nm = self._state.x
+            reached = -expm1(-STEP_S / self.config.model.motor_lag_s)
+            self._state.x = (*others, motor_nm + reached * torque_nm)
 
     def truth(self) -> Truth:
         """The plant as it is at the present tick, in the inputs of the step that ended there."""
@@ -270,7 +279,7 @@ class PlantEmulator:
             outputs.temperature_c + temperature_disturbance,
             outputs.copper_temperature_c,
             outputs.motor_torque_nm,
-            outputs.process_torque_nm,
+            outputs.process_torque_nm + self._disturbance("torque"),
             outputs.friction_torque_nm,
             outputs.power_kw,
             self._acting.force_kn,

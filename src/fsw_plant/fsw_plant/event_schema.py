@@ -43,6 +43,7 @@ _AMPLITUDES = {
     "temperature": Range(-100.0, 100.0, "degC"),
     "axial_force": Range(-20.0, 20.0, "kN"),
     "spindle_speed": Range(-100.0, 100.0, "rpm"),
+    "torque": Range(-200.0, 200.0, "N m"),
 }
 #: channel: key of the amplitude, and its range
 DISTURBANCE_AMPLITUDE = {name: (f"amplitude_{unit}", _AMPLITUDES[name]) for name, unit in CHANNELS.items()}

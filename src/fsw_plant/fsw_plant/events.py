@@ -10,8 +10,9 @@ from typing import ClassVar, NamedTuple
 
 from fsw_control import SENSORS
 
-#: Channels of disturbances and their units: the first two are added to outputs, the others to inputs.
-CHANNELS = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm"}
+#: Channels of disturbances and their units: the first two are added to outputs, the next two to inputs, the last one to
+#: the torque that the tool exerts.
+CHANNELS = {"depth": "mm", "temperature": "c", "axial_force": "kn", "spindle_speed": "rpm", "torque": "nm"}
 OUTPUT_CHANNELS = ("depth", "temperature")
 DISTURBANCE_SHAPES = ("step", "ramp", "sine", "pulse", "none")
 FAULT_KINDS = ("freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none")

@@ -39,4 +39,5 @@ FROM_WIRE: dict[str, Callable[[float], float]] = {
     "temperature": float,
     "axial_force": units.kn_from_n,
     "spindle_speed": units.rpm_from_rad_s,
+    "torque": float,
 }

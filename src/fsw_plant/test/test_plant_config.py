@@ -75,7 +75,7 @@ def event(**content):
         (event(fault={"sensor": "depth", "kind": "delay", "magnitude_s": 99}), "99 is outside 0 to 60 s"),
         (event(fault={"sensor": "depth", "kind": "bias", "magnitude": 1, "magnitude_mm": 1}), "unknown key magnitude;"),
         (event(fault={"sensor": "depth", "kind": "bias", "magnitude_c": 1}), "unknown key magnitude_c"),
-        (event(disturbance={"channel": "torque", "shape": "step"}), "is 'torque'; one of depth, temperature"),
+        (event(disturbance={"channel": "traverse", "shape": "step"}), "is 'traverse'; one of depth, temperature"),
         (event(disturbance={"channel": "depth", "shape": "step"}), "lacks amplitude_mm"),
         (event(disturbance={"channel": "depth", "shape": "step", "amplitude_c": 1}), "unknown key amplitude_c"),
         (event(disturbance={"channel": "depth", "shape": "step", "amplitude_mm": "x"}), "is 'x', not a number"),

@@ -165,6 +165,19 @@ def test_input_disturbance_acts_on_the_process():
     assert plant.truth().depth_mm != before.depth_mm
 
 
+def test_torque_disturbance_acts_on_the_motor_torque_through_its_lag_and_heats():
+    worn, new = plant_of(noise=False), plant_of(noise=False)
+    worn.set_disturbance("torque", "step", 20.0)
+    for plant in (worn, new):
+        run(plant, [plant.applied] * 5)
+    assert worn.truth().process_torque_nm == pytest.approx(new.truth().process_torque_nm + 20.0)
+    torque = worn.truth().motor_torque_nm - new.truth().motor_torque_nm
+    assert torque == pytest.approx(20.0 * (1.0 - exp(-0.5 / 0.27)))
+    for plant in (worn, new):
+        run(plant, [plant.applied] * 100)
+    assert worn.truth().temperature_c > new.truth().temperature_c + 1.0
+
+
 def test_replacing_an_input_disturbance_leaves_no_gap():
     plant = plant_of(noise=False)
     for amplitude in (1.0, 2.0, 3.0):

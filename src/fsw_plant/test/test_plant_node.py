@@ -159,8 +159,8 @@ def test_disturbance_and_fault_services(graph):
     speed = SetDisturbance.Request(channel="spindle_speed", shape="step", amplitude=1.0)
     assert graph.call(disturb, speed).ok
     graph.until(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
-    answer = graph.call(disturb, SetDisturbance.Request(channel="torque", shape="step", amplitude=1.0))
-    assert not answer.ok and answer.message.startswith("refused: disturbance channel 'torque' is none of depth")
+    answer = graph.call(disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0))
+    assert not answer.ok and answer.message.startswith("refused: disturbance channel 'traverse' is none of depth")
     assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok
     graph.until(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
 

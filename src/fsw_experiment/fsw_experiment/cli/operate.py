@@ -24,7 +24,7 @@ def add_commands(commands: Any) -> None:
     disturb = _add(commands, "disturb", f"disturb the emulated plant; amplitudes: {amplitudes}")
     disturb.add_argument("channel", choices=tuple(ranges.DISTURBANCE_AMPLITUDE))
     disturb.add_argument("shape", choices=ranges.DISTURBANCE_SHAPES, help="none clears the channel")
-    disturb.add_argument("amplitude", type=float, nargs="?", default=0.0, help="in mm, degC, kN or rpm")
+    disturb.add_argument("amplitude", type=float, nargs="?", default=0.0, help="in mm, degC, kN, rpm or N m")
     _number(disturb, "--duration", "S", ranges.DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]", 0.0)
     _number(disturb, "--period", "S", ranges.DURATION_S, "of a sine [s]", 0.0)
 
@@ -49,6 +49,9 @@ def add_commands(commands: Any) -> None:
     mode.add_argument("mode", choices=_MODES)
     _number(mode, "--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}")
     _number(mode, "--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}")
+
+    weld = _add(commands, "weld", "hold, resume or abort the programme of a whole weld; abort leads to the safe stop")
+    weld.add_argument("action", choices=("hold", "resume", "abort"))
 
 
 def _add(commands: Any, name: str, text: str) -> argparse.ArgumentParser:

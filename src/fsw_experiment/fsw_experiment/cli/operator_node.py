@@ -15,6 +15,7 @@ from builtin_interfaces.msg import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Temperature
+from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
@@ -55,7 +56,7 @@ class Operator:
         CommandError
             When no node offers it or none answers in time.
         """
-        who = "plant" if name.startswith("/fsw/plant/") else "supervisor"
+        who = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
             raise CommandError(f"no node offers {name} on {_domain()}: is the {who} running there?")
@@ -266,3 +267,13 @@ def mode(arguments: argparse.Namespace) -> int:
         spindle_speed=units.rad_s_from_rpm(arguments.speed) if manual else nan,
     )
     return _ask(arguments, SetMode, "/fsw/set_mode", request)
+
+
+def weld(arguments: argparse.Namespace) -> int:
+    """Hold, resume or abort the programme of a whole weld."""
+    with operator(arguments.timeout) as visit:
+        response = visit.call(Trigger, f"/fsw/weld/{arguments.action}", Trigger.Request())
+    if not response.success:
+        raise CommandError(response.message)
+    print(response.message)
+    return 0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from fsw_analysis import kpi_table
+from fsw_analysis import kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
@@ -17,6 +18,10 @@ from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario import Scenario
 from fsw_experiment.scenario_file import load, shipped
+from fsw_experiment.weld_programme import spans
+
+if TYPE_CHECKING:
+    from fsw_analysis.figures import Run
 
 
 def add_command(commands: Any) -> None:
@@ -109,12 +114,27 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.bag:
             _record(loop.scenario, folder / f"graph_{_file_name(title)}", nodes[title])
     figures_of_merit = [kpi.compute(one.signals, one.label) for one in runs]
-    paths = kpi_table.write(figures_of_merit, folder)
+    kpi_table.write(figures_of_merit, folder)
     if not arguments.no_figures:
-        paths += draw(runs, scenario.figures, folder)
+        draw(runs, scenario.figures, folder)
+    write_phases(scenario, runs, folder, figure=not arguments.no_figures)
     print(kpi_table.text(figures_of_merit), end="")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
+
+
+def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: bool = True) -> list[Path]:
+    """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
+    if not scenario.phases:
+        return []
+    phases = spans(scenario.phases)
+    paths = phase_kpi.write([phase_kpi.compute(run.signals, run.label, phases) for run in runs], folder)
+    if figure:
+        from fsw_analysis.figures import draw_whole_weld
+
+        paths.append(folder / "weld.png")
+        draw_whole_weld(runs, phases, f"Whole weld ({scenario.name})", paths[-1])
+    return paths
 
 
 def _file_name(title: str) -> str:

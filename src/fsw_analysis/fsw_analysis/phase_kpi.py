@@ -1,0 +1,110 @@
+"""Figures of merit of each phase of a whole weld, next to published ones of real welds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fsw_analysis.changes import experiment_time_s
+from fsw_analysis.kpi import true_or_measured
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+
+#: name, begin and end [s] of a phase
+Span = tuple[str, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorStatistics:
+    """Of an error, actual minus set-point value: mean, standard deviation, smallest and largest."""
+
+    mean: float
+    sigma: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, error: FloatArray) -> ErrorStatistics | None:
+        """Of the values that are known; None without any."""
+        known = error[np.isfinite(error)]
+        return cls(*map(float, (known.mean(), known.std(), known.min(), known.max()))) if known.size else None
+
+
+#: Temperature of real welds by generation of control: cycles and error [degC] (SKB, site-visit slides, 2011).
+PUBLISHED = {
+    "manual axial force": (2, ErrorStatistics(9.0, 11.0, -25.0, 47.0)),
+    "demonstration series": (20, ErrorStatistics(4.0, 6.0, -52.0, 49.0)),
+    "first controller": (1, ErrorStatistics(3.0, 4.0, -23.0, 19.0)),
+    "cascade": (8, ErrorStatistics(0.6, 1.0, -7.0, 8.0)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseFigures:
+    """Errors and mean power of a run in a phase; None where they are not known."""
+
+    run: str
+    phase: str
+    temperature_c: ErrorStatistics | None
+    depth_mm: ErrorStatistics | None
+    power_kw: float | None
+
+
+def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[PhaseFigures]:
+    """Figures of each phase and of the whole weld; errors as in :func:`fsw_analysis.kpi.compute`.
+
+    ``spans`` are times of the programme: a weld that was held is told apart wrongly after the hold.
+    """
+    outputs, time_s = true_or_measured(signals), experiment_time_s(signals)
+    power = signals.truth.process_power_kw if signals.truth is not None else np.full(len(time_s), np.nan)
+    figures = []
+    for phase, begin_s, end_s in [*spans, ("whole weld", 0.0, np.inf)]:
+        inside = (time_s > begin_s + 1e-6) & (time_s <= end_s + 1e-6)
+        of_power = ErrorStatistics.of(power[inside])
+        figures.append(
+            PhaseFigures(
+                label,
+                phase,
+                ErrorStatistics.of((outputs.temperature_c - signals.reference_temperature_c)[inside]),
+                ErrorStatistics.of((outputs.depth_mm - signals.reference_depth_mm)[inside]),
+                None if of_power is None else of_power.mean,
+            )
+        )
+    return figures
+
+
+def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
+    """Table of all phases with one row per run, and the published figures."""
+    lines = [
+        "Errors: mean, σ, min, max.",
+        "",
+        "| phase | run | temperature error [°C] | depth error [µm] | mean power [kW] |",
+        "|---|---|---|---|---:|",
+    ]
+    for rows in zip(*runs, strict=True):
+        for one in rows:
+            power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
+            cells = (one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power)
+            lines.append(f"| {' | '.join(cells)} |")
+    for name, (cycles, error) in PUBLISHED.items():
+        lines.append(f"| published, {cycles} real weld{'s'[: cycles > 1]} | {name} | {_words(error, 1.0, 1)} | - | - |")
+    return "\n".join(lines) + "\n"
+
+
+def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
+    if error is None:
+        return "-"
+    mean, sigma, low, high = (factor * value for value in astuple(error))
+    return f"{mean:+.{digits}f}, {sigma:.{digits}f}, {low:+.{digits}f}, {high:+.{digits}f}"
+
+
+def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
+    """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
+    data = [asdict(one) for rows in runs for one in rows]
+    json_path, table_path = folder / "phases.json", folder / "phases.md"
+    json_path.write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    table_path.write_text(markdown(runs), encoding="utf-8")
+    return [json_path, table_path]

@@ -1,0 +1,150 @@
+"""The programme of a whole weld: phases along the tool's path around the canister, and the machine that runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import accumulate
+from math import pi
+
+from fsw_control.weld import TICK_S
+
+#: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38 to 40 min per turn.
+CANISTER_DIAMETER_MM = 1050.0
+#: Arc of one degree.
+MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
+#: Traverse speed of the paper, section II.
+TRAVERSE_MM_PER_MIN = 86.0
+#: The sequences of a weld in their order; one may be left out.
+PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
+#: numbers of ticks that are further apart come from a jump of the clock
+_CLOCK_JUMP_TICKS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A part of the weld, at one traverse speed.
+
+    Attributes
+    ----------
+    name : str
+        One of ``PHASES``.
+    duration_s : float
+    from_deg, to_deg : float
+        Angle about the canister's axis, at its beginning and end.
+    length_mm : float
+        Of its path; longer than the arc where the path is oblique.
+    """
+
+    name: str
+    duration_s: float
+    from_deg: float = 0.0
+    to_deg: float = 0.0
+    length_mm: float = 0.0
+
+
+class State(StrEnum):
+    """What becomes of the programme."""
+
+    RUNNING = "running"
+    HELD = "held"
+    ABORTED = "aborted"
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a programme has come; ``time_left_s`` is without holds."""
+
+    state: State
+    phase: str
+    angle_deg: float
+    length_mm: float
+    time_left_s: float
+
+
+def spans(phases: Sequence[Phase]) -> list[tuple[str, float, float]]:
+    """Name, begin and end of each phase [s]."""
+    ends = list(accumulate(phase.duration_s for phase in phases))
+    return [(phase.name, end - phase.duration_s, end) for phase, end in zip(phases, ends, strict=True)]
+
+
+def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
+    """When the tool first passes an angle of the path [s]."""
+    for phase, (_, begin_s, end_s) in zip(phases, spans(phases), strict=True):
+        if phase.from_deg <= angle_deg <= phase.to_deg > phase.from_deg:
+            return begin_s + (end_s - begin_s) * (angle_deg - phase.from_deg) / (phase.to_deg - phase.from_deg)
+    return 0.0  # a weld that stands still
+
+
+class PhaseMachine:
+    """Runs through the phases in order, tick by tick; can be held and resumed in any, and aborted for good.
+
+    Parameters
+    ----------
+    phases : sequence of Phase
+        At least one.
+
+    Attributes
+    ----------
+    tick : int
+        Ticks of the programme that have passed.
+    held : int
+        By how much the number of the process's tick is larger: ticks during holds, and jumps of the clock.
+    state : State
+    """
+
+    def __init__(self, phases: Sequence[Phase]) -> None:
+        self._phases = tuple(phases)
+        self._spans = spans(phases)
+        self._n_ticks = round(self._spans[-1][2] / TICK_S)
+        self.tick = self.held = 0
+        self.state = State.RUNNING
+
+    def follow(self, number: int) -> None:
+        """Take the number of the process's tick, 1 at the first; an old one or one of another clock does no harm."""
+        passed = number - self.tick - self.held
+        if abs(passed) > _CLOCK_JUMP_TICKS:
+            self.held, passed = self.held + passed - 1, 1
+        if self.state is not State.RUNNING:
+            self.held += max(passed, 0)
+        else:
+            self.tick = min(self.tick + max(passed, 0), self._n_ticks)
+            if self.tick == self._n_ticks:
+                self.state = State.DONE
+
+    def hold(self) -> tuple[bool, str]:
+        """Stop the travel; returns whether, and the answer in words."""
+        return self._go(State.HELD, (State.RUNNING,))
+
+    def resume(self) -> tuple[bool, str]:
+        """Go on after a hold."""
+        return self._go(State.RUNNING, (State.HELD,))
+
+    def abort(self) -> tuple[bool, str]:
+        """Give the weld up."""
+        return self._go(State.ABORTED, (State.RUNNING, State.HELD))
+
+    def _go(self, state: State, allowed: Sequence[State]) -> tuple[bool, str]:
+        if self.state not in allowed:
+            return False, f"refused: the weld is {self.state}; it must be {' or '.join(allowed)}"
+        self.state = state
+        return True, self.describe()
+
+    def describe(self) -> str:
+        """State, phase and angle in words."""
+        at = self.progress()
+        return f"{at.state} in phase {at.phase} at {at.angle_deg:.1f} deg"
+
+    def progress(self) -> Progress:
+        """How far it has come."""
+        time_s, length_mm = self.tick * TICK_S, 0.0
+        for phase, (_, begin_s, end_s) in zip(self._phases, self._spans, strict=True):
+            share = min((time_s - begin_s) / phase.duration_s, 1.0)
+            if time_s < end_s or phase is self._phases[-1]:
+                break
+            length_mm += phase.length_mm
+        angle_deg = phase.from_deg + share * (phase.to_deg - phase.from_deg)
+        left_s = (self._n_ticks - self.tick) * TICK_S
+        return Progress(self.state, phase.name, angle_deg, length_mm + share * phase.length_mm, left_s)
