@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, model, bag."""
+"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, campaign, model,
+export, bag.
+"""
 
 import sys
 
@@ -7,4 +9,5 @@ from _bootstrap import start
 
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
+    extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
     start("fsw_experiment.cli.main", extras)

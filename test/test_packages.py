@@ -58,8 +58,18 @@ KNOWN |= {f"{kind}_msgs" for kind in ("diagnostic", "geometry", "nav", "rosgraph
 KNOWN |= {"std_srvs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
-#: the stand-in for ROS 2, done without where that is; what the tests share; what rosdep does not have
-OPTIONAL = {"rosidl_embedded", "rclpy_embedded", "fsw_test_support", "fmpy", "asyncua"}
+#: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
+#: one command needs, of which rosdep has not all
+OPTIONAL = {
+    "rosidl_embedded",
+    "rclpy_embedded",
+    "fsw_test_support",
+    "dask",
+    "distributed",
+    "pyarrow",
+    "fmpy",
+    "asyncua",
+}
 
 
 def modules(folder: Path) -> Iterator[tuple[str, str, bool]]:

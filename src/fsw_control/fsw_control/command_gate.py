@@ -84,10 +84,10 @@ class CommandGate:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns:
             return "repeated", f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already"
-        if measured_ns - stamp_ns > round(self.max_age_s * 1e9):
+        if measured_ns > stamp_ns and measured_ns - stamp_ns > round(self.max_age_s * 1e9):
             return "too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old"
         return "", ""
 
     def total(self) -> int:
         """Commands refused, for whatever reason."""
-        return sum(self.refused.values())
+        return sum(self.refused.values()) if self.last_refusal else 0

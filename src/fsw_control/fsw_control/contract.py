@@ -16,8 +16,7 @@ SENSORS = ("depth", "torque", "thermocouple")
 BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
 
 
-@dataclass(frozen=True, slots=True)
-class Measurement:
+class Measurement(NamedTuple):
     """The sensors at one tick.
 
     Attributes
@@ -72,8 +71,7 @@ class Reference:
     coming: tuple[Coming, ...] = field(default=(), compare=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """The two manipulated variables: axial force and spindle speed."""
 
     force_kn: float
@@ -108,8 +106,17 @@ class Limits:
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
-        force = min(max(wanted.force_kn, self.force_min_kn), self.force_max_kn)
-        speed = min(max(wanted.speed_rpm, self.speed_min_rpm), self.speed_max_rpm)
+        force, speed = wanted.force_kn, wanted.speed_rpm
+        if self.force_min_kn <= force <= self.force_max_kn and self.speed_min_rpm <= speed <= self.speed_max_rpm:
+            if previous is None:
+                return wanted
+            if (
+                previous.force_kn - self.force_step_kn <= force <= previous.force_kn + self.force_step_kn
+                and previous.speed_rpm - self.speed_step_rpm <= speed <= previous.speed_rpm + self.speed_step_rpm
+            ):
+                return wanted
+        force = min(max(force, self.force_min_kn), self.force_max_kn)
+        speed = min(max(speed, self.speed_min_rpm), self.speed_max_rpm)
         if previous is not None:
             force = min(max(force, previous.force_kn - self.force_step_kn), previous.force_kn + self.force_step_kn)
             speed = min(max(speed, previous.speed_rpm - self.speed_step_rpm), previous.speed_rpm + self.speed_step_rpm)

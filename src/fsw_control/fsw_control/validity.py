@@ -118,7 +118,8 @@ class Frozen:
         return False
 
     def _weight(self) -> float:
-        self._count = min(self._count + 1, _MEMORY)
+        if self._count < _MEMORY:
+            self._count += 1
         return 1.0 / self._count
 
     def _is_frozen(self, samples: int) -> bool:
@@ -145,46 +146,42 @@ class SensorValidity:
 
     def update(self, time_s: float, value: float | None) -> Reading:
         """Judge the sample of the tick at ``time_s``; None: none came."""
-        fault = self._fault(value)
-        if fault:
+        limits = self.limits
+        if value is None:
+            fault = "missing"
+        elif not math.isfinite(value):
+            fault = "not finite"
+        else:
+            frozen = self._frozen.update(value, limits.frozen_samples)
+            if not limits.minimum <= value <= limits.maximum:
+                fault = "out of range"
+            elif frozen:
+                fault = "frozen"
+            elif self._jumps(time_s, value):
+                fault = "too fast" if self._valid else "recovering"
+            else:
+                self._agreeing = 0
+                self._good, self._good_s, self._valid = value, time_s, True
+                return Reading(value, True)
+        if fault not in ("too fast", "recovering"):
             self._agreeing = 0
-        elif value is not None:
-            fault = self._jump(time_s, value)
-        if not fault and value is not None:
-            self._good, self._good_s, self._valid = value, time_s, True
-            return Reading(value, True)
-        if self._valid and fault != "frozen" and time_s - self._good_s <= self.limits.hold_s + 1e-9:
+        if self._valid and fault != "frozen" and time_s - self._good_s <= limits.hold_s + 1e-9:
             return Reading(self._good, True, f"{fault}, held", held=True)
         self._valid = False
         return Reading(math.nan, False, fault)
 
-    def _fault(self, value: float | None) -> str:
-        if value is None:
-            return "missing"
-        if not math.isfinite(value):
-            return "not finite"
-        frozen = self._frozen.update(value, self.limits.frozen_samples)
-        if not self.limits.minimum <= value <= self.limits.maximum:
-            return "out of range"
-        return "frozen" if frozen else ""
-
-    def _jump(self, time_s: float, value: float) -> str:
-        """Refuse a change that is too fast, until enough samples in a row agree that it is real."""
-        if not math.isfinite(self._good):
-            return ""
-        if self._valid and self._near(value, self._good, time_s - self._good_s):
-            self._agreeing = 0
-            return ""
-        agrees = self._agreeing and self._near(value, self._candidate, time_s - self._candidate_s)
+    def _jumps(self, time_s: float, value: float) -> bool:
+        """Whether a change is too fast, until enough samples in a row agree that it is real."""
+        largest_rate, elapsed_s = self.limits.max_rate, time_s - self._good_s
+        if self._valid and abs(value - self._good) <= largest_rate * max(elapsed_s, _LEAST_ELAPSED_S):
+            return False
+        if not math.isfinite(self._good):  # the first sample
+            return False
+        elapsed_s = max(time_s - self._candidate_s, _LEAST_ELAPSED_S)
+        agrees = self._agreeing and abs(value - self._candidate) <= largest_rate * elapsed_s
         self._agreeing = self._agreeing + 1 if agrees else 1
         self._candidate, self._candidate_s = value, time_s
-        if self._agreeing >= self.limits.confirm_samples:
-            self._agreeing = 0
-            return ""
-        return "too fast" if self._valid else "recovering"
-
-    def _near(self, value: float, other: float, elapsed_s: float) -> bool:
-        return abs(value - other) <= self.limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S)
+        return self._agreeing < self.limits.confirm_samples
 
 
 class SensorGuard:
@@ -216,9 +213,13 @@ class SensorGuard:
 
         ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
         """
-        readings = {name: sensor.update(time_s, values.get(name)) for name, sensor in self._sensors.items()}
-        self.reasons.update({name: reading.reason for name, reading in readings.items()})
-        depth, torque, temperature = readings.values()
+        depth, torque, temperature = (one.update(time_s, values.get(name)) for name, one in self._sensors.items())
+        readings = (depth, torque, temperature)
+        held: tuple[str, ...] = ()
+        for name, reading in zip(SENSORS, readings, strict=True):
+            self.reasons[name] = reading.reason
+            if reading.held:
+                held += (name,)
         return Measurement(
             time_s,
             depth.value,
@@ -227,7 +228,7 @@ class SensorGuard:
             depth.valid,
             torque.valid,
             temperature.valid,
-            held=tuple(name for name, reading in readings.items() if reading.held),
+            held=held,
             force_kn=math.nan if drives is None else drives.force_kn,
             speed_rpm=math.nan if drives is None else drives.speed_rpm,
         )

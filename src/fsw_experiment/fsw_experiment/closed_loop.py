@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from math import nan
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
 )
 from fsw_control import weld
-from fsw_control.contract import Command, Controller, Limits, Proposal, Reference
+from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.references import ReferencePlan
 from fsw_control.validity import SensorGuard
@@ -132,15 +133,12 @@ class ClosedLoop:
             reference = changes.get(tick, reference)
             if plan is not None:
                 reference = replace(reference, coming=plan.after(tick * TICK_NS))
-            reading = plant.measure()
-            stamp_ns, drives = reading.stamp_ns, reading.drives
-            sent = {"depth": reading.depth_mm, "torque": reading.torque_nm, "thermocouple": reading.temperature_c}
-            values = {
-                sensor: sample.value
-                for sensor, samples in sent.items()
-                for sample in samples
-                if sample.stamp_ns == stamp_ns
-            }
+            _, stamp_ns, *sent, drives = plant.measure()
+            values = {}
+            for sensor, samples in zip(SENSORS, sent, strict=True):
+                for sample in samples:
+                    if sample.stamp_ns == stamp_ns:
+                        values[sensor] = sample.value
             measurement = guard.measure(stamp_ns * 1e-9, values, drives)
             answers = {}
             for name, controller in self._controllers.items():
@@ -222,13 +220,13 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
 
 def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
     """A group of signals from objects whose attributes have the names of its columns, but for those known."""
-    for one in fields(kind):
-        if one.name not in known:
-            values = [getattr(source, one.name) for source in sources]
-            if one.metadata["kind"] == "number":
-                known[one.name] = _numbers(values)
-            else:
-                known[one.name] = _texts(value if isinstance(value, str) else ",".join(value) for value in values)
+    wanted = [one for one in fields(kind) if one.name not in known]
+    columns = zip(*map(attrgetter(*(one.name for one in wanted)), sources), strict=True)
+    for one, values in zip(wanted, columns, strict=True):
+        if one.metadata["kind"] == "number":
+            known[one.name] = _numbers(values)
+        else:
+            known[one.name] = _texts(value if isinstance(value, str) else ",".join(value) for value in values)
     return kind(**known)
 
 

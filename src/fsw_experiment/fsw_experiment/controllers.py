@@ -9,7 +9,7 @@ from typing import Any
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, load, validate
 from fsw_experiment.open_loop import OpenLoopController
-from fsw_experiment.scenario import ScenarioError
+from fsw_experiment.scenario import Scenario, ScenarioError
 
 #: Controller name: module, class, parameter file, and the parameter that a ``:variant`` sets.
 KNOWN: dict[str, tuple[str, str, str, str]] = {
@@ -38,13 +38,40 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     ScenarioError
         When there is no such controller or variant here.
     """
-    name, _, variant = label.partition(":")
+    name = label.partition(":")[0]
     if name not in KNOWN:
         raise ScenarioError(f"controller {name} is not available; available: {', '.join(KNOWN)}")
-    package, kind, file, choice = KNOWN[name]
+    package, kind, file, _ = KNOWN[name]
     try:
-        values = validate(load(package, file), {**(parameters or {}), **({choice: variant} if variant else {})})
+        values = validate(load(package, file), {**(parameters or {}), **variant_of(label)})
         made: Controller = getattr(import_module(package), kind)(values)
     except (ParameterError, ValueError) as error:
         raise ScenarioError(f"controller {label}: {error}") from None
     return made
+
+
+def variant_of(label: str) -> dict[str, str]:
+    """The parameter that the variant of a label of :func:`make` sets; none without variant."""
+    name, _, variant = label.partition(":")
+    return {KNOWN[name][3]: variant} if variant else {}
+
+
+def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
+    """Make the controllers of a scenario by name, the one that ``label`` names in that variant.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    label : str
+        As of :func:`make`.
+    parameters : mapping of str to mapping
+        By name of the controller.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`make`.
+    """
+    name = label.partition(":")[0]
+    variants = {other: label if other == name else other for other in scenario.controllers}
+    return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,8 @@ class WeldGraph:
         Whether a recorder runs.
     standby : bool
         Whether a second supervisor stands by.
+    parameters : mapping of str to mapping
+        Parameters of the controllers' nodes, by name of the controller; the others have their defaults.
     """
 
     scenario: Scenario
@@ -55,6 +57,7 @@ class WeldGraph:
     realtime: bool = False
     record: bool = True
     standby: bool = False
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def bag(self) -> Path:
@@ -114,6 +117,7 @@ class WeldGraph:
         }
         for name in names:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
+            nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
         if self.scenario.open_loop:
             nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
         if self.standby:

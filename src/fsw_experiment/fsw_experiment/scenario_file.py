@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -34,6 +36,8 @@ _SHIPPED = Path(__file__).parent / "scenarios"
 _FIGURES = range(4, 10)
 #: keys of a scenario file
 KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures", "announced", "phases")
+#: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's entry
+_STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
 def shipped() -> list[str]:
@@ -49,44 +53,63 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
     source : str or Path
         Path of a YAML file, or the name of a shipped scenario.
     overrides : sequence of str
-        ``key=value`` with dotted keys, e.g. ``plant.noise=false`` or ``controller=nmpc``; values are YAML.
+        ``key=value`` with dotted keys, e.g. ``plant.noise=false`` or ``events[2].disturbance.amplitude_mm=0.2``;
+        values are YAML.
 
     Raises
     ------
     ScenarioError
         If there is no such scenario or something in it is wrong.
     """
+    return parse(text_of(source), str(source), overrides)
+
+
+def text_of(source: str | Path) -> str:
+    """Text of a scenario's file, which is not checked; see :func:`load`."""
     file = Path(source)
     if str(source) in shipped() and not file.is_file():
         file = _SHIPPED / f"{source}.yaml"
     try:
-        text = file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8")
     except OSError as error:
         raise ScenarioError(
             f"cannot read scenario {source}: {error.strerror}; give a YAML file or one of {', '.join(shipped())}"
         ) from None
     except UnicodeDecodeError:
         raise ScenarioError(f"cannot read scenario {source}: not a text file in UTF-8") from None
-    return parse(text, str(source), overrides)
 
 
 def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario from YAML text; see :func:`load`."""
-    at = Place(where, failure=ScenarioError)
-    content = at.yaml(text)
-    if not isinstance(content, dict):
-        raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(KEYS)}; see the shipped ones")
+    content = content_of(text, where)
     for override in overrides:
         _override(content, override)
     if overrides:
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    return read(content, where, text)
+
+
+def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
+    """What YAML text holds, if that is a mapping; nothing in it is checked. Errors as :func:`load`."""
+    content = Place(where, failure=ScenarioError).yaml(text)
+    if not isinstance(content, dict):
+        raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(KEYS)}; see the shipped ones")
+    return content
+
+
+def read(content: dict[str, Any], where: str = "scenario", text: str | None = None) -> Scenario:
+    """Read a scenario from the content of a file; ``text`` is the file's, JSON (which is YAML) by default.
+
+    Errors as :func:`load`.
+    """
+    at = Place(where, failure=ScenarioError)
     plant = _plant(content.get("plant") or {}, at.inside("plant"))
     phases, set_points = read_phases(at, content, plant) if "phases" in content else ((), ())
     if phases:
         # The plant reads the same text: times it knows, phases and angles it does not.
         place_events(at, content, phases)
         content.setdefault("duration_s", round(sum(phase.duration_s for phase in phases), 1))
-        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        text = None if text is None else yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
     at.keys(content, KEYS, required=("name", "duration_s"))
     duration_s = at.number(content, "duration_s", ranges.DURATION_S)
     if phases and abs(duration_s - (whole_s := sum(phase.duration_s for phase in phases))) > TICK_S:
@@ -120,7 +143,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
         figures=figures,
         announced=announced,
         phases=phases,
-        text=text,
+        text=json.dumps(content) if text is None else text,
     )
 
 
@@ -128,16 +151,36 @@ def _override(content: dict[str, Any], override: str) -> None:
     key, equals, value = override.partition("=")
     if not equals or not key:
         raise ScenarioError(f"override {override!r}: give key=value, e.g. plant.noise=false")
-    *parents, last = key.split(".")
+    put(content, key, Place(f"override {override!r}", failure=ScenarioError).yaml(value), f"override {override!r}")
+
+
+def put(content: dict[str, Any], path: str, value: Any, where: str = "override") -> None:
+    """Set a value in the content of a scenario file; the path is as in the overrides of :func:`load`.
+
+    Raises
+    ------
+    ScenarioError
+        If the path leads nowhere.
+    """
+    found = list(_STEP.finditer(path))
+    if "".join(step[0] for step in found) != path or path.startswith("."):
+        raise ScenarioError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
+    steps: list[Any] = [step[1] or int(step[2]) for step in found]
     inside: Any = content
-    for parent in parents:
-        inside = inside.setdefault(parent, {})
-        if not isinstance(inside, dict):
+    for i, step in enumerate(steps):
+        if isinstance(step, int):
+            if not isinstance(inside, list) or step >= len(inside):
+                have = f"{len(inside)} entries, counted from 0" if isinstance(inside, list) else "no list"
+                raise ScenarioError(f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}")
+        elif not isinstance(inside, dict):
             raise ScenarioError(
-                f"override {override!r}: {parent} has no named values; give {parent} as a whole, in YAML, "
+                f"{where}: {steps[i - 1]} has no named values; give {steps[i - 1]} as a whole, in YAML, "
                 "or change the scenario file"
             )
-    inside[last] = Place(f"override {override!r}", failure=ScenarioError).yaml(value)
+        if i == len(steps) - 1:
+            inside[step] = value
+        else:
+            inside = inside[step] if isinstance(step, int) else inside.setdefault(step, {})
 
 
 def _plant(entry: Any, at: Place) -> dict[str, Any]:

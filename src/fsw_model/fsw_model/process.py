@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import ceil, isfinite, pi
-from typing import Any, cast
+from struct import Struct
+from typing import Any, NamedTuple, cast
 
 import casadi as ca
 import numpy as np
@@ -43,8 +44,7 @@ class ProcessState:
         return ProcessState(self.x, deque(self.power))
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
+class Outputs(NamedTuple):
     """What the process shows under given inputs, without noise."""
 
     depth_mm: float
@@ -107,6 +107,8 @@ class _Numeric:
 
     def __init__(self, function: ca.Function) -> None:
         self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
+        self._target = self._given.data
+        self._put = Struct(f"{function.nnz_in()}d").pack_into  # half the time of an assignment to the array
         self._buffer: Any  # has to live as long as what it evaluates
         self._buffer, self._evaluate = function.buffer()
         given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
@@ -118,7 +120,7 @@ class _Numeric:
 
     def __call__(self, *values: float) -> list[float]:
         """All results one after the other, from all arguments one after the other."""
-        self._given[:] = values
+        self._put(self._target, 0, *values)
         self._evaluate()
         return self._result.tolist()
 
@@ -263,7 +265,7 @@ class ProcessModel:
         for force, speed in zip(force_kn, speed_rpm, strict=True):
             rows.append(self._outputs(*state.x, force, speed))
             self.step(state, force, speed)
-        names = [field.name for field in fields(Outputs)]
+        names = Outputs._fields
         columns = dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
         columns["force_kn"], columns["speed_rpm"] = np.array(force_kn, float), np.array(speed_rpm, float)
         return {"time_s": np.arange(len(rows)) * STEP_S, **columns}

@@ -1,7 +1,7 @@
 """Check values of the paper's process, and step, equilibrium, linearisation and simulation as a user meets them."""
 
 from collections import deque
-from dataclasses import astuple, replace
+from dataclasses import replace
 from math import inf, nan, pi
 
 import numpy as np
@@ -35,7 +35,7 @@ def test_step_and_outputs_are_the_casadi_functions(x, older, newer, force, speed
     OTHER.outputs(OTHER.equilibrium().state, 70.0, 300.0)
     assert state.x == tuple(expected_x.nonzeros())
     assert (state.power[0], state.power[-1]) == (newer, tuple(expected_power.nonzeros()))
-    assert astuple(outputs) == tuple(float(value) for value in MODEL.output_function(list(x), force, speed))
+    assert outputs == tuple(float(value) for value in MODEL.output_function(list(x), force, speed))
 
 
 def test_check_values_at_the_operating_point():

@@ -39,7 +39,7 @@ class Watchdog:
 
     def advance(self, force_kn: float) -> float:
         """Decide for the step that begins now, and count it: the force to apply instead of ``force_kn``."""
-        config = self.config
+        config = self.config.values
         age, timeout_s = self.age_s + 1e-9, config["watchdog.timeout_s"]
         if age >= timeout_s:
             safe = self.armed and age >= timeout_s + config["watchdog.hold_s"]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
+from fsw_experiment.campaign.errors import CampaignError
 from fsw_experiment.launcher import LaunchError
 from fsw_experiment.scenario import ScenarioError
 from fsw_model import ModelParameterError
@@ -21,6 +22,7 @@ class CommandError(Exception):
 
 _TOLD = (
     CommandError,
+    CampaignError,
     ScenarioError,
     ParameterError,
     ModelParameterError,

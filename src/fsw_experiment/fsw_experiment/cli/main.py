@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fsw_experiment.cli import bags, export, model, operate, replays, simulate
+from fsw_experiment.cli import bags, campaign, export, model, operate, replays, simulate
 from fsw_experiment.cli.errors import exit_code
 
 
@@ -20,6 +20,7 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     operate.add_commands(commands)
     simulate.add_command(commands)
+    campaign.add_command(commands)
     model.add_command(commands)
     export.add_command(commands)
     bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")

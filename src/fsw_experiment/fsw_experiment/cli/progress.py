@@ -8,6 +8,8 @@ import time
 _WIDTH = 40
 #: Elsewhere than on a terminal a line is written at most this often.
 _QUIET_S = 3.0
+#: On a terminal a rate is written at most this often.
+_NOTE_S = 0.2
 
 
 class ProgressBar:
@@ -16,10 +18,15 @@ class ProgressBar:
     Parameters
     ----------
     title : str
+    total : int
+        Pieces of work, where they are counted: then their rate and the remaining time are shown, too.
+    unit : str
+        What the pieces are.
     """
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, total: int = 0, unit: str = "") -> None:
         self._title = title
+        self._total, self._unit, self._note = total, unit, ""
         self._began = self._written_s = time.monotonic()
         self._shown = -1
         self._terminal = sys.stderr.isatty()
@@ -28,15 +35,27 @@ class ProgressBar:
         """Show the share done, 0 to 1."""
         percent = int(100 * min(max(share, 0.0), 1.0))
         now_s = time.monotonic()
-        if percent <= self._shown or (not self._terminal and now_s < self._written_s + _QUIET_S):
+        soon_s = _QUIET_S if not self._terminal else _NOTE_S if self._note else 0.0
+        if (percent <= self._shown and not self._note) or now_s < self._written_s + soon_s:
             return
         self._shown, self._written_s = percent, now_s
         filled = _WIDTH * percent // 100
-        bar = f"{self._title} [{'#' * filled}{'.' * (_WIDTH - filled)}] {percent:3d} %  {now_s - self._began:5.1f} s"
+        drawn = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {percent:3d} %"
+        bar = f"{self._title} {drawn}  {now_s - self._began:5.1f} s{self._note}"
         print(f"\r{bar}" if self._terminal else bar, end="" if self._terminal else "\n", file=sys.stderr, flush=True)
+
+    def count(self, done: int) -> None:
+        """Show the number of pieces done, their rate and the remaining time."""
+        rate = done / max(time.monotonic() - self._began, 1e-9)
+        left_s = round((self._total - done) / max(rate, 1e-9))
+        left = f"{left_s // 3600:d}:{left_s // 60 % 60:02d}:{left_s % 60:02d}"
+        self._note = f", {rate:.3g} {self._unit}/s, {left} left   "
+        self(done / self._total)
 
     def done(self) -> None:
         """Show that all is done and end the line."""
+        if self._total:  # the end is shown however soon it comes
+            self._written_s, self._note = 0.0, ""
         self(1.0)
         self._end_line()
 

@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from fsw_analysis import kpi_table, phase_kpi
+from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
+from fsw_experiment.graph import WeldGraph
+from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario import Scenario
 from fsw_experiment.scenario_file import load, shipped
 from fsw_experiment.weld_programme import spans
@@ -48,9 +51,10 @@ def add_command(commands: Any) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="replace a value of the scenario, e.g. plant.seed=3",
+        help="replace a value of the scenario, e.g. plant.seed=3 or events[0].at_s=10",
     )
     parser.add_argument("--out", type=Path, help="folder for the results (default out/<date>_<scenario>)")
+    parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and end")
     parser.set_defaults(run=run)
@@ -68,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run, draw
     from fsw_experiment.closed_loop import ClosedLoop
-    from fsw_experiment.controllers import make
+    from fsw_experiment.controllers import make_all, variant_of
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -83,18 +87,21 @@ def run(arguments: argparse.Namespace) -> int:
         name, _, inner = key.partition(".")
         parameters.setdefault(name, {})[inner] = value
     loops: dict[str, ClosedLoop] = {}
+    nodes: dict[str, dict[str, dict[str, Any]]] = {}
     used: set[str] = set()
     for label in labels:
         name = label.partition(":")[0]
         chosen = load(arguments.scenario, [*overrides, f"controller={name}"])
-        variants = {other: label if other == name else other for other in chosen.controllers}
-        controllers = {other: make(variant, parameters.get(other)) for other, variant in variants.items()}
+        controllers = make_all(chosen, label, parameters)
         used |= controllers.keys()
+        title = label
         if chosen.open_loop:
-            label = "open loop"
+            title = "open loop"
         elif len(labels) == 1 and len(controllers) > 1:
-            label = " and ".join(controllers)
-        loops[label] = ClosedLoop(chosen, controllers)
+            title = " and ".join(controllers)
+        nodes[title] = {other: {**parameters.get(other, {})} for other in controllers}
+        nodes[title].get(name, {}).update(variant_of(label))
+        loops[title] = ClosedLoop(chosen, controllers)
     unused = [name for name in parameters if name not in used]
     if unused:
         raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")
@@ -103,7 +110,9 @@ def run(arguments: argparse.Namespace) -> int:
     for title, loop in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
             runs.append(Run(title, loop.run(bar)))
-        export_weld(runs[-1].signals, folder / f"signals_{title.replace(':', '_').replace(' ', '_')}.csv")
+        export_weld(runs[-1].signals, folder / f"signals_{_file_name(title)}.csv")
+        if arguments.bag:
+            _record(loop.scenario, folder / f"graph_{_file_name(title)}", nodes[title])
     figures_of_merit = [kpi.compute(one.signals, one.label) for one in runs]
     kpi_table.write(figures_of_merit, folder)
     if not arguments.no_figures:
@@ -128,6 +137,21 @@ def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: 
     return paths
 
 
+def _file_name(title: str) -> str:
+    return title.replace(":", "_").replace(" ", "_")
+
+
+def _record(scenario: Scenario, folder: Path, parameters: dict[str, dict[str, Any]]) -> None:
+    """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
+    graph = WeldGraph(scenario, folder, parameters=parameters)
+    with (
+        free_domain() as domain,
+        Launcher(folder / "log", domain) as launcher,
+        ProgressBar(f"{scenario.name}, bag {graph.bag}") as bar,
+    ):
+        graph.run(launcher, bar)
+
+
 def assignment(option: str, text: str) -> tuple[str, Any]:
     """Name and value, which is YAML, of an argument NAME=VALUE."""
     name, separator, value = text.partition("=")
@@ -147,7 +171,7 @@ def new_folder(wanted: Path | None, name: str) -> Path:
     CommandError
         When it exists already and is not empty, or cannot be made.
     """
-    folder = wanted or Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
+    folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
@@ -155,3 +179,8 @@ def new_folder(wanted: Path | None, name: str) -> Path:
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
+
+
+def default_folder(name: str) -> Path:
+    """Folder for results where none is given."""
+    return Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"

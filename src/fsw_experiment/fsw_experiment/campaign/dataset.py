@@ -1,0 +1,227 @@
+"""The dataset of a campaign: a folder with a manifest and Parquet files that are added as welds end."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+
+from fsw_analysis.kpi_table import ROWS
+from fsw_experiment.campaign import definition
+from fsw_experiment.campaign.definition import Campaign
+from fsw_experiment.campaign.errors import CampaignError
+from fsw_experiment.campaign.welds import Row, versions
+
+_MANIFEST = "campaign.json"
+SCENARIO = "scenario.yaml"
+_WELDS = "welds"
+#: rows of a file below which it is joined with others
+_SMALL = 5000
+_COUNTS = ("duration_s", "ticks", "ticks_without_output", "ticks_without_command")
+#: columns that differ from run to run
+TIMES = ("solve_time_p50_ms", "solve_time_p99_ms", "solve_time_max_ms", "wall_time_s")
+_EVENT_NUMBERS = (
+    *("time_s", "until_s", "size_mm", "size_c", "iae_depth_mm_s", "iae_temperature_c_s", "peak_depth_error_mm"),
+    *("peak_temperature_error_c", "settling_s", "overshoot_mm", "overshoot_c", "overshoot_percent"),
+)
+_TEXT = pa.dictionary(pa.int32(), pa.string())
+_EVENT = pa.struct(
+    [("quantity", pa.string()), ("kind", pa.string()), ("alone", pa.bool_())]
+    + [(name, pa.float64()) for name in _EVENT_NUMBERS]
+)
+
+
+def schema(campaign: Campaign) -> pa.Schema:
+    """Columns of a campaign's rows."""
+    columns: list[tuple[str, pa.DataType]] = [("index", pa.int32()), ("controller", _TEXT)]
+    types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: _TEXT}
+    columns += [("plant.seed", pa.int64())]
+    columns += [(one.path, types[type(one.extremes[0])]) for one in campaign.distributions if one.path != "plant.seed"]
+    columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
+    for limit in campaign.limits:
+        names = (f"lowest_{limit.signal}", f"highest_{limit.signal}", f"outside_{limit.signal}_s")
+        columns += [(name, pa.float64()) for name in names]
+    columns += [(name, pa.float64()) for name in (*_COUNTS, *ROWS, *TIMES)]
+    return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(_EVENT))])
+
+
+class Dataset:
+    """Writes the rows of one campaign into a folder; a context.
+
+    Files appear under their name when they are complete, so that the folder can be read at any time.
+
+    Parameters
+    ----------
+    folder : Path
+    campaign : Campaign
+    resume : bool
+        Whether to go on with the rows that are there already.
+
+    Attributes
+    ----------
+    done : set of (int, str)
+        Number and controller of each weld that is there.
+
+    Raises
+    ------
+    CampaignError
+        If the folder cannot be used: another campaign's, in use, or without ``resume`` not empty.
+    """
+
+    def __init__(self, folder: Path, campaign: Campaign, resume: bool = False) -> None:
+        self.folder, self.campaign = folder, campaign
+        self._schema = schema(campaign)
+        self._lock: TextIO | None = None
+        manifest = folder / _MANIFEST
+        try:
+            if manifest.exists():
+                self._check(resume)
+            elif folder.exists() and any(folder.iterdir()):
+                raise CampaignError(f"folder {folder} exists and is not a campaign's; choose another --out")
+            (folder / _WELDS).mkdir(parents=True, exist_ok=True)
+            self._lock = (folder / ".lock").open("w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for left in (folder / _WELDS).glob(".*.tmp"):
+                left.unlink()
+            if not manifest.exists():
+                content = yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True)
+                _write(folder / SCENARIO, content)
+                _write(manifest, json.dumps(_manifest(campaign), indent=1))
+        except BlockingIOError:
+            raise CampaignError(f"folder {folder} is being written to by another run; wait for its end") from None
+        except OSError as error:
+            raise CampaignError(f"cannot write to folder {folder}: {error.strerror}") from None
+        self.done: set[tuple[int, str]] = set()
+        if parts := _parts(folder):
+            keys = _read(parts, ["index", "controller"])
+            self.done = set(zip(keys["index"].to_pylist(), keys["controller"].to_pylist(), strict=True))
+        self._next = int(parts[-1].stem) + 1 if parts else 0
+
+    def _check(self, resume: bool) -> None:
+        """Refuse another campaign's folder, and the same campaign's without ``resume``."""
+        manifest, campaign = read_manifest(self.folder), self.campaign
+        if manifest["digest"] != campaign.digest:
+            raise CampaignError(
+                f"folder {self.folder} has another campaign ({manifest['campaign']['name']}, {manifest['digest']}; "
+                f"this one is {campaign.name}, {campaign.digest}); choose another --out"
+            )
+        if not resume and _parts(self.folder):
+            raise CampaignError(f"folder {self.folder} has welds of this campaign; go on with --resume")
+        if manifest["versions"] != versions():
+            raise CampaignError(
+                f"folder {self.folder} was begun with other software ({manifest['versions']}; this is {versions()}); "
+                "choose another --out"
+            )
+
+    def missing(self) -> list[tuple[int, list[str]]]:
+        """Welds that are to be run: number, and labels of the controllers."""
+        labels = [one.label for one in self.campaign.entrants]
+        found = ((i, [label for label in labels if (i, label) not in self.done]) for i in range(self.campaign.welds))
+        return [(index, left) for index, left in found if left]
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """Add rows, as a file that appears complete."""
+        if not rows:
+            return
+        target = self.folder / _WELDS / f"{self._next:08d}.parquet"
+        scratch = target.with_name(f".{target.name}.tmp")
+        try:
+            pq.write_table(pa.Table.from_pylist(list(rows), self._schema), scratch, compression="zstd")
+            os.replace(scratch, target)
+        except OSError as error:
+            raise CampaignError(f"cannot write {target}: {error.strerror or error}") from None
+        self._next += 1
+        self.done.update((row["index"], row["controller"]) for row in rows)
+
+    def compact(self) -> None:
+        """Join small files into one: each has some 25 kB besides its rows.
+
+        The joined file takes the place of the first; should it end before the others are deleted, their rows are there
+        twice, and are read once.
+        """
+        small = [path for path in _parts(self.folder) if pq.read_metadata(path).num_rows < _SMALL]
+        if len(small) > 1:
+            scratch = small[0].with_name(f".{small[0].name}.tmp")
+            pq.write_table(_read(small), scratch, compression="zstd")
+            os.replace(scratch, small[0])
+            for path in small[1:]:
+                path.unlink()
+
+    def __enter__(self) -> Dataset:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # the rows are there all the same
+            self.compact()
+        if self._lock is not None:
+            self._lock.close()
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What the folder of a campaign says of it: ``digest``, ``versions`` and ``campaign``.
+
+    Raises
+    ------
+    CampaignError
+        If it is no campaign's.
+    """
+    try:
+        found: dict[str, Any] = json.loads((folder / _MANIFEST).read_text(encoding="utf-8"))
+        if {"digest", "versions", "campaign"} - found.keys():
+            raise ValueError("entries are missing")
+    except OSError as error:
+        raise CampaignError(f"{folder} is no folder of a campaign: {_MANIFEST}: {error.strerror}") from None
+    except ValueError as error:
+        raise CampaignError(f"{folder / _MANIFEST} is damaged: {error}") from None
+    return found
+
+
+def load(folder: Path) -> tuple[Campaign, pa.Table]:
+    """The campaign in a folder, and the rows that are there: in order of number and controller, each once.
+
+    Raises
+    ------
+    CampaignError
+        If it is no campaign's, or without rows, or damaged.
+    """
+    campaign = definition.read(read_manifest(folder)["campaign"], str(folder / _MANIFEST))
+    parts = _parts(folder)
+    if not parts:
+        raise CampaignError(f"{folder} has no welds yet")
+    table = _read(parts)
+    keys = zip(table["index"].to_pylist(), table["controller"].to_pylist(), strict=True)
+    _, first = np.unique([f"{index:010d} {label}" for index, label in keys], return_index=True)
+    return campaign, table.take(first)
+
+
+def _manifest(campaign: Campaign) -> dict[str, Any]:
+    return {"digest": campaign.digest, "versions": versions(), "campaign": json.loads(campaign.text)}
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted((folder / _WELDS).glob("[0-9]*.parquet"))
+
+
+def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
+    tables = []
+    for path in parts:
+        try:
+            tables.append(pq.read_table(path, columns=columns))
+        except (OSError, pa.ArrowException) as error:
+            raise CampaignError(f"{path} is damaged: {' '.join(str(error).split())}; delete it and --resume") from None
+    return pa.concat_tables(tables).unify_dictionaries().combine_chunks()
+
+
+def _write(path: Path, text: str) -> None:
+    scratch = path.with_name(f".{path.name}.tmp")
+    scratch.write_text(text, encoding="utf-8")
+    os.replace(scratch, path)

@@ -1,0 +1,120 @@
+"""Figures of a campaign's report, as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import BytesIO
+from math import ceil
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from fsw_analysis.kpi_table import ROWS
+from fsw_experiment.campaign.statistics import MAIN, Results, Vector
+
+_RATIOS = (
+    *MAIN,
+    "overshoot_depth_mm",
+    "overshoot_temperature_c",
+    "total_variation_force_kn",
+    "total_variation_speed_rpm",
+)
+_COLUMNS = 3
+#: times outside are drawn up to so many times what is allowed, or up to this share of the welds
+_WIDEST, _SHOWN_SHARE = 2.0, 0.98
+#: ratios beyond these are not drawn
+_SHOWN = (0.1, 10.0)
+_DPI = 110
+
+
+def _png(figure: Figure) -> bytes:
+    target = BytesIO()
+    FigureCanvasAgg(figure).print_png(target, metadata={"Software": None})  # the same figures, the same bytes
+    return target.getvalue()
+
+
+def _panels(count: int, draw: Callable[[Any, int], None]) -> bytes:
+    columns = min(count, _COLUMNS)
+    rows = ceil(count / columns)
+    figure = Figure(figsize=(4.0 * columns, 3.0 * rows), dpi=_DPI, layout="constrained")
+    for i in range(count):
+        draw(figure.add_subplot(rows, columns, i + 1), i)
+    return _png(figure)
+
+
+def _steps(axes: Any, values: Vector, label: str) -> None:
+    """Share of the welds up to each value."""
+    if values.size:
+        axes.step(np.sort(values), np.linspace(0.0, 100.0, values.size), where="post", label=label, lw=1.2)
+
+
+def ratios(results: Results) -> bytes | None:
+    """Distributions of ratios to the first controller's figures; None with one controller."""
+    keys = [key for key in _RATIOS if key in results.figures]
+    first, *others = results.labels
+    if not others or not keys:
+        return None
+
+    def draw(axes: Any, i: int) -> None:
+        for label in others:
+            _steps(axes, results.ratio(keys[i], label), label)
+        axes.axvline(1.0, color="0.4", lw=0.8)
+        axes.set(xscale="log", title=ROWS[keys[i]][0], xlabel=f"ratio to {first}", ylabel="welds up to [%]")
+        axes.title.set_fontsize("medium")
+        low, high = axes.get_xlim()
+        axes.set_xlim(max(low, _SHOWN[0]), min(high, _SHOWN[1]))
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.3)
+        if i == 0:
+            axes.legend(fontsize="small")
+
+    return _panels(len(keys), draw)
+
+
+def times_outside(results: Results) -> bytes | None:
+    """Distributions of the time outside each limit that any weld leaves; None if there is none."""
+    found = {
+        limit: [results.numbers(f"outside_{limit.signal}_s", label) for label in results.labels]
+        for limit in results.campaign.limits
+    }
+    limits = [limit for limit, times in found.items() if np.max(times) > 0.0]
+
+    def draw(axes: Any, i: int) -> None:
+        for label, times in zip(results.labels, found[limits[i]], strict=True):
+            _steps(axes, times, label)
+        shown_s = max(_WIDEST * limits[i].at_most_s, float(np.quantile(found[limits[i]], _SHOWN_SHARE)))
+        axes.set_xlim(0.0, shown_s or None)
+        axes.axvline(limits[i].at_most_s, color="0.4", lw=0.8)
+        axes.set(title=limits[i].signal, xlabel="time outside [s]", ylabel="welds up to [%]")
+        axes.title.set_fontsize("medium")
+        axes.grid(alpha=0.3)
+        if i == 0:
+            axes.legend(fontsize="small")
+
+    return _panels(len(limits), draw) if limits else None
+
+
+def correlations(results: Results) -> bytes | None:
+    """Rank correlations between parameters and the main figures; None where no parameter is a number."""
+    cases = [(key, label) for key in MAIN for label in results.labels]
+    found = [results.correlations(key, label) for key, label in cases]
+    if not found[0]:
+        return None
+    values = np.array([list(one.values()) for one in found]).T
+    figure = Figure(figsize=(3.0 + 0.75 * len(cases), 1.8 + 0.32 * len(values)), dpi=_DPI, layout="constrained")
+    axes = figure.add_subplot()
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    axes.set_xticks(range(len(cases)), [f"{ROWS[key][0]}, {label}" for key, label in cases], rotation=35, ha="right")
+    axes.set_yticks(range(len(values)), [name.removeprefix("plant.") for name in found[0]])
+    axes.tick_params(labelsize="small")
+    for (row, column), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            shade = "white" if abs(value) > 0.6 else "black"
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade)
+    figure.colorbar(image, label="rank correlation")
+    return _png(figure)

@@ -1,0 +1,244 @@
+"""The report on a campaign: one HTML file with its figures in it, or Markdown with the figures beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from fsw_analysis.kpi_table import ROWS
+from fsw_experiment.campaign import figures
+from fsw_experiment.campaign.dataset import load
+from fsw_experiment.campaign.definition import Limit
+from fsw_experiment.campaign.distributions import Distribution
+from fsw_experiment.campaign.errors import CampaignError
+from fsw_experiment.campaign.statistics import MAIN, Results
+from fsw_experiment.campaign.welds import DIVERGED, ERROR, OK
+
+_STYLE = (
+    "body{font:15px/1.45 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}table{border-collapse:collapse}"
+    "td,th{border:1px solid #ccc;padding:.2rem .6rem;text-align:right}td:first-child,th:first-child{text-align:left}"
+    "img{max-width:100%}pre{background:#f4f4f4;padding:.6rem;white-space:pre-wrap;overflow-wrap:anywhere}"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    name: str
+    title: str
+    png: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Code:
+    text: str
+
+
+_Block = str | _Table | _Figure | _Code
+_Section = tuple[str, list[_Block]]
+
+
+def write(folder: Path, target: Path) -> Path:
+    """Write the report on the welds in a campaign's folder; returns its path.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the campaign; it may still be running.
+    target : Path
+        Name ends in ``.html`` or ``.md``.
+
+    Raises
+    ------
+    CampaignError
+        If the folder is no campaign's or has too few welds, or the report cannot be written.
+    """
+    if target.suffix not in (".html", ".md"):
+        raise CampaignError(f"{target}: the name of a report ends in .html or .md")
+    results = Results(*load(folder), folder)
+    if not results.complete.size:
+        raise CampaignError(f"{folder} has no weld yet that all controllers have run; go on with --resume")
+    sections = _sections(results)
+    title = f"Campaign {results.campaign.name}"
+    text = _markdown(title, sections, target) if target.suffix == ".md" else _html(title, sections)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.suffix == ".md":
+            for _, blocks in sections:
+                for block in blocks:
+                    if isinstance(block, _Figure):
+                        _beside(target, block).write_bytes(block.png)
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CampaignError(f"cannot write {target}: {error.strerror}") from None
+    return target
+
+
+def _beside(target: Path, figure: _Figure) -> Path:
+    return target.with_name(f"{target.stem}_{figure.name}.png")
+
+
+def _sections(results: Results) -> list[_Section]:
+    campaign = results.campaign
+    ratios, outside = figures.ratios(results), figures.times_outside(results)
+    correlations = figures.correlations(results)
+    found: list[_Section] = [("", _head(results))]
+    if campaign.limits:
+        found.append(("Welds inside the limits", _inside(results)))
+        if outside:
+            found[-1][1].append(_Figure("outside", "Time outside the limits", outside))
+    found.append(("Figures of merit", _figures_of_merit(results)))
+    if ratios:
+        words = (
+            f"Each weld's figure over that of `{results.labels[0]}` on the same plant with the same noise: median "
+            "[5 %, 95 %], and how often it is below 1."
+        )
+        found.append(("Ratios", [words, _ratios(results), _Figure("ratios", "Distributions of the ratios", ratios)]))
+    if correlations:
+        words = (
+            "Spearman's rank correlation between each parameter and a figure: 1 or -1 where it alone orders the welds."
+        )
+        found.append(("Which parameters matter", [words, _Figure("parameters", "Rank correlations", correlations)]))
+    found.append(("The worst welds", _worst(results)))
+    return found
+
+
+def _head(results: Results) -> list[_Block]:
+    campaign, index = results.campaign, results.table["index"].to_numpy()
+    complete = "" if results.complete.size == campaign.welds else f" ({np.unique(index).size} are there so far)"
+    versions = sorted(set(results.texts("versions")))
+    words = (
+        f"Scenario `{campaign.scenario['name']}`, {campaign.welds} welds{complete} with each controller, sampler "
+        f"{campaign.sampler.replace('_', ' ')}, seed {campaign.seed}, digest {campaign.digest}. A weld has the same "
+        "plant and the same sensor noise under all controllers. Errors are those of the true outputs, without noise."
+    )
+    rows = [(one.path, _words(one)) for one in campaign.distributions]
+    mixed = ["The welds were computed by several versions: their figures may differ in the last digits."]
+    return [
+        campaign.description,
+        words,
+        *([_Table(("parameter", "distribution"), rows)] if rows else []),
+        f"Versions: {'; '.join(versions)}.",
+        *(mixed if len(versions) > 1 else []),
+    ]
+
+
+def _words(one: Distribution) -> str:
+    if one.kind == "choice":
+        return f"one of {', '.join(map(str, one.choices))}"
+    mean = f", mean {one.mean:g}, deviation {one.deviation:g}" if one.kind == "normal" else ""
+    return f"{one.kind}, {one.low:g} to {one.high:g}{mean}"
+
+
+def _limit(one: Limit) -> str:
+    low = f"from {one.low:g} " if one.low is not None else ""
+    high = f"to {one.high:g}" if one.high is not None else ""
+    return f"`{one.signal}` {low}{high}, outside for at most {one.at_most_s:g} s"
+
+
+def _inside(results: Results) -> list[_Block]:
+    status, rows = results.texts("status"), []
+    for label in results.labels:
+        own = results.controller == label
+        good, total, low, high = results.share(label)
+        counts = [str(int(np.sum(status[own] == word))) for word in (OK, DIVERGED, ERROR)]
+        rows.append([label, *counts, str(good), f"{100 * good / total:.2f}", f"{100 * low:.2f} to {100 * high:.2f}"])
+    header = ("", "ended", "diverged", "error", "inside", "share [%]", "Wilson interval, 95 % [%]")
+    words = f"A weld is inside while it keeps {'; '.join(map(_limit, results.campaign.limits))}."
+    return [words, _Table(header, rows)]
+
+
+def _figures_of_merit(results: Results) -> list[_Block]:
+    rows = []
+    for key in results.figures:
+        meaning, unit, factor = ROWS[key]
+        cells = []
+        for label in results.labels:
+            values = results.numbers(key, label) * factor
+            values = values[np.isfinite(values)]
+            cells.append(f"{np.median(values):.3g} [{np.quantile(values, 0.95):.3g}]" if values.size else "–")
+        rows.append([f"{meaning} [{unit}]" if unit else meaning, *cells])
+    words = f"Median [95 % quantile] over the {results.complete.size} plants on which all controllers ended."
+    return [words, _Table(("", *results.labels), rows)]
+
+
+def _ratios(results: Results) -> _Table:
+    rows = []
+    for key in results.figures:
+        if ROWS[key][1] in ("", "%"):  # counts and shares
+            continue
+        cells = []
+        for label in results.labels[1:]:
+            values = results.ratio(key, label)
+            if not values.size:
+                cells.append("–")
+                continue
+            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
+            cells.append(f"{middle:.2f} [{low:.2f}, {high:.2f}], {100 * np.mean(values < 1.0):.1f} %")
+        if any(cell != "–" for cell in cells):
+            rows.append([ROWS[key][0], *cells])
+    return _Table(("", *results.labels[1:]), rows)
+
+
+def _worst(results: Results) -> list[_Block]:
+    worst = results.worst()
+    names = " or ".join(ROWS[key][0] for key in MAIN)
+    words = (
+        f"First those that did not end, then those with the largest {names} over the median of their controller. Each "
+        "command runs the weld again, to the last digit of its figures of merit, and draws it; with `--bag` it also "
+        "records the weld in the graph."
+    )
+    rows = []
+    for row, why in worst:
+        numbers = ["–" if row[key] is None else f"{row[key]:.3g}" for key in MAIN]
+        rows.append([f"{row['index']}, {row['controller']}", why, *numbers, "yes" if row["inside"] else "no"])
+    table = _Table(("weld", "why", *(f"{ROWS[key][0]} [{ROWS[key][1]}]" for key in MAIN), "inside"), rows)
+    return [words, table, _Code("\n".join(results.command(row) for row, _ in worst))]
+
+
+def _markdown(title: str, sections: Sequence[_Section], target: Path) -> str:
+    lines = [f"# {title}", ""]
+    for heading, blocks in sections:
+        lines += [f"## {heading}", ""] if heading else []
+        for block in blocks:
+            if isinstance(block, _Table):
+                marks = ["---", *["---:"] * (len(block.header) - 1)]
+                lines += ["| " + " | ".join(row) + " |" for row in [block.header, marks, *block.rows]]
+            elif isinstance(block, _Figure):
+                lines.append(f"![{block.title}]({_beside(target, block).name})")
+            elif isinstance(block, _Code):
+                lines += ["```", block.text, "```"]
+            else:
+                lines.append(block)
+            lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _html(title: str, sections: Sequence[_Section]) -> str:
+    lines = [f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(title)}</title><style>{_STYLE}</style>"]
+    lines.append(f"<h1>{escape(title)}</h1>")
+    for heading, blocks in sections:
+        lines += [f"<h2>{escape(heading)}</h2>"] if heading else []
+        for block in blocks:
+            if isinstance(block, _Table):
+                rows = [("th", block.header), *(("td", row) for row in block.rows)]
+                cells = ("".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) for tag, row in rows)
+                lines.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>")
+            elif isinstance(block, _Figure):
+                data = base64.b64encode(block.png).decode()
+                lines.append(f'<p><img alt="{escape(block.title)}" src="data:image/png;base64,{data}">')
+            elif isinstance(block, _Code):
+                lines.append(f"<pre>{escape(block.text)}</pre>")
+            else:
+                lines.append(f"<p>{escape(block).replace('`', '')}</p>")
+    return "\n".join([*lines, "</html>"]) + "\n"

@@ -1,0 +1,131 @@
+"""Runs welds of a campaign: what a worker does."""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from platform import python_version
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.kpi import compute
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.contract import Controller
+from fsw_control.weld import TICK_S
+from fsw_experiment.campaign import definition
+from fsw_experiment.campaign.definition import ERRORS, Campaign, Entrant
+from fsw_experiment.closed_loop import ClosedLoop
+
+Row = dict[str, Any]
+#: what a weld can come to
+OK, DIVERGED, ERROR = "ok", "diverged", "error"
+
+
+@lru_cache(maxsize=1)
+def versions() -> str:
+    """The software that decides the results: packages, and digests of the controllers' C sources."""
+    from fsw_decentral.kernel_build import LIBRARY as DECENTRAL
+    from fsw_nmpc.kernel_build import LIBRARY as NMPC
+
+    try:
+        own = version("fsw-control")
+    except PackageNotFoundError:  # imported from the source tree
+        own = "source"
+    found = {"fsw_control": own, "nmpc": NMPC.source_id(), "decentral": DECENTRAL.source_id()}
+    found |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
+    return ", ".join(f"{name} {value}" for name, value in found.items())
+
+
+@lru_cache(maxsize=2)
+def _campaign(text: str) -> Campaign:
+    return definition.read(json.loads(text))
+
+
+@lru_cache(maxsize=32)
+def _controllers(text: str, label: str, names: tuple[str, ...]) -> dict[str, Controller]:
+    campaign = _campaign(text)
+    entrant = next(one for one in campaign.entrants if one.label == label)
+    return campaign.controllers(campaign.weld({}, entrant), entrant)
+
+
+def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[str]]]) -> list[Row]:
+    """Run welds one after the other.
+
+    Parameters
+    ----------
+    text : str
+        Of the campaign, see ``Campaign.text``.
+    batch : sequence of (int, mapping, sequence of str)
+        Number of a weld, its parameters by path, and the labels of the controllers to run.
+
+    Returns
+    -------
+    list of dict
+        A row of the dataset for each.
+    """
+    campaign = _campaign(text)
+    entrants = {one.label: one for one in campaign.entrants}
+    gc.disable()  # a weld makes many objects and no circles of them
+    try:
+        return [
+            run_weld(campaign, index, parameters, entrants[label])
+            for index, parameters, labels in batch
+            for label in labels
+        ]
+    finally:
+        gc.enable()
+
+
+def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entrant: Entrant) -> Row:
+    """Run one weld; whatever happens, there is a row."""
+    began = time.perf_counter()
+    row: Row = {"index": index, "controller": entrant.label, "reason": "", "inside": False, **parameters}
+    try:
+        scenario = campaign.weld(parameters, entrant)
+        loop = ClosedLoop(scenario, _controllers(campaign.text, entrant.label, scenario.controllers))
+        signals = loop.run()
+        row |= _figures(signals)
+        inside = [_outside(signals, limit, row) <= limit.at_most_s for limit in campaign.limits]
+        row["status"] = DIVERGED if loop.plant.stopped else OK
+        row["reason"] = loop.plant.stopped
+        row["inside"] = all(inside) and not loop.plant.stopped
+    except Exception as error:  # one weld of thousands may fail in any way, the others go on
+        row["status"], row["reason"] = ERROR, f"{type(error).__name__}: {' '.join(str(error).split())}"
+    row["versions"] = versions()
+    row["wall_time_s"] = time.perf_counter() - began
+    return row
+
+
+def _figures(signals: WeldSignals) -> Row:
+    """Figures of merit under names that do not depend on the controller."""
+    found = compute(signals)
+    for key in ("label", "controllers", "outputs"):
+        del found[key]
+    selected = signals.command_source[0] if signals.n_ticks else ""
+    for key in [key for key in found if key.startswith("solve_time_")]:
+        value, prefix = found.pop(key), f"solve_time_{selected}_"
+        if key.startswith(prefix):
+            found[f"solve_time_{key.removeprefix(prefix)}"] = value
+    return found
+
+
+def _outside(signals: WeldSignals, limit: definition.Limit, row: Row) -> float:
+    """Time outside a limit [s]; puts it and the extremes of the signal into the row."""
+    values = _signal(signals, limit.signal)
+    low = -np.inf if limit.low is None else limit.low
+    high = np.inf if limit.high is None else limit.high
+    row[f"lowest_{limit.signal}"], row[f"highest_{limit.signal}"] = float(values.min()), float(values.max())
+    row[f"outside_{limit.signal}_s"] = outside_s = round(int(np.sum(~((values >= low) & (values <= high)))) * TICK_S, 9)
+    return outside_s
+
+
+def _signal(signals: WeldSignals, name: str) -> FloatArray:
+    truth = getattr(signals.truth, ERRORS.get(name, name))
+    reference = getattr(signals, f"reference_{ERRORS[name]}") if name in ERRORS else 0.0
+    found: FloatArray = truth - reference
+    return found

@@ -1,0 +1,287 @@
+"""Campaigns without Dask: files, points, rows, datasets, reports."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+pa = pytest.importorskip("pyarrow")
+
+from fsw_analysis.kpi import compute  # noqa: E402
+from fsw_experiment.campaign import dataset, definition, report  # noqa: E402
+from fsw_experiment.campaign.dataset import TIMES, Dataset  # noqa: E402
+from fsw_experiment.campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
+from fsw_experiment.campaign.errors import CampaignError  # noqa: E402
+from fsw_experiment.campaign.statistics import Results, arguments  # noqa: E402
+from fsw_experiment.campaign.welds import run_batch, run_weld  # noqa: E402
+from fsw_experiment.cli.main import main  # noqa: E402
+from fsw_experiment.closed_loop import ClosedLoop  # noqa: E402
+from fsw_plant.event_schema import Place  # noqa: E402
+
+SMALL = {
+    "name": "small",
+    "scenario": "quick",
+    "controllers": ["decentral:tight", {"controller": "decentral", "parameters": {"depth_gain": 9.0}, "label": "mine"}],
+    "welds": 4,
+    "seed": 3,
+    "distributions": {
+        "plant.model.copper_lag_s": {"uniform": [0.8, 1.2]},
+        "plant.sensors.depth_noise_mm": {"loguniform": [1e-7, 1e-3]},
+        "events[2].disturbance.amplitude_mm": {"normal": {"mean": 0.05, "deviation": 0.1, "low": -0.1, "high": 0.2}},
+        "plant.noise": {"choice": [True, False]},
+    },
+    "limits": {"depth_error_mm": {"min": -0.09, "max": 0.09, "at_most_s": 1.0}, "temperature_c": {"max": 910.0}},
+}
+
+
+def campaign(tmp_path, **changes):
+    file = tmp_path / "campaign.yaml"
+    file.write_text(yaml.safe_dump(SMALL | changes, sort_keys=False))
+    return definition.load(file)
+
+
+def rows_of(made, indices=None):
+    labels = [one.label for one in made.entrants]
+    indices = range(made.welds) if indices is None else indices
+    return run_batch(made.text, [(i, made.parameters(i), labels) for i in indices])
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    made = campaign(tmp_path_factory.mktemp("small"))
+    return made, rows_of(made)
+
+
+def one(path, **entry):
+    return {"distributions": {path: entry}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"colour": "red"}, "unknown key colour"),
+        ({"welds": 0}, "welds = 0 is outside"),
+        ({"welds": 1.5}, "not a whole number"),
+        ({"scenario": "nothing"}, "cannot read scenario nothing"),
+        ({"scenario": "open_loop_force_steps"}, "open-loop"),
+        ({"controllers": []}, "at least one controller"),
+        ({"controllers": ["nobody"]}, "nobody is not available"),
+        ({"controllers": ["decentral", "decentral"]}, "label of its own"),
+        ({"controllers": [{"controller": "decentral", "parameters": {"depth_gian": 1.0}}]}, "depth_gain"),
+        ({"sampler": "dice"}, "one of latin_hypercube, sobol"),
+        (one("plant.model.copper_lag", uniform=[0.5, 2.0]), "copper_lag_s"),
+        (one("plant.model.copper_lag_s", uniform=[0.01, 2.0]), "outside 0.1 to 10"),
+        (one("plant.model.copper_lag_s", uniform=[2.0, 0.5]), "must be below"),
+        (one("plant.model.copper_lag_s", loguniform=[0.0, 0.5]), "above 0"),
+        (one("plant.model.copper_lag_s", uniform=[1.0, float("nan")]), "finite"),
+        (one("plant.model.copper_lag_s", uniform=[1.0, 2.0], choice=[1.0]), "exactly one of"),
+        (one("plant.model.copper_lag_s", normal={"mean": 1.0}), "lacks deviation"),
+        (one("plant.noise", choice=[]), "list of values"),
+        (one("plant.noise", choice=[True, 1.0]), "several types"),
+        (one("events[9].at_s", uniform=[1.0, 2.0]), "no [9]"),
+        (one("events[1].at_s", uniform=[1.0, 10.0]), "earlier than the event before"),
+        (one("name[", choice=["a"]), "no path"),
+        (one("controller", choice=["nmpc"]), "no parameter of the weld"),
+        ({"limits": {"colour": {"max": 1.0}}}, "no known signal"),
+        ({"limits": {"depth_mm": {}}}, "min or max"),
+        ({"limits": {"depth_mm": {"min": 3.0, "max": 2.0}}}, "min below max"),
+    ],
+)
+def test_bad_campaign_is_one_line_that_says_what(tmp_path, capsys, changes, words):
+    file = tmp_path / "campaign.yaml"
+    file.write_text(yaml.safe_dump(SMALL | changes))
+    assert main(["campaign", str(file), "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and words in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_shipped_campaigns_are_valid():
+    for name in definition.shipped():
+        assert definition.load(name).name == name
+
+
+def test_points_depend_on_seed_and_number_alone(tmp_path):
+    made, again = campaign(tmp_path), campaign(tmp_path)
+    assert [made.parameters(i) for i in (2, 0)] == [again.parameters(2), again.parameters(0)]
+    other = campaign(tmp_path, seed=4)
+    assert other.parameters(0) != made.parameters(0)
+    seeds = {weld_seed(1, i) for i in range(1000)}
+    assert len(seeds) == 1000 and max(seeds) < 2**32
+
+
+def test_samplers_fill_the_cube_evenly():
+    three = [Distribution(str(i), "uniform", 0.0, 1.0) for i in range(3)]
+    hypercube = draw(three, 20, 1, "latin_hypercube")
+    assert all(sorted((column * 20).astype(int)) == list(range(20)) for column in hypercube.T)
+    assert np.array_equal(draw(three, 64, 1, "sobol")[:20], draw(three, 20, 1, "sobol"))
+    assert draw([], 5, 1, "sobol").shape == (5, 0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "quantiles"),
+    [
+        ({"uniform": [2.0, 4.0]}, [2.0, 2.5, 4.0]),
+        ({"loguniform": [0.01, 100.0]}, [0.01, 0.1, 100.0]),
+        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": -50.0, "high": 50.0}}, [-50.0, -0.6744897501960817, 50.0]),
+        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": 0.0, "high": 50.0}}, [0.0, 0.31863936396437514, 50.0]),
+        ({"choice": ["a", "b", "c"]}, ["a", "a", "c"]),
+    ],
+)
+def test_quantiles_of_distributions(entry, quantiles):
+    made = Distribution.read("x", entry, Place("test"))
+    found = [made.value(share) for share in (0.0, 0.25, 1.0)]
+    assert found == (quantiles if "choice" in entry else pytest.approx(quantiles))
+
+
+def test_a_weld_has_one_plant_and_one_noise_under_all_controllers(small):
+    made, _ = small
+    first, second = (made.weld(made.parameters(1), entrant) for entrant in made.entrants)
+    assert first.plant == second.plant and first.events == second.events
+    assert made.weld(made.parameters(2), made.entrants[0]).plant["seed"] != first.plant["seed"]
+
+
+def test_a_row_has_all_figures_of_merit(small):
+    made, rows = small
+    columns = set(dataset.schema(made).names)
+    assert set(rows[0]) - columns == set()
+    scenario = made.weld(made.parameters(0), made.entrants[0])
+    found = compute(ClosedLoop(scenario, made.controllers(scenario, made.entrants[0])).run())
+    for key, value in found.items():
+        if key not in ("label", "controllers", "outputs"):
+            assert rows[0][key] == value, key
+    assert {event for row in rows for entry in row["events"] for event in entry} <= {f.name for f in dataset._EVENT}
+
+
+def test_limits_are_judged_on_the_true_outputs(small):
+    _, rows = small
+    for row in rows:
+        assert row["status"] == "ok"
+        assert row["inside"] == (row["outside_depth_error_mm_s"] <= 1.0)
+        assert row["highest_depth_error_mm"] - row["lowest_depth_error_mm"] > 0.09
+    assert len({row["inside"] for row in rows}) == 2
+
+
+def test_what_cannot_be_welded_is_a_row(tmp_path):
+    made = campaign(tmp_path, **one("plant.start.temperature_c", uniform=[816.4, 1000.0]))
+    hot = run_weld(made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0])
+    assert hot["status"] == "error" and "beyond the drives" in hot["reason"] and not hot["inside"]
+    made = campaign(tmp_path, **one("plant.model.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
+    parameters = {"plant.seed": 1, "plant.model.depth_gain_mm_per_kn_s": 10.0}
+    lost = run_weld(made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0])
+    assert lost["status"] == "error"  # amplitude_mm is no key of that channel
+    with Dataset(tmp_path / "out", made) as written:
+        written.write([hot | parameters, lost])
+    assert dataset.load(tmp_path / "out")[1]["status"].to_pylist() == ["error", "error"]
+
+
+def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
+    made, rows = small
+    folder = tmp_path / "out"
+    with Dataset(folder, made) as written:
+        written.write(rows[:3])
+        assert written.missing() == [(1, ["mine"]), (2, ["decentral:tight", "mine"]), (3, ["decentral:tight", "mine"])]
+        with pytest.raises(CampaignError, match="another run"):
+            Dataset(folder, made, resume=True)
+    with pytest.raises(CampaignError, match="--resume"):
+        Dataset(folder, made)
+    with pytest.raises(CampaignError, match="another campaign"):
+        Dataset(folder, campaign(tmp_path, seed=4), resume=True)
+    (folder / "welds" / ".00000001.parquet.tmp").write_text("cut off")
+    with Dataset(folder, made, resume=True) as written:
+        written.write(rows[3:])
+        assert not written.missing()
+    table = dataset.load(folder)[1]
+    assert [row["index"] for row in table.to_pylist()] == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert not list((folder / "welds").glob(".*"))
+    (joined,) = (folder / "welds").iterdir()
+    (folder / "welds" / "00000001.parquet").write_bytes(joined.read_bytes())  # as if cut off while files are joined
+    assert dataset.load(folder)[1].equals(table)
+    (folder / "welds" / "00000001.parquet").write_text("broken")
+    with pytest.raises(CampaignError, match="damaged"):
+        dataset.load(folder)
+    manifest = json.loads((folder / "campaign.json").read_text())
+    (folder / "campaign.json").write_text(json.dumps(manifest | {"versions": "other"}))
+    with pytest.raises(CampaignError, match="other software"):
+        Dataset(folder, made, resume=True)
+
+
+def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
+    (tmp_path / "precious").write_text("x")
+    with pytest.raises(CampaignError, match="not a campaign's"):
+        Dataset(tmp_path, small[0])
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+@pytest.fixture(scope="module")
+def folder(small, tmp_path_factory):
+    made, rows = small
+    path = tmp_path_factory.mktemp("results") / "data"
+    with Dataset(path, made) as written:
+        written.write([row | {"status": "diverged", "reason": "lost"} if row["index"] == 2 else row for row in rows])
+    return path
+
+
+def test_statistics_of_a_campaign(folder):
+    made, table = dataset.load(folder)
+    results = Results(made, table, folder)
+    assert results.labels == ["decentral:tight", "mine"]
+    assert results.complete.tolist() == [0, 1, 3]
+    good, total, low, high = results.share("mine")
+    p, z2 = good / total, 1.959963984540054**2  # Wilson's formula
+    centre, spread = p + z2 / (2 * total), (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5
+    assert (low, high) == pytest.approx(((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total)))
+    assert total == 4
+    ratio = results.ratio("iae_depth_mm_s", "mine")
+    assert ratio == pytest.approx(
+        results.numbers("iae_depth_mm_s", "mine") / results.numbers("iae_depth_mm_s", results.labels[0])
+    )
+    assert set(results.correlations("iae_depth_mm_s", "mine")) == set(SMALL["distributions"])
+    worst = results.worst()
+    assert [row["index"] for row, _ in worst[:2]] == [2, 2] and worst[0][1] == "diverged: lost"
+
+
+def test_the_command_of_a_weld_reproduces_it_to_the_last_digit(folder, tmp_path, capsys):
+    made, table = dataset.load(folder)
+    for number, row in enumerate(table.to_pylist()[2:4]):
+        entrant = next(one for one in made.entrants if one.label == row["controller"])
+        out = tmp_path / str(number)
+        assert main([*arguments(folder, entrant, made, row), "--no-figures", "--out", str(out)]) == 0
+        (again,) = json.loads((out / "kpi.json").read_text())
+        for key in set(again) & set(row) - {*TIMES, "controller", "events"}:
+            assert again[key] == row[key], key
+    capsys.readouterr()
+
+
+def test_reports(folder, tmp_path, capsys):
+    assert main(["campaign", "report", str(folder)]) == 0
+    html = (folder / "report.html").read_text()
+    assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
+    page = tmp_path / "page.md"
+    assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
+    figures = {path.name for path in tmp_path.glob("*.png")}
+    assert figures == {"page_outside.png", "page_parameters.png", "page_ratios.png"}
+    assert all(f"]({name})" in page.read_text() for name in figures)
+    capsys.readouterr()
+    report.write(folder, tmp_path / "again.md")
+    assert (tmp_path / "again.md").read_text() == page.read_text().replace("page_", "again_")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        ["campaign", "nothing.yaml"],
+        ["campaign", "model_uncertainty", "somewhere"],
+        ["campaign", "model_uncertainty", "--resume"],
+        ["campaign", "model_uncertainty", "--welds", "0"],
+        ["campaign", "model_uncertainty", "--workers", "0"],
+        ["campaign", "model_uncertainty", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1"],
+        ["campaign", "report"],
+        ["campaign", "report", "/nowhere"],
+        ["campaign", "report", "/nowhere", "--welds", "3"],
+    ],
+)
+def test_wrong_arguments_are_one_line(wrong, capsys):
+    assert main(wrong) == 1
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,182 @@
+"""Campaigns on Dask: the same results whatever the number of workers, and whoever is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.kpi import compute
+from fsw_analysis.kpi_table import ROWS
+from fsw_analysis.signals import load_weld
+from fsw_experiment.campaign import dataset, definition, engine
+from fsw_experiment.campaign.dataset import TIMES, Dataset
+from fsw_experiment.campaign.errors import CampaignError
+from fsw_experiment.campaign.welds import run_batch
+from fsw_experiment.cli.main import main
+
+pytestmark = pytest.mark.slow
+SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"
+CAMPAIGN = {
+    "name": "short",
+    "scenario": {
+        "name": "short",
+        "duration_s": 20.0,
+        "events": [{"at_s": 2.0, "reference": {"depth_mm": 2.7}}],
+    },
+    "controllers": ["nmpc", "decentral:tight"],
+    "welds": 40,
+    "distributions": {"plant.model.depth_gain_mm_per_kn_s": {"uniform": [0.7, 1.4]}},
+    "limits": {"depth_error_mm": {"min": -0.03, "max": 0.03}},
+}
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "short.yaml"
+    path.write_text(yaml.safe_dump(CAMPAIGN))
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected():
+    """Rows of the whole campaign, run one after the other without Dask."""
+    made = definition.read(yaml.safe_load(yaml.safe_dump(CAMPAIGN)))
+    labels = [one.label for one in made.entrants]
+    rows = run_batch(made.text, [(i, made.parameters(i), labels) for i in range(made.welds)])
+    return [without_times(row) for row in sorted(rows, key=lambda row: (row["index"], row["controller"]))]
+
+
+def without_times(row):
+    return {key: value for key, value in row.items() if key not in TIMES and value is not None and key != "events"}
+
+
+def found(folder):
+    table = dataset.load(folder)[1]
+    assert table.num_rows == len({(row["index"], row["controller"]) for row in table.to_pylist()})
+    return [without_times(row) for row in table.to_pylist()]
+
+
+def command(log, *arguments):
+    """A campaign as a process, in a session of its own; its workers outlive it a little when it is killed."""
+    with log.open("w") as stream:
+        return subprocess.Popen(
+            [sys.executable, str(SCRIPT), "campaign", *map(str, arguments)], stderr=stream, start_new_session=True
+        )
+
+
+def wait_for_rows(folder, process):
+    deadline = time.monotonic() + 60.0
+    while not list((folder / "welds").glob("0*.parquet")):
+        assert process.poll() is None and time.monotonic() < deadline, "no rows were written"
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_do_not_depend_on_the_number_of_workers(file, tmp_path, expected, workers):
+    with engine.connect(None, workers) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
+        assert engine.run(written, client) == len(expected)
+    assert found(tmp_path / "out") == expected
+
+
+def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
+    with engine.connect(None, 2) as client, Dataset(tmp_path / "out", definition.load(file)) as written:
+        victims = list(client.run(os.getpid).values())[:1]
+
+        def kill(_):
+            while victims:
+                os.kill(victims.pop(), signal.SIGKILL)
+
+        assert engine.run(written, client, kill) == len(expected)
+        assert not victims
+    assert found(tmp_path / "out") == expected
+
+
+def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, monkeypatch):
+    made = definition.load(file, welds=1)
+    with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made) as written:
+        client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
+        monkeypatch.setattr(engine, "run_batch", lambda text, task: os._exit(1))
+        assert engine.run(written, client) == 2
+    assert {row["status"] for row in found(tmp_path / "out")} == {"error"}
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expected, how):
+    out = tmp_path / "out"
+    log = tmp_path / "log"
+    first = command(log, file, "--out", out, "--workers", 1)
+    wait_for_rows(out, first)
+    if how == signal.SIGINT:  # Ctrl-C reaches all processes
+        os.killpg(first.pid, how)
+        assert first.wait(timeout=60) == 130
+        told = log.read_text()
+        assert told.splitlines()[-1].startswith("interrupted") and "Traceback" not in told
+    else:
+        first.kill()
+        first.wait()
+    rows = found(out)
+    assert rows and all(row in expected for row in rows)
+    second = command(log, file, "--out", out, "--workers", 2, "--resume")
+    assert second.wait(timeout=100) == 0, log.read_text()
+    assert found(out) == expected
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and a worker in processes of their own; address of the first, and both processes."""
+    where = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    module = [sys.executable, "-m", "distributed.cli"]
+    options = ["--scheduler-file", str(where), "--no-dashboard"]
+    scheduler = subprocess.Popen([*module[:2], f"{module[2]}.dask_scheduler", "--port", "0", *options], **quiet)
+    worker = subprocess.Popen([*module[:2], f"{module[2]}.dask_worker", "--nthreads", "1", *options], **quiet)
+    deadline = time.monotonic() + 60.0
+    while not where.exists() or not where.read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    yield yaml.safe_load(where.read_text())["address"], scheduler
+    for process in (worker, scheduler):
+        process.terminate()
+        process.wait(timeout=60)
+
+
+def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
+    address, scheduler = cluster
+    made = definition.load(file)
+    with Dataset(tmp_path / "out", made) as written:
+
+        def kill(_):
+            scheduler.kill()
+            scheduler.wait()
+
+        with pytest.raises(CampaignError, match="the scheduler is gone"), engine.connect(address, None) as client:
+            engine.run(written, client, kill)
+    rows = found(tmp_path / "out")
+    assert rows and all(row in expected for row in rows)
+    with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made, resume=True) as written:
+        engine.run(written, client)
+    assert found(tmp_path / "out") == expected
+
+
+def test_no_scheduler_is_one_line(monkeypatch):
+    monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
+    with pytest.raises(CampaignError, match="no scheduler answers"):
+        engine.connect("tcp://127.0.0.1:1", None).__enter__()
+
+
+def test_simulate_records_a_bag_of_the_same_weld(tmp_path):
+    out = tmp_path / "out"
+    options = ["--set", "events[0].reference.depth_mm=2.7", "--set", "duration_s=45.0", "--no-figures", "--bag"]
+    assert main(["simulate", "quick", "--controller", "decentral:tight", *options, "--out", str(out)]) == 0
+    (offline,) = json.loads((out / "kpi.json").read_text())
+    bag = compute(cut_to_scenario(load_weld(out / "graph_decentral_tight" / "bag")))
+    for key in ROWS:
+        expected = offline[key]
+        assert bag[key] == (expected if expected is None else pytest.approx(expected, rel=1e-6, abs=1e-9)), key
