@@ -20,9 +20,11 @@ from fsw_experiment.scenario_file import parse
 from fsw_model import ModelParameters, ProcessModel, nominal
 from fsw_plant.config import PlantConfig
 
-#: bounds of an experiment about the operating point, and what of them the nominal process may use: others move more
+#: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0
-_USED_MM, _USED_C = 0.6 * SAFE_MM, 0.45 * SAFE_C
+#: shares of the bounds that the process of the model may use, in closed loop and in open loop: in closed loop room is
+#: left for processes unlike the model; in open loop there is none to leave, because only the model says what rests
+_SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
 #: what relative standard deviations are measured by, for the choice between experiments
 AIMS = {
     "thermal_gain_c_per_kw": 0.02,
@@ -85,7 +87,9 @@ def propose(
     for seed in range(tries):
         found = _bounded(seed, duration_s, closed, model or nominal())
         worst = max(found.deviations[name] / aim for name, aim in AIMS.items())
-        worst += 100.0 * max(0.0, _use(found) - 1.0)  # only if nothing stays within the share of the bounds
+        worst += 100.0 * max(
+            0.0, max(_use(found, closed)) - 1.0
+        )  # only if nothing stays within the share of the bounds
         if best is None or worst < best[0]:
             best = worst, found
         if progress is not None:
@@ -94,8 +98,9 @@ def propose(
     return best[1]
 
 
-def _use(found: Proposal) -> float:
-    return max(found.depth_mm / _USED_MM, found.temperature_c / _USED_C)
+def _use(found: Proposal, closed: bool) -> tuple[float, float]:
+    """How much of what may be used is used, of depth and of temperature."""
+    return found.depth_mm / SAFE_MM / _SHARES[closed][0], found.temperature_c / SAFE_C / _SHARES[closed][1]
 
 
 def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters) -> Proposal:
@@ -115,8 +120,8 @@ def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters)
     sizes = dict(_CLOSED if closed else _OPEN)
     for _ in range(_ROUNDS):
         found = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
-        use = found.depth_mm / _USED_MM, found.temperature_c / _USED_C
-        if 0.85 < min(use) and max(use) <= 1.0:
+        use = _use(found, closed)
+        if min(use) > 0.85 and max(use) <= 1.0:
             break
         # the first input is mostly for the depth, the second for the temperature
         sizes = {name: size * min(0.95 / share, 1.5) for (name, size), share in zip(sizes.items(), use, strict=True)}

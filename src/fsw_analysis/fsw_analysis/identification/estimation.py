@@ -8,7 +8,7 @@ chosen by the marginal likelihood; sudden shifts of an output are found in the r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
