@@ -1,8 +1,8 @@
 """Maximum-likelihood estimate of model parameters, initial states and slow disturbances from recorded welds.
 
 The recorded inputs drive the model; what remains of the outputs is the sensors' noise. Inputs are what acted, so a
-closed loop does not bias the estimate. Unknown slow disturbances of force and heat are random walks, whose size is
-chosen by the marginal likelihood; sudden shifts of an output are found in the residuals and estimated along.
+closed loop does not bias the estimate. Unknown slow disturbances of force, heat and outputs are random walks, whose
+size is chosen by the evidence; sudden shifts of an output are found in the residuals and estimated along.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from fsw_analysis.identification.simulation import (
     CANDIDATES,
-    KNOT_S,
     OUTPUTS,
     START,
     hats,
@@ -39,26 +37,33 @@ _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 _PRIOR_LOG = 2.0
 #: prior standard deviations of ``START``
 _START_PRIOR = np.array([1.0, 0.3, 20.0, 20.0, 500.0, 20.0])
-#: prior standard deviations of the disturbances at the beginning, kN and kW
-_OFFSET_PRIOR = np.array([10.0, 20.0])
-#: allowed standard deviations of a disturbance's change over sqrt(KNOT_S), kN and kW
-_WALK_RANGE = np.array([[1e-3, 3.0], [1e-3, 5.0]])
+#: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
+WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
+#: prior standard deviations of the disturbances at the beginning; a constant one of an output cannot be told
+_OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
+#: standard deviations of a disturbance's change within KNOT_S: smallest, at the start, largest
+_WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
 #: smallest noise that is reckoned with, so that data without noise do not count for infinitely much
 _NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
 _OUTLIER = 5.0
 _HUBER = 3.0
 _LARGEST_MOVE = 0.3
-_ITERATIONS = 30
+#: largest factor on the size of a random walk in one iteration
+_WALK_STEP = 4.0
+_WALK_SETTLED = 0.3
+_LEAST, _ITERATIONS = 3, 30
 _MOST_DAMPED = 1e4
 #: converged when the next move is below this many standard deviations, all unknowns together
 _CONVERGED = 0.05
 #: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
 _SHIFT_TICKS, _SHIFT = 30, 9.0
 _MOST_SHIFTS = 12
+#: a shift of fewer standard deviations is dropped in the end
+_REAL_SHIFT = 5.0
 #: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
-_CLIP = 20.0
-#: length of a stretch, and the mean residual, in standard deviations, from which on it is left out
+_CLIP = 5.0
+#: length of a stretch, and the median residual, in standard deviations, from which on it is left out
 _STRETCH_TICKS, _ASTRAY = 200, 0.7
 #: as ``LARGEST_DEVIATION``, but at the nominal parameters, before anything is known
 _LARGEST_AT_START = 0.3
@@ -99,15 +104,15 @@ class Fit:
         Standard deviations of the residuals in the order of ``OUTPUTS``.
     colour : (3,) array
         By how much the variance of a mean of the residuals exceeds that of white noise; 1 where they are white.
-    walk : (2,) array
-        Standard deviation of the disturbances' change within 20 s, kN and kW.
+    walk : (5,) array
+        Standard deviation of the change within ``KNOT_S`` of each of ``WALKS``.
     segments : list of Segment
     predicted, residuals : list of (n, 3) array
         By segment; residuals are NaN where a sample was missing or left out.
-    disturbances : list of (n, 2) array
-        Of force [kN] and power [kW], by segment.
+    disturbances : list of (n, 5) array
+        In the order of ``WALKS``, by segment.
     offset, offset_std : (2,) array
-        Mean disturbance and its standard deviation, kN and kW.
+        Mean disturbance of the process and its standard deviation, kN and kW.
     shifts : list of (Shift, float, float)
         With size and standard deviation.
     notes : list of str
@@ -151,10 +156,10 @@ class _Problem:
 
     def __init__(self, segments: Sequence[Segment], start: ModelParameters, free: Sequence[str]) -> None:
         self.segments, self.parameters, self.free = list(segments), start, tuple(free)
-        self.noise, self.walk = np.array([0.01, 1.0, 10.0]), np.array([0.02, 0.02])
+        self.noise, self.walk = np.array([0.01, 1.0, 10.0]), _WALK[1].copy()
         self.shifts: list[Shift] = []
         self.sizes = np.zeros(0)
-        self.reject, self.fixed_walk = False, False
+        self.reject, self.fixed_walk = False, True
         self.nuisance = [_initial(segment, start) for segment in self.segments]
 
     # columns: logarithms of the free parameters; nuisance of each segment; sizes of the shifts
@@ -165,11 +170,17 @@ class _Problem:
         predicted, residuals, slopes = [], [], []
         column = len(self.free)
         for i, (segment, nuisance) in enumerate(zip(self.segments, self.nuisance, strict=True)):
-            course = simulate(self.parameters, segment, nuisance)
+            weights = hats(segment.n_ticks)
+            k = weights.shape[1]
+            n_process = len(START) + 2 * k
+            course = simulate(self.parameters, segment, nuisance[:n_process])
             of = np.zeros((segment.n_ticks, 3, self.columns))
             of[:, :, : len(self.free)] = course.by_candidate[:, :, chosen] * scale
-            of[:, :, column : column + nuisance.size] = course.by_nuisance
-            shown = course.outputs
+            of[:, :, column : column + n_process] = course.by_nuisance
+            shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
+            for output in range(3):
+                begin = column + n_process + output * k
+                of[:, output, begin : begin + k] = weights
             for j, shift in enumerate(self.shifts):
                 if shift.segment == i:
                     shown[shift.tick :, shift.output] += self.sizes[j]
@@ -219,9 +230,8 @@ class _Problem:
             prior[at, at] = _START_PRIOR**-2
             column += len(START)
             differences = np.diff(np.eye(n), axis=0)
-            spacing_s = (segment.n_ticks - 1) * STEP_S / (n - 1)
-            for which in range(2):
-                block = differences.T @ differences / (walk[which] ** 2 * spacing_s / KNOT_S)
+            for which in range(len(WALKS)):
+                block = differences.T @ differences / walk[which] ** 2
                 block[0, 0] += _OFFSET_PRIOR[which] ** -2
                 prior[column : column + n, column : column + n] = block
                 column += n
@@ -240,20 +250,22 @@ class _Problem:
         return information, gradient
 
     def likely_walk(self, information: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Size of the random walks with the largest marginal likelihood, of the present linearisation."""
-        pull = gradient + information @ self.state()  # in absolute nuisance, not in its change
-        n_steps = sum(knots(segment.n_ticks) - 1 for segment in self.segments)
-
-        def minus_log(logarithms: FloatArray) -> float:
-            walk = np.exp(np.clip(logarithms, *np.log(_WALK_RANGE).T))
-            whole = information + self.prior(walk)
-            _, volume = np.linalg.slogdet(whole)
-            return float(volume - pull @ np.linalg.solve(whole, pull) + 2.0 * n_steps * np.log(walk).sum())
-
-        simplex = np.log(self.walk) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        options = {"maxfev": 60, "xatol": 0.1, "fatol": 0.05, "initial_simplex": simplex}
-        best = minimize(minus_log, simplex[0], method="Nelder-Mead", options=options)
-        return np.asarray(np.exp(np.clip(best.x, *np.log(_WALK_RANGE).T)))
+        """Sizes of the random walks, one step of MacKay's iteration towards the largest evidence."""
+        covariance = np.linalg.inv(information + self.prior(self.walk))
+        mean = covariance @ (gradient + information @ self.state())
+        squares, told = np.zeros(len(WALKS)), np.zeros(len(WALKS))
+        column = len(self.free)
+        for segment, nuisance in zip(self.segments, self.nuisance, strict=True):
+            k = knots(segment.n_ticks)
+            for which in range(len(WALKS)):
+                at = slice(column + len(START) + which * k, column + len(START) + (which + 1) * k)
+                spread = covariance[at, at]
+                variances = np.diag(spread)[1:] + np.diag(spread)[:-1] - 2.0 * np.diag(spread, 1)
+                squares[which] += float((np.diff(mean[at]) ** 2).sum())
+                told[which] += k - 1 - float(variances.sum()) / self.walk[which] ** 2
+            column += nuisance.size
+        wanted = np.sqrt(squares / np.maximum(told, 1e-3))
+        return np.clip(np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP), _WALK[0], _WALK[2])
 
     def move(self, by: FloatArray) -> None:
         """Change all unknowns."""
@@ -290,8 +302,10 @@ class _Problem:
                 progress()
             self.learn_noise(residuals)
             information, gradient = self.normal(residuals, slopes)
-            if iteration >= 3 and not self.fixed_walk:
-                self.walk = self.likely_walk(information, gradient)
+            settled = True
+            if not self.fixed_walk:
+                earlier, self.walk = self.walk, self.likely_walk(information, gradient)
+                settled = bool((np.abs(np.log(self.walk / earlier)) < _WALK_SETTLED).all())
             prior = self.prior(self.walk)
             whole, pull = information + prior, gradient - prior @ self.state()
             before = self.cost(residuals) + self.state() @ prior @ self.state()
@@ -313,7 +327,7 @@ class _Problem:
                     break
             if damping > _MOST_DAMPED:
                 break
-            if iteration >= 4 and float(by @ whole @ by) < _CONVERGED**2:
+            if iteration >= _LEAST and settled and float(by @ whole @ by) < _CONVERGED**2:
                 break
         self.last = predicted, residuals, slopes
         return self.cost(residuals) + 2.0 * sum(
@@ -332,7 +346,7 @@ def _initial(segment: Segment, p: ModelParameters) -> FloatArray:
     rise = temperature - p.operating_temperature_c
     power = rise / p.thermal_gain_c_per_kw
     creep = depth / (1.0 + p.softening_per_c * rise) - p.operating_depth_mm
-    return np.concatenate([[creep, 0.0, power, power, torque, power], np.zeros(2 * knots(segment.n_ticks))])
+    return np.concatenate([[creep, 0.0, power, power, torque, power], np.zeros(len(WALKS) * knots(segment.n_ticks))])
 
 
 def identify(
@@ -370,18 +384,19 @@ def identify(
         if cost < lowest:
             lowest, best = cost, tried
     assert best is not None
-    while True:
+    for best.fixed_walk in (True, False):
+        if not best.fixed_walk:
+            best.solve(tell)
         while found := _shifts(best):
             best.shifts += found
             best.sizes = np.concatenate([best.sizes, np.zeros(len(found))])
             best.solve(tell)
-        left = _select(best, best.free, unknown, LARGEST_DEVIATION)
-        if left == best.free:
-            break
+    while (left := _select(best, best.free, unknown, LARGEST_DEVIATION)) != best.free:
         kept = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = replace(best.parameters, **kept), left
         best.solve(tell)
     notes = _leave_out(best, tell)
+    _drop_small_shifts(best)
     best.reject = True
     cost = best.solve(tell)
     return _fit(best, unknown | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes, cost)
@@ -393,7 +408,7 @@ def validate(segments: Sequence[Segment], parameters: ModelParameters) -> Fit:
     Parameters and return value as of :func:`identify`.
     """
     problem = _Problem(segments, parameters, ())
-    problem.fixed_walk, problem.walk = True, _WALK_RANGE[:, 0]
+    problem.walk = _WALK[0]
     return _fit(problem, {}, [], problem.solve())
 
 
@@ -411,7 +426,7 @@ def expected_deviations(
         Standard deviations of the sensors in the order of ``OUTPUTS``.
     """
     problem = _Problem(segments, parameters, [name for name in CANDIDATES if name not in STRUCTURAL])
-    problem.noise, problem.walk = noise, _WALK_RANGE[:, 0]
+    problem.noise, problem.walk = noise, _WALK[0]
     _, residuals, slopes = problem.evaluate()
     information, _ = problem.normal([0.0 * one for one in residuals], slopes)
     covariance = np.linalg.inv(information + problem.prior(problem.walk))
@@ -492,6 +507,18 @@ def _shifts(problem: _Problem) -> list[Shift]:
     return found
 
 
+def _drop_small_shifts(problem: _Problem) -> None:
+    """Forget shifts that turned out to be none, e.g. the end of a stretch that is left out."""
+    if not problem.shifts:
+        return
+    _, residuals, slopes = problem.last
+    information, _ = problem.normal(residuals, slopes)
+    deviation = np.sqrt(np.diag(np.linalg.pinv(information + problem.prior(problem.walk))))[-len(problem.shifts) :]
+    large = np.abs(problem.sizes) > _REAL_SHIFT * deviation
+    problem.shifts = [shift for shift, real in zip(problem.shifts, large, strict=True) if real]
+    problem.sizes = problem.sizes[large]
+
+
 def _leave_out(problem: _Problem, tell: Callable[[], None]) -> list[str]:
     """Leave out stretches in which an output goes its own way; returns what was left out."""
     _, residuals, _ = problem.last
@@ -501,7 +528,7 @@ def _leave_out(problem: _Problem, tell: Callable[[], None]) -> list[str]:
         measured = segment.measured.copy()
         for output, name in enumerate(OUTPUTS):
             stretches = np.array_split(np.arange(segment.n_ticks), max(1, round(segment.n_ticks / _STRETCH_TICKS)))
-            means = [np.abs(_mean(one[part, output] / problem.noise[output])) for part in stretches]
+            means = [np.abs(_median(one[part, output] / problem.noise[output])) for part in stretches]
             astray = [part for part, mean in zip(stretches, means, strict=True) if mean > _ASTRAY]
             if len(astray) > len(stretches) / 3:
                 notes.append(f"{name}: the model does not follow it in {len(astray)} of {len(stretches)} stretches; "
@@ -517,9 +544,9 @@ def _leave_out(problem: _Problem, tell: Callable[[], None]) -> list[str]:
     return notes
 
 
-def _mean(values: FloatArray) -> float:
+def _median(values: FloatArray) -> float:
     values = values[np.isfinite(values)]
-    return float(values.mean()) if values.size else 0.0
+    return float(np.median(values)) if values.size else 0.0
 
 
 def _fit(problem: _Problem, unknown: dict[str, str], notes: list[str], cost: float) -> Fit:
@@ -540,7 +567,7 @@ def _fit(problem: _Problem, unknown: dict[str, str], notes: list[str], cost: flo
     column = n
     for segment, nuisance in zip(problem.segments, problem.nuisance, strict=True):
         weights, k = hats(segment.n_ticks), knots(segment.n_ticks)
-        by_knot = nuisance[len(START) :].reshape(2, k)
+        by_knot = nuisance[len(START) :].reshape(len(WALKS), k)
         disturbances.append(weights @ by_knot.T)
         for which in range(2):
             begin = column + len(START) + which * k

@@ -8,7 +8,7 @@ any number of seconds from one step on.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,8 +44,8 @@ OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
 #: state at the beginning of a segment, and the power before it
 START = ("creep_mm", "slow_mm", "copper_mode_kw", "tool_mode_kw", "motor_torque_nm", "power_before_kw")
 N_STATES = 5
-#: between two knots of the slow disturbances, which are linear in between [s]
-KNOT_S = 20.0
+#: between two knots of a slow disturbance, which is linear in between [s]
+KNOT_S = 10.0
 
 _ALL = tuple(one.name for one in fields(ModelParameters))
 _N_POWER = 2
@@ -117,6 +117,12 @@ def _functions() -> tuple[ca.Function, ca.Function]:
     return step, ca.Function("outputs", disturbed, [shown, *jacobians])
 
 
+@lru_cache(maxsize=8)
+def _mapped(n_ticks: int) -> ca.Function:
+    """The outputs of all ticks at once."""
+    return _functions()[1].map(n_ticks)
+
+
 @dataclass(frozen=True, slots=True)
 class Course:
     """What the model says of a segment of n ticks.
@@ -156,7 +162,7 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     p : ModelParameters
     segment : Segment
     nuisance : (m,) array
-        ``START`` of the segment, and its knots of force and of power.
+        ``START`` of the segment, and its knots of the disturbances of force [kN], then of power [kW].
     """
     n, n_start = segment.n_ticks, len(START)
     weights = hats(n)
@@ -167,7 +173,7 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     values = np.array([getattr(p, name) for name in _ALL])
     n_candidates, n_columns = len(CANDIDATES), len(CANDIDATES) + len(nuisance)
     begin = n_candidates + n_start
-    step, outputs = _functions()
+    step, _ = _functions()
     whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
     buffer, evaluate = step.buffer()
     known, now = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
@@ -211,7 +217,7 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
         slopes[k + 1], power_slopes[k + whole + 1] = ahead[:N_STATES], ahead[N_STATES:]
 
     before = np.maximum(np.arange(n) - 1, 0)
-    mapped = outputs.map(n)(
+    mapped = _mapped(n)(
         states.T, disturbance[before].T, np.tile(values[:, None], n), segment.force_kn[before][None],
         segment.acceleration_rpm_per_s[None],
     )  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fsw_analysis.identification.estimation import Fit
+from fsw_analysis.identification.estimation import WALKS, Fit
 from fsw_analysis.identification.model_file import operating_point
 from fsw_analysis.identification.simulation import OUTPUTS
 from fsw_analysis.identification.statistics import Judgement, judge
@@ -15,6 +15,8 @@ from fsw_model import ModelParameters
 
 NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
 _95 = 1.96
+#: slow disturbances that are worth a remark, in the order of WALKS
+_TOLD = (0.1, 0.2, 0.002, 0.2, 4.0)
 _CORRELATED = 0.9
 #: share of lags beyond the bounds of 99 % from which on residuals are not called white
 _WHITE = 0.07
@@ -84,8 +86,8 @@ def remarks(result: Summary) -> list[str]:
     for shift, size, std in fit.shifts:
         at_s = fit.segments[shift.segment].time_s[shift.tick]
         lines.append(
-            f"{OUTPUTS[shift.output]}: shifts by {size:+.3g} (std {std:.1g}) at {at_s:.1f} s (a disturbance or a sensor "
-            "fault); estimated along, so that it does not bias the model"
+            f"{OUTPUTS[shift.output]}: shifts by {size:+.3g} (std {std:.1g}) at {at_s:.1f} s (a disturbance or a "
+            "sensor fault); estimated along, so that it does not bias the model"
         )
     lines += [*result.notes, *fit.notes]
     correlation = fit.correlation
@@ -93,12 +95,10 @@ def remarks(result: Summary) -> list[str]:
         for j in range(i):
             if abs(correlation[i, j]) > _CORRELATED:
                 lines.append(f"{fit.free[j]} and {name}: correlation {correlation[i, j]:+.2f}")
-    for which, unit in enumerate(("kN", "kW")):
+    for which, name in enumerate(WALKS):
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
-        if fit.walk[which] > 0.01:
-            lines.append(
-                f"a slow disturbance of {largest:.2g} {unit} (walk of {fit.walk[which]:.2g} in 20 s) was found"
-            )
+        if largest > _TOLD[which]:
+            lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
     for i, name in enumerate(NAMES):
         auto, cross = result.judgement.outside(i)
         if max(auto, cross) > _WHITE:
