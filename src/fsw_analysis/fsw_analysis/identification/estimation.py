@@ -31,6 +31,8 @@ LARGEST_DEVIATION = 0.25
 #: never estimated: (19)-(22) have six coefficients for the three things that welds show
 STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
 _WHY_STRUCTURAL = "(19)-(22) have six coefficients, welds show three: the torque, its slope over force and over depth"
+#: what even a weld at rest tells, if everything else of the torque is kept nominal
+_LEVEL = "sliding_friction"
 #: which are kept nominal first, where several cannot be told apart
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: prior standard deviation of the logarithm of a parameter: none to speak of
@@ -265,7 +267,8 @@ class _Problem:
                 told[which] += k - 1 - float(variances.sum()) / self.walk[which] ** 2
             column += nuisance.size
         wanted = np.sqrt(squares / np.maximum(told, 1e-3))
-        return np.clip(np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP), _WALK[0], _WALK[2])
+        wanted = np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP)
+        return np.asarray(np.clip(wanted, _WALK[0], _WALK[2]))
 
     def move(self, by: FloatArray) -> None:
         """Change all unknowns."""
@@ -330,9 +333,8 @@ class _Problem:
             if iteration >= _LEAST and settled and float(by @ whole @ by) < _CONVERGED**2:
                 break
         self.last = predicted, residuals, slopes
-        return self.cost(residuals) + 2.0 * sum(
-            float(np.isfinite(one[:, i]).sum()) * np.log(self.noise[i]) for one in residuals for i in range(3)
-        )
+        samples = np.isfinite(np.concatenate(residuals)).sum(axis=0)
+        return self.cost(residuals) + 2.0 * float(samples @ np.log(self.noise))
 
 
 def _initial(segment: Segment, p: ModelParameters) -> FloatArray:
@@ -449,7 +451,7 @@ def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
     """Noise of the sensors from the differences of neighbouring samples."""
     differences = np.concatenate([np.diff(segment.measured, axis=0) for segment in segments])
     spread = np.nanmedian(np.abs(differences), axis=0) / 0.6745 / np.sqrt(2.0)
-    return np.maximum(np.nan_to_num(spread), _NOISE_FLOOR)
+    return np.asarray(np.maximum(np.nan_to_num(spread), _NOISE_FLOOR))
 
 
 def _select(problem: _Problem, free: Sequence[str], unknown: dict[str, str], largest: float) -> tuple[str, ...]:
@@ -463,9 +465,11 @@ def _select(problem: _Problem, free: Sequence[str], unknown: dict[str, str], lar
     rest = np.arange(len(free), problem.columns)
     left = list(range(len(free)))
     while True:
-        if not left:
-            why = "; ".join(f"{name}: {of}" for name, of in list(unknown.items())[:2])
-            raise IdentificationError(f"the data tell no parameter: force and speed hardly move ({why}; ...)")
+        if not left or [free[i] for i in left] == [_LEVEL]:
+            raise IdentificationError(
+                "the data tell no parameter but perhaps the level of the torque: force and speed hardly move; weld with "
+                "steps, see --design"
+            )
         chosen = np.array([*left, *rest])
         covariance = np.linalg.inv(whole[np.ix_(chosen, chosen)])[: len(left), : len(left)]
         deviation = np.sqrt(np.diag(covariance))
@@ -475,7 +479,8 @@ def _select(problem: _Problem, free: Sequence[str], unknown: dict[str, str], lar
         order = {name: rank for rank, name in enumerate(_KEPT_FIRST)}
         worst = min(poor, key=lambda i: (order.get(free[left[i]], len(order)), -deviation[i]))
         name = free[left[worst]]
-        unknown[name] = f"standard deviation {100 * deviation[worst]:.0f} %"
+        size = f"{100 * deviation[worst]:.0f} %" if deviation[worst] < 1.0 else "more than 100 %"
+        unknown[name] = f"standard deviation {size}"
         correlation = np.abs(covariance[worst] / deviation / deviation[worst])
         correlation[worst] = 0.0
         if len(left) > 1 and correlation.max() > _CORRELATED:
@@ -577,7 +582,7 @@ def _fit(problem: _Problem, unknown: dict[str, str], notes: list[str], cost: flo
     return Fit(
         parameters=problem.parameters,
         free=problem.free,
-        covariance=covariance[:n, :n],
+        covariance=np.asarray(covariance[:n, :n], dtype=np.float64),
         unknown=unknown,
         noise=white,
         colour=colour,

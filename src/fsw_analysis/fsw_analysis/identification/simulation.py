@@ -66,7 +66,7 @@ def _tool_c(p: Any, copper: Any, tool: Any) -> Any:
 def _functions() -> tuple[ca.Function, ca.Function]:
     """Step and outputs, each with its Jacobian with respect to state, power, candidates and disturbances."""
     values = ca.SX.sym("p", len(_ALL))
-    p = SimpleNamespace(**dict(zip(_ALL, ca.vertsplit(values), strict=True)))
+    p: Any = SimpleNamespace(**dict(zip(_ALL, ca.vertsplit(values), strict=True)))
     candidates = ca.vertcat(*(getattr(p, name) for name in CANDIDATES))
     x = ca.SX.sym("x", N_STATES)
     creep, slow, copper, tool, motor = ca.vertsplit(x)
@@ -175,18 +175,19 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     begin = n_candidates + n_start
     step, _ = _functions()
     whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
+    buffer: Any  # has to live as long as what it evaluates
     buffer, evaluate = step.buffer()
     known, now = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
     force, speed, whole_s = np.zeros(1), np.zeros(1), np.array([whole * STEP_S])
     for i, one in enumerate((known, now, values, force, speed, whole_s)):
-        buffer.set_arg(i, memoryview(one))
+        buffer.set_arg(i, one.data)
     n_result = N_STATES + _N_POWER
     result = np.zeros(n_result)
     by_known = np.zeros((n_result, known.size), order="F")
     by_candidate = np.zeros((n_result, n_candidates), order="F")
     by_disturbance = np.zeros((n_result, 2), order="F")
     for i, one in enumerate((result, by_known.T, by_candidate.T, by_disturbance.T)):
-        buffer.set_res(i, memoryview(one))
+        buffer.set_res(i, one.data)
 
     # power of the steps, those before the segment first; its derivatives are those by the power before
     power = np.full((n + whole + 1, _N_POWER), nuisance[5])

@@ -55,7 +55,7 @@ class Segment:
     @property
     def time_s(self) -> FloatArray:
         """Time of the rows since the first tick of the weld."""
-        return self.begin_s + TICK_S * np.arange(self.n_ticks)
+        return np.asarray(self.begin_s + TICK_S * np.arange(self.n_ticks), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class WeldData:
     notes: list[str]
 
 
-def prepare(signals: WeldSignals, drive_lag_s: float) -> WeldData:
+def prepare(signals: WeldSignals, drive_lag_s: float, needed: tuple[str, ...] = _COLUMNS) -> WeldData:
     """Segments of a weld.
 
     Parameters
@@ -76,6 +76,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float) -> WeldData:
         The emulator's truth in it is not looked at.
     drive_lag_s : float
         Time constant of the drives, by which the inputs between two ticks are known.
+    needed : tuple of str
+        Sensors without which the weld is refused.
 
     Raises
     ------
@@ -84,9 +86,9 @@ def prepare(signals: WeldSignals, drive_lag_s: float) -> WeldData:
     """
     name = signals.path.name
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
-    known = np.isfinite(sensors).any(axis=0)
-    if not known.all():
-        missing = ", ".join(sensor for sensor, there in zip(_COLUMNS, known, strict=True) if not there)
+    known = [bool(np.isfinite(column).any()) for column in sensors.T]
+    missing = ", ".join(sensor for sensor, there in zip(_COLUMNS, known, strict=True) if not there and sensor in needed)
+    if missing:
         raise IdentificationError(f"{name}: no samples of {missing}; a bag needs /fsw/depth, /fsw/thermocouple and "
                                   "/fsw/spindle_torque")  # fmt: skip
     notes: list[str] = []

@@ -12,6 +12,8 @@ from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_plant.config import specs
 
+#: lengths of an experiment that can be proposed
+_SHORTEST_S, _DURATION_S, _LONGEST_S = 60.0, 300.0, 1800.0
 _DRIVE_LAG_S = float(specs()["actuators.lag_s"].default)
 
 
@@ -37,11 +39,23 @@ def add_command(commands: Any) -> None:
         metavar="S",
         help="time constant of the drives (default %(default)s s, the emulator's)",
     )
+    parser.add_argument("--design", action="store_true", help="propose an experiment and print what it promises")
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help=f"of the proposed experiment, {_SHORTEST_S:g} to {_LONGEST_S:g} s (default {_DURATION_S:g})",
+    )
+    parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
     parser.add_argument("--overwrite", action="store_true", help="replace the file of --out")
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.design:
+        return _design(arguments)
+    if arguments.duration is not None or arguments.open_loop:
+        raise CommandError("identify: --duration and --open-loop go with --design")
     if not arguments.bag:
         raise CommandError("identify: give the bag of a weld, or --design")
     if arguments.out is None:
@@ -60,7 +74,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.air is not None:
             from fsw_analysis.identification.friction import from_air
 
-            start, air = from_air(load_weld(arguments.air), start)
+            start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
         with ProgressBar("identifying") as bar:
             fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
         validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
@@ -77,6 +91,34 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.report.mkdir(parents=True, exist_ok=True)
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
+    return 0
+
+
+def _design(arguments: argparse.Namespace) -> int:
+    duration_s = _DURATION_S if arguments.duration is None else arguments.duration
+    if arguments.bag or arguments.report or arguments.validate or arguments.air:
+        raise CommandError("identify: --design takes no bags and writes no report")
+    if not _SHORTEST_S <= duration_s <= _LONGEST_S:
+        raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
+    if arguments.out is not None:
+        check_new(arguments.out, arguments.overwrite)
+    from fsw_analysis.identification.summary import table
+    from fsw_experiment.identification_design import SAFE_C, SAFE_MM, propose
+
+    model = _model(arguments.model)
+    with ProgressBar("trying experiments") as bar:
+        found = propose(duration_s, not arguments.open_loop, model, progress=bar)
+    rows = [["parameter", "expected std", "[%]"]]
+    for name, share in found.deviations.items():
+        rows.append([name, f"{share * getattr(model, name):.2g}", f"{100.0 * share:.2f}"])
+    print(table(rows), end="")
+    print(
+        f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
+        f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
+    )
+    if arguments.out is not None:
+        write(arguments.out, found.scenario)
+        print(f"written: {arguments.out}")
     return 0
 
 
