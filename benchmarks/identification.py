@@ -67,8 +67,14 @@ def main():
     """Measure, print a table, write JSON."""
     arguments = parser(__doc__, "8 plants instead of 100").parse_args()
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        runs = list(pool.map(one, enumerate(drawn)))
+    runs, pool = [], ProcessPoolExecutor(os.cpu_count())
+    try:
+        for run in pool.map(one, enumerate(drawn)):
+            runs.append(run)
+            print(f"plant {len(runs)} of {len(drawn)}", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print(f"interrupted: of {len(runs)} plants only", file=sys.stderr)
+    pool.shutdown(cancel_futures=True)
     result = {"plants": len(runs), "cpus": os.cpu_count()}
     names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
     inside = []

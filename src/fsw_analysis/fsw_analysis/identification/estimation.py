@@ -71,6 +71,8 @@ _STRETCH_TICKS, _ASTRAY = 200, 0.7
 _LARGEST_AT_START = 0.3
 #: correlation from which on two parameters are said to be told only together
 _CORRELATED = 0.9
+#: residuals that exceed the noise between neighbouring samples by less than this are nothing but that noise
+_AS_GOOD = 1.1
 #: factors on the starting values, tried one after the other
 _STARTS: tuple[dict[str, float], ...] = (
     {},
@@ -385,6 +387,8 @@ def identify(
         cost = tried.solve(tell)
         if cost < lowest:
             lowest, best = cost, tried
+        if (tried.noise < _AS_GOOD * first.noise).all():
+            break  # what remains is the sensors' noise: no start can lead to less
     assert best is not None
     for best.fixed_walk in (True, False):
         if not best.fixed_walk:
@@ -467,8 +471,8 @@ def _select(problem: _Problem, free: Sequence[str], unknown: dict[str, str], lar
     while True:
         if not left or [free[i] for i in left] == [_LEVEL]:
             raise IdentificationError(
-                "the data tell no parameter but perhaps the level of the torque: force and speed hardly move; weld with "
-                "steps, see --design"
+                "the data tell no parameter but perhaps the level of the torque: force and speed hardly move; "
+                "weld with steps, see --design"
             )
         chosen = np.array([*left, *rest])
         covariance = np.linalg.inv(whole[np.ix_(chosen, chosen)])[: len(left), : len(left)]
