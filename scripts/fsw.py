@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, model, bag."""
+"""The operator's command: steer a weld, simulate welds, look at bags, identify a process and tune for it."""
 
 from _bootstrap import start
 

@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
-    "fsw_analysis": {"fsw_recorder", "fsw_control"},
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),

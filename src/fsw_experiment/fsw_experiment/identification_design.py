@@ -38,7 +38,6 @@ AIMS = {
     "motor_lag_s": 0.05,
     "sliding_friction": 0.02,
 }
-_ALL = tuple(one.name for one in fields(ModelParameters))
 _CONTROLLER = "decentral:conservative"
 #: for how long a level is held, drawn from these [s]; slower ones for what heats
 _HOLD_S = {
@@ -112,11 +111,7 @@ def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters)
         "force_kn": rest.force_kn,
         "speed_rpm": rest.speed_rpm,
     }
-    plant = {
-        f"model.{name}": getattr(model, name) / getattr(nominal(), name)
-        for name in _ALL
-        if getattr(model, name) != getattr(nominal(), name)
-    }
+    plant = plant_factors(model)
     sizes = dict(_CLOSED if closed else _OPEN)
     for _ in range(_ROUNDS):
         found = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
@@ -153,6 +148,13 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
         "events": [{"at_s": at_s, kind: events[at_s]} for at_s in sorted(events)],
     }
     return yaml.safe_dump(content, sort_keys=False, width=120, default_flow_style=None)
+
+
+def plant_factors(model: ModelParameters) -> dict[str, float]:
+    """Parameters of the plant emulator that make it the process of a model."""
+    of = nominal()
+    pairs = {one.name: (getattr(model, one.name), getattr(of, one.name)) for one in fields(ModelParameters)}
+    return {f"model.{name}": value / usual for name, (value, usual) in pairs.items() if value != usual}
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
