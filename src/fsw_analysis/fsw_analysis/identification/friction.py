@@ -56,7 +56,7 @@ def from_air(
     distinct = 1 + int((np.diff(np.sort(speed)) > _ONE_SPEED_RPM).sum()) if speed.size else 0
     if distinct < _FEWEST_SPEEDS:
         raise IdentificationError(
-            f"{signals.path.name}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
+            f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
             f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
         )
     scale = float(speed.max())

@@ -84,7 +84,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, needed: tuple[str, ...] = 
     IdentificationError
         The weld lacks sensors or inputs, or is too short.
     """
-    name = signals.path.name
+    name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
     known = [bool(np.isfinite(column).any()) for column in sensors.T]
     missing = ", ".join(sensor for sensor, there in zip(_COLUMNS, known, strict=True) if not there and sensor in needed)
@@ -126,7 +126,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
     if not np.isfinite(commands).all():
-        raise IdentificationError(f"{signals.path.name}: neither /fsw/drives nor /fsw/command says what acted")
+        raise IdentificationError(f"{signals.path}: neither /fsw/drives nor /fsw/command says what acted")
     notes.append("no report of the drives: the commands stand in, disturbances of the inputs are not seen")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
     acting = commands.copy()
