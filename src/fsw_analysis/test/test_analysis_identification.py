@@ -47,14 +47,14 @@ def signals_of(columns: dict[str, FloatArray], path: str = "weld") -> WeldSignal
     )
 
 
-def weld(p: ModelParameters = OTHER, seconds: float = 120.0, seed: int = 1, noise: float = 1.0) -> WeldSignals:
+def weld(p: ModelParameters = OTHER, seconds: float = 150.0, seed: int = 1, noise: float = 1.0) -> WeldSignals:
     """An open-loop weld with balanced steps of force and speed about the process's rest."""
     generator = np.random.default_rng(seed)
     n = round(10 * seconds)
     model = ProcessModel(p)
     rest = model.equilibrium()
     inputs = []
-    for centre, size, holds in ((rest.force_kn, 1.5, (30, 60, 100)), (rest.speed_rpm, 6.0, (40, 80, 120))):
+    for centre, size, holds in ((rest.force_kn, 2.5, (30, 60, 150)), (rest.speed_rpm, 6.0, (40, 80, 120))):
         levels: list[float] = [0.0] * 50
         while len(levels) < n:
             hold, sign = int(generator.choice(holds)), float(generator.choice((-1.0, 1.0)))
@@ -92,7 +92,7 @@ def test_simulation_is_that_of_the_model(dead_time_s: float) -> None:
     p = replace(OTHER, dead_time_s=dead_time_s)
     segment = only(weld(p, 60.0, noise=0.0))
     difference = np.abs(simulate(p, segment, at_rest(p, segment)).outputs - segment.measured).max(axis=0)
-    assert np.all(difference < [1e-5, 2e-3, 0.05])
+    assert np.all(difference < [2e-5, 5e-3, 0.05])
 
 
 def test_slopes_are_those_of_the_simulation() -> None:

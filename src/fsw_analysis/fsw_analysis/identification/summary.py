@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fsw_analysis.identification.estimation import WALKS, Fit
+from fsw_analysis.identification.estimation import Fit
 from fsw_analysis.identification.model_file import operating_point
+from fsw_analysis.identification.problem import WALKS
 from fsw_analysis.identification.simulation import OUTPUTS
 from fsw_analysis.identification.statistics import Judgement, judge
 from fsw_model import ModelParameters
