@@ -150,7 +150,7 @@ def test_shifts_are_told_and_do_not_bias() -> None:
 @pytest.mark.slow
 def test_slow_disturbance_is_told_and_does_not_bias() -> None:
     signals = weld()
-    signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(700))
+    signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
     fit = estimation.identify([only(signals)])
     assert max(map(abs, scores(fit).values())) < 4.5
     assert any("slow disturbance of temperature" in line for line in summary.remarks(summary.Summary("weld", fit)))
@@ -196,6 +196,15 @@ def test_samples_that_cannot_be_used_are_left_out() -> None:
     assert np.isnan(measured[201:240, 0]).all() and np.isnan(measured[300:310, 1]).all() and np.isnan(measured[400, 2])
     text = "\n".join(data.notes)
     assert "depth" in text and "frozen" in text and "missing" in text and "out of range" in text
+
+
+def test_a_long_weld_is_divided() -> None:
+    whole = weld(seconds=40.0)
+    n = 8000
+    names = ("depth_mm", "temperature_c", "torque_nm", "force_kn", "speed_rpm")
+    long = signals_of({name: np.resize(getattr(whole, name), n) for name in names})
+    segments = prepare(long, 0.0).segments
+    assert len(segments) == 3 and sum(segment.n_ticks for segment in segments) == n
 
 
 def test_a_hole_divides_the_weld() -> None:

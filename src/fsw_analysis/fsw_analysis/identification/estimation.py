@@ -350,7 +350,7 @@ def _fit(problem: Problem, unknown: dict[str, str], notes: list[str], cost: floa
     white, problem.noise = problem.noise, problem.noise * np.sqrt(colour)
     information, _ = problem.normal(residuals, slopes)
     problem.noise = white
-    covariance = np.linalg.inv(information + problem.prior(problem.walk))
+    covariance: FloatArray = np.linalg.inv(information + problem.prior(problem.walk)).astype(np.float64)
     covariance += _by_kept(problem, [name for name in unknown if name not in STRUCTURAL], covariance)
     n = len(problem.free)
     disturbances, mean = [], np.zeros((2, problem.columns))

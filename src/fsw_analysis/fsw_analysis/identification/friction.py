@@ -46,7 +46,7 @@ def from_air(
     """
     wait = round(_SETTLED * start.motor_lag_s / TICK_S)
     speeds, torques = [], []
-    for segment in prepare(signals, drive_lag_s, ("torque",)).segments:
+    for segment in prepare(signals, drive_lag_s, in_air=True).segments:
         moving = np.abs(segment.acceleration_rpm_per_s) > _STEADY_RPM_PER_S
         settled = ~(np.convolve(moving, np.ones(wait + 1))[: moving.size] > 0.0)
         settled &= np.isfinite(segment.measured[:, 2])

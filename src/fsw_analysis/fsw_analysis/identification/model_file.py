@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from fsw_analysis.identification.estimation import Fit
 from fsw_model import ModelParameters
 
@@ -38,6 +40,10 @@ def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     for name, (value, std) in known.items():
         # YAML 1.1 takes 1.5e+06 for a number only with a point
         lines.append(f"{name}: {float(f'{value:.{_DIGITS}g}')!r}  # +- {std:.2g}; nominal {getattr(nominal, name):g}")
+    given = [name for name in asdict(nominal) if name not in known]
+    for name in given:
+        if (value := getattr(fit.parameters, name)) != getattr(nominal, name):
+            lines.append(f"{name}: {value!r}  # as given; nominal {getattr(nominal, name):g}")
     lines += ["# Not told by the data, kept nominal:"] * bool(fit.unknown)
     lines += [f"#   {name}: {why}" for name, why in fit.unknown.items()]
     return "\n".join(lines) + "\n"

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw_analysis.identification.simulation import CANDIDATES, START, hats, knots, simulate
 from fsw_analysis.identification.weld_data import Segment
-from fsw_analysis.weld_signals import FloatArray
+from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_model import STEP_S, ModelParameters
 
 #: prior standard deviation of the logarithm of a parameter: none to speak of
@@ -22,6 +22,8 @@ WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque 
 _OFFSET_PRIOR = np.array([10.0, 20.0, 1e-4, 1e-3, 1e-2])
 #: standard deviations of a disturbance's change within KNOT_S: smallest, at the start, largest
 WALK = np.array([[1e-3, 1e-3, 2e-5, 1e-3, 1e-2], [0.01, 0.01, 2e-4, 0.01, 0.1], [3.0, 5.0, 0.1, 5.0, 50.0]])
+#: at the beginning of a segment depth and temperature are not used for so long: dead time and tool
+_SETTLING_TICKS = 40
 #: smallest noise that is reckoned with, so that data without noise do not count for infinitely much
 NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
@@ -91,31 +93,32 @@ class Problem:
         self.sizes = np.zeros(0)
         self.reject, self.fixed_walk = False, True
         self.nuisance = [_initial(segment, start) for segment in self.segments]
+        self.segments = [_settled(segment) for segment in self.segments]
         self.last: tuple[list[FloatArray], list[FloatArray], list[FloatArray]] = ([], [], [])
 
     def evaluate(self) -> tuple[list[FloatArray], list[FloatArray], list[FloatArray]]:
-        """Predictions, residuals, and their derivatives (n, 3, columns), by segment."""
+        """Predictions, residuals, and their derivatives (n, 3, columns of the segment), by segment."""
         chosen = [CANDIDATES.index(name) for name in self.free]
         scale = np.array([getattr(self.parameters, name) for name in self.free])
         predicted, residuals, slopes = [], [], []
-        column = len(self.free)
         for i, (segment, nuisance) in enumerate(zip(self.segments, self.nuisance, strict=True)):
             weights = hats(segment.n_ticks)
             k = weights.shape[1]
             n_process = len(START) + 2 * k
             course = simulate(self.parameters, segment, nuisance[:n_process])
-            of = np.zeros((segment.n_ticks, 3, self.columns))
-            of[:, :, : len(self.free)] = course.by_candidate[:, :, chosen] * scale
-            of[:, :, column : column + n_process] = course.by_nuisance
+            own = [j for j, shift in enumerate(self.shifts) if shift.segment == i]
+            n = len(self.free)
+            of = np.zeros((segment.n_ticks, 3, n + nuisance.size + len(own)))
+            of[:, :, :n] = course.by_candidate[:, :, chosen] * scale
+            of[:, :, n : n + n_process] = course.by_nuisance
             shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
             for output in range(3):
-                begin = column + n_process + output * k
+                begin = n + n_process + output * k
                 of[:, output, begin : begin + k] = weights
-            for j, shift in enumerate(self.shifts):
-                if shift.segment == i:
-                    shown[shift.tick :, shift.output] += self.sizes[j]
-                    of[shift.tick :, shift.output, self.columns - len(self.shifts) + j] = 1.0
-            column += nuisance.size
+            for column, j in enumerate(own):
+                shift = self.shifts[j]
+                shown[shift.tick :, shift.output] += self.sizes[j]
+                of[shift.tick :, shift.output, n + nuisance.size + column] = 1.0
             predicted.append(shown)
             residuals.append(segment.measured - shown)
             slopes.append(of)
@@ -124,6 +127,13 @@ class Problem:
     @property
     def columns(self) -> int:
         return len(self.free) + sum(one.size for one in self.nuisance) + len(self.shifts)
+
+    def _columns_of(self, segment: int) -> IntArray:
+        """Columns that a segment depends on."""
+        begin = len(self.free) + sum(one.size for one in self.nuisance[:segment])
+        first_shift = self.columns - len(self.shifts)
+        own = [first_shift + j for j, shift in enumerate(self.shifts) if shift.segment == segment]
+        return np.array([*range(len(self.free)), *range(begin, begin + self.nuisance[segment].size), *own])
 
     def weights(self, residuals: FloatArray) -> FloatArray:
         """Weights of residuals in standard deviations; 0 where there is no sample."""
@@ -170,13 +180,14 @@ class Problem:
     def normal(self, residuals: Sequence[FloatArray], slopes: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Information of the data and its gradient."""
         information, gradient = np.zeros((self.columns, self.columns)), np.zeros(self.columns)
-        for one, of in zip(residuals, slopes, strict=True):
+        for i, (one, of) in enumerate(zip(residuals, slopes, strict=True)):
+            at = self._columns_of(i)
             scaled = one / self.noise
             root = np.sqrt(self.weights(scaled))
-            j = (of / self.noise[:, None] * root[:, :, None]).reshape(-1, self.columns)
+            j = (of / self.noise[:, None] * root[:, :, None]).reshape(-1, at.size)
             r = (np.nan_to_num(scaled) * root).ravel()
-            information += j.T @ j
-            gradient += j.T @ r
+            information[np.ix_(at, at)] += j.T @ j
+            gradient[at] += j.T @ r
         return information, gradient
 
     def likely_walk(self, information: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -265,6 +276,13 @@ class Problem:
         return self.cost(residuals) + 2.0 * float(samples @ np.log(self.noise))
 
 
+def _settled(segment: Segment) -> Segment:
+    """Without the first outputs that depend on power from before the segment, which is taken for constant."""
+    measured = segment.measured.copy()
+    measured[:_SETTLING_TICKS, :2] = np.nan
+    return replace(segment, measured=measured)
+
+
 def _initial(segment: Segment, p: ModelParameters) -> FloatArray:
     """Nuisance to start from: an equilibrium at the first second of the data."""
     first = segment.measured[:10]
@@ -273,6 +291,9 @@ def _initial(segment: Segment, p: ModelParameters) -> FloatArray:
             float(np.nanmedian(column)) if np.isfinite(column).any() else float(np.nanmedian(whole))
             for column, whole in zip(first.T, segment.measured.T, strict=True)
         )
+    rest = p.operating_depth_mm, p.operating_temperature_c, 1e3
+    values = zip((depth, temperature, torque), rest, strict=True)
+    depth, temperature, torque = (value if np.isfinite(value) else other for value, other in values)
     rise = temperature - p.operating_temperature_c
     power = rise / p.thermal_gain_c_per_kw
     creep = depth / (1.0 + p.softening_per_c * rise) - p.operating_depth_mm

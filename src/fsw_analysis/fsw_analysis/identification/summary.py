@@ -83,7 +83,10 @@ def output_rows(result: Summary) -> list[list[str]]:
 def remarks(result: Summary) -> list[str]:
     """Everything that a reader has to know besides the tables."""
     fit = result.fit
-    lines = [f"{name}: not told by the data, kept nominal: {why}" for name, why in fit.unknown.items()]
+    reasons: dict[str, list[str]] = {}
+    for name, why in fit.unknown.items():
+        reasons.setdefault(why, []).append(name)
+    lines = [f"{', '.join(names)}: not told by the data, kept nominal: {why}" for why, names in reasons.items()]
     for shift, size, std in fit.shifts:
         at_s = fit.segments[shift.segment].time_s[shift.tick]
         lines.append(

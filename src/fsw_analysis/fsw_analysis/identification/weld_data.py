@@ -15,6 +15,8 @@ from fsw_control.weld import TICK_S
 
 #: a longer hole in the data ends a segment [s]
 _LONGEST_HOLE_S = 2.0
+#: longer ones are divided, because the disturbances of each are unknowns of their own
+_LARGEST_TICKS = 3600
 #: a shorter segment is not used [s]
 _SHORTEST_S = 30.0
 #: order of the columns of ``measured``
@@ -67,7 +69,7 @@ class WeldData:
     notes: list[str]
 
 
-def prepare(signals: WeldSignals, drive_lag_s: float, needed: tuple[str, ...] = _COLUMNS) -> WeldData:
+def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> WeldData:
     """Segments of a weld.
 
     Parameters
@@ -76,8 +78,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float, needed: tuple[str, ...] = 
         The emulator's truth in it is not looked at.
     drive_lag_s : float
         Time constant of the drives, by which the inputs between two ticks are known.
-    needed : tuple of str
-        Sensors without which the weld is refused.
+    in_air : bool
+        A run without copper: only the torque is needed, and it may have any size.
 
     Raises
     ------
@@ -87,17 +89,22 @@ def prepare(signals: WeldSignals, drive_lag_s: float, needed: tuple[str, ...] = 
     name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
     known = [bool(np.isfinite(column).any()) for column in sensors.T]
-    missing = ", ".join(sensor for sensor, there in zip(_COLUMNS, known, strict=True) if not there and sensor in needed)
+    missing = ", ".join(
+        sensor
+        for sensor, there in zip(_COLUMNS, known, strict=True)
+        if not there and not (in_air and sensor != "torque")
+    )
     if missing:
         raise IdentificationError(f"{name}: no samples of {missing}; a bag needs /fsw/depth, /fsw/thermocouple and "
                                   "/fsw/spindle_torque")  # fmt: skip
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)
-    sensors = _usable(signals, sensors, notes)
+    sensors = sensors if in_air else _usable(signals, sensors, notes)
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
     segments = []
-    for part in np.split(np.arange(row.size), cuts):
+    stretches = np.split(np.arange(row.size), cuts)
+    for part in (piece for one in stretches for piece in np.array_split(one, max(1, -(-one.size // _LARGEST_TICKS)))):
         n = int(row[part[-1]] - row[part[0]]) + 1
         if n * TICK_S < _SHORTEST_S:
             notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: too short")

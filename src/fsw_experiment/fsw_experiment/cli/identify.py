@@ -61,8 +61,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
     check_new(arguments.out, arguments.overwrite)
-    if arguments.report is not None and arguments.report.exists() and any(arguments.report.iterdir()):
-        raise CommandError(f"folder {arguments.report} exists and is not empty; nothing is overwritten")
+    folder: Path | None = arguments.report
+    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise CommandError(f"{folder} exists and is no empty folder; nothing is overwritten, choose another --report")
     from fsw_analysis.identification import estimation, model_file, summary
     from fsw_analysis.identification.weld_data import IdentificationError
 
