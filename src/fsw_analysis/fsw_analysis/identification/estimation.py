@@ -149,7 +149,12 @@ def identify(
     best: Problem | None = None
     lowest = np.inf
     for factors in _STARTS:
-        tried = Problem(segments, start.scaled(**{name: of for name, of in factors.items() if name in free}), free)
+        # without the weakly told parameters first: the valley that they open is long and curved
+        well_told = tuple(name for name in free if name not in _KEPT_FIRST)
+        scaled = start.scaled(**{name: of for name, of in factors.items() if name in free})
+        tried = Problem(segments, scaled, well_told)
+        tried.solve(tell)
+        tried.free = free
         cost = tried.solve(tell)
         if cost < lowest:
             lowest, best = cost, tried
