@@ -1,7 +1,5 @@
 #!/usr/bin/env python3
-"""The operator's command: status, reference, disturb, fault, switch, controllers, mode, simulate, campaign, model,
-export, bag.
-"""
+"""The operator's command: steer and simulate welds, look at bags, identify, tune, export, run campaigns."""
 
 import sys
 

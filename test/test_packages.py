@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "fsw_machine": {"fsw_control", "fsw_plant", "fsw_msgs"},  # fsw_plant: for the machine to test with
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
-    "fsw_analysis": {"fsw_recorder", "fsw_control"},
+    "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fsw_experiment.cli import bags, campaign, export, model, operate, replays, simulate
+from fsw_experiment.cli import bags, campaign, export, identify, model, operate, replays, simulate, tune
 from fsw_experiment.cli.errors import exit_code
 
 
@@ -23,6 +23,8 @@ def parser() -> argparse.ArgumentParser:
     campaign.add_command(commands)
     model.add_command(commands)
     export.add_command(commands)
+    identify.add_command(commands)
+    tune.add_command(commands)
     bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     bags.add_commands(bag_commands)

@@ -45,6 +45,14 @@ def add_command(commands: Any) -> None:
         metavar="CONTROLLER.NAME=VALUE",
         help="parameter of a controller's node; may be repeated, e.g. nmpc.tuning_file=tuning.yaml",
     )
+    parser.add_argument(
+        "--params-file",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="parameters of controllers' nodes, in ROS's format, e.g. of fsw.py tune; may be repeated",
+    )
     parser.add_argument("--no-noise", action="store_true", help="sensors without noise and quantisation")
     parser.add_argument(
         "--set",
@@ -82,6 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
         labels = list(dict.fromkeys(arguments.controller))
     parameters: dict[str, dict[str, Any]] = {}
+    for file in arguments.params_file:
+        parameters.update(_parameters_of_nodes(file))
     for text in arguments.parameter:
         key, value = assignment("--parameter", text)
         name, _, inner = key.partition(".")
@@ -150,6 +160,17 @@ def _record(scenario: Scenario, folder: Path, parameters: dict[str, dict[str, An
         ProgressBar(f"{scenario.name}, bag {graph.bag}") as bar,
     ):
         graph.run(launcher, bar)
+
+
+def _parameters_of_nodes(file: Path) -> dict[str, dict[str, Any]]:
+    """Parameters by controller from a parameter file of ROS."""
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
+    except OSError as error:
+        raise CommandError(f"cannot read {file}: {error.strerror}") from None
+    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
+        raise CommandError(f"{file}: not a parameter file: give NODE: {{ros__parameters: {{NAME: VALUE}}}}") from None
 
 
 def assignment(option: str, text: str) -> tuple[str, Any]:

@@ -105,7 +105,7 @@ FIXED = (
     "drive lag 0.3 s",
 )
 #: Of the random processes: independent, uniform.
-_RANDOM: dict[str, tuple[float, float]] = {
+RANDOM: dict[str, tuple[float, float]] = {
     "model.thermal_gain_c_per_kw": (0.7, 1.4),
     "model.copper_lag_s": (0.7, 1.4),
     "model.tool_lag_s": (0.5, 2.0),
@@ -118,7 +118,7 @@ _RANDOM: dict[str, tuple[float, float]] = {
 
 
 def random_factors(
-    count: int, spans: Mapping[str, tuple[float, float]] = _RANDOM, seed: int = 2026
+    count: int, spans: Mapping[str, tuple[float, float]] = RANDOM, seed: int = 2026
 ) -> list[dict[str, float]]:
     """Factors of `count` processes, drawn independently and uniformly."""
     generator = random.Random(seed)

@@ -1,0 +1,1 @@
+"""Identification of the process model's parameters from recorded welds."""

@@ -1,0 +1,70 @@
+"""Friction of motor and transmission (23), from a run in air."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fsw_analysis.identification.weld_data import IdentificationError, prepare
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_control.weld import TICK_S
+from fsw_model import ModelParameters
+
+_NAMES = ("friction_constant_nm", "friction_linear_nm_per_rpm", "friction_quadratic_nm_per_rpm2")
+#: after a change of the speed the torque settles for this many motor lags
+_SETTLED = 8.0
+#: slower changes count as a constant speed [rpm/s]
+_STEADY_RPM_PER_S = 1.0
+#: speeds that are nearer to each other are one, and how many the parabola needs [rpm]
+_ONE_SPEED_RPM, _FEWEST_SPEEDS = 10.0, 3
+
+
+def from_air(
+    signals: WeldSignals, start: ModelParameters, drive_lag_s: float
+) -> tuple[ModelParameters, dict[str, float]]:
+    """Coefficients of (23) by least squares over the ticks at constant speed.
+
+    Parameters
+    ----------
+    signals : WeldSignals
+        Of a run in air, at three or more speeds.
+    start : ModelParameters
+        The rest of the model.
+    drive_lag_s : float
+
+    Returns
+    -------
+    model : ModelParameters
+    deviations : dict of str to float
+        Standard deviations of the three coefficients.
+
+    Raises
+    ------
+    IdentificationError
+        The run has too few speeds.
+    """
+    wait = round(_SETTLED * start.motor_lag_s / TICK_S)
+    speeds, torques = [], []
+    for segment in prepare(signals, drive_lag_s, in_air=True).segments:
+        moving = np.abs(segment.acceleration_rpm_per_s) > _STEADY_RPM_PER_S
+        settled = ~(np.convolve(moving, np.ones(wait + 1))[: moving.size] > 0.0)
+        settled &= np.isfinite(segment.measured[:, 2])
+        speeds.append(segment.speed_rpm[settled])
+        torques.append(segment.measured[settled, 2])
+    speed, torque = np.concatenate(speeds), np.concatenate(torques)
+    distinct = 1 + int((np.diff(np.sort(speed)) > _ONE_SPEED_RPM).sum()) if speed.size else 0
+    if distinct < _FEWEST_SPEEDS:
+        raise IdentificationError(
+            f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
+            f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
+        )
+    scale = float(speed.max())
+    columns = np.vander(speed / scale, 3, increasing=True)
+    found, *_ = np.linalg.lstsq(columns, torque, rcond=None)
+    rest = torque - columns @ found
+    covariance = np.linalg.inv(columns.T @ columns) * float(rest @ rest) / max(1, rest.size - 3)
+    units = scale ** -np.arange(3.0)
+    values = dict(zip(_NAMES, map(float, found * units), strict=True))
+    deviations = np.sqrt(np.diag(covariance)) * units
+    return replace(start, **values), dict(zip(_NAMES, map(float, deviations), strict=True))

@@ -1,0 +1,135 @@
+"""One page on an identification: figures like the paper's Figs. 4 and 5, statistics and tables, as HTML and PNG."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fsw_analysis.figures import COLOURS, STYLE
+from fsw_analysis.identification.estimation import Fit
+from fsw_analysis.identification.statistics import LAGS, Judgement
+from fsw_analysis.identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
+from fsw_control.weld import TICK_S
+
+_LAGS_S = TICK_S * np.arange(1, LAGS + 1)
+_BOTH_S = TICK_S * np.arange(-LAGS, LAGS + 1)
+_CSS = (
+    "body{font-family:sans-serif;max-width:70em;margin:1em auto;padding:0 1em}"
+    "table{border-collapse:collapse;margin:1em 0}td,th{border-bottom:1px solid #ccc;padding:.2em .7em;text-align:right}"
+    "td:first-child,th:first-child{text-align:left}"
+    "img{max-width:100%}"
+)
+
+
+def write(result: Summary, folder: Path) -> list[Path]:
+    """Write ``report.html``, a single file, and its figure ``report.png``; returns the paths."""
+    picture, page = folder / "report.png", folder / "report.html"
+    _draw(result, picture)
+    image = base64.b64encode(picture.read_bytes()).decode("ascii")
+    notes = "".join(f"<li>{html.escape(line)}</li>" for line in remarks(result))
+    page.write_text(
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Identification</title><style>{_CSS}</style>'
+        f"<h1>Model identified from {html.escape(result.sources)}</h1>"
+        f"{_table(parameter_rows(result))}{_table(output_rows(result))}"
+        "<p>Fit: share of an output that the model explains (NRMSE). On the data the slow disturbances that were "
+        "estimated along are part of the model; on the validation weld only initial states and constant disturbances "
+        "are. White residuals have about 1 % of their correlations outside the bounds of 99 %.</p>"
+        f"<ul>{notes}</ul>"
+        f'<img alt="Measured and model outputs, residuals, parameters" src="data:image/png;base64,{image}"></html>\n',
+        encoding="utf-8",
+    )
+    return [page, picture]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    first, *rest = ([html.escape(cell) for cell in row] for row in rows)
+    head = "".join(f"<th>{cell}</th>" for cell in first)
+    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rest)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _draw(result: Summary, path: Path) -> None:
+    with matplotlib.rc_context(STYLE):
+        columns = 3 if result.validation is not None else 2
+        figure = Figure(figsize=(6.5 * columns, 13.0), layout="constrained")
+        figure.suptitle(f"Model identified from {result.sources}", fontsize=12.0, fontweight="bold")
+        grid = figure.subplots(5, columns, squeeze=False)
+        _courses(list(grid[:, 0]), result.fit, result.judgement, "data")
+        if result.validation is not None and result.checked is not None:
+            _courses(list(grid[:, 1]), result.validation, result.checked, "validation")
+        _statistics(list(grid[:3, -1]), result.judgement)
+        _deviations(grid[3, -1], result.fit)
+        _correlation(figure, grid[4, -1], result.fit)
+        figure.savefig(path, format="png")
+
+
+def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) -> None:
+    """Measured and model outputs, force and speed, of all segments one after the other."""
+    begin_s = 0.0
+    for i, segment in enumerate(fit.segments):
+        time_s = begin_s + TICK_S * np.arange(segment.n_ticks)
+        begin_s = time_s[-1] + 10.0
+        first = i == 0
+        for output in range(3):
+            axes[output].plot(
+                time_s, segment.measured[:, output], color=COLOURS[5], alpha=0.5, linewidth=0.7,
+                label="measured" if first else None,
+            )  # fmt: skip
+            axes[output].plot(time_s, fit.predicted[i][:, output], color=COLOURS[0], label="model" if first else None)
+        axes[3].plot(time_s, segment.force_kn, color=COLOURS[1])
+        axes[4].plot(time_s, segment.speed_rpm, color=COLOURS[1])
+    for shift, _, _ in fit.shifts:
+        axes[shift.output].axvline(TICK_S * shift.tick, color=COLOURS[4], linestyle="--")
+    titles = [f"{name}, {what}: fit {judgement.fit_percent[i]:.1f} %" for i, name in enumerate(NAMES)]
+    for axis, title in zip(axes, [*titles, "force [kN]", "speed [rpm]"], strict=True):
+        axis.set_title(title, loc="left", fontsize=10.0)
+        axis.ticklabel_format(axis="y", useOffset=False)
+        axis.margins(x=0.01)
+    axes[0].legend(frameon=False, loc="upper right")
+    axes[4].set_xlabel("time [s]")
+
+
+def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
+    """Autocorrelation of the residuals, and their correlation with changes of the inputs, with bounds of 99 %."""
+    for output, axis in enumerate(axes):
+        axis.axhspan(-judgement.bound, judgement.bound, color="black", alpha=0.12, linewidth=0.0)
+        axis.plot(_LAGS_S, judgement.auto[output], color=COLOURS[0], label="with themselves")
+        for which, name in enumerate(("changes of force", "changes of speed")):
+            axis.plot(
+                _BOTH_S, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
+            )
+        axis.set_title(
+            f"residuals of {NAMES[output]}: correlation, bounds of 99 % (left of 0: feedback)",
+            loc="left",
+            fontsize=10.0,
+        )
+        low, high = axis.get_ylim()
+        axis.set_ylim(min(low, -0.15), max(high, 0.15))
+        axis.margins(x=0.01)
+    axes[0].legend(frameon=False, loc="upper left", fontsize=8.0)
+    axes[-1].set_xlabel("lag [s]")
+
+
+def _deviations(axis: Axes, fit: Fit) -> None:
+    """Standard deviation of each parameter, in percent of it."""
+    share = 100.0 * np.sqrt(np.diag(fit.covariance))
+    axis.barh(range(len(fit.free)), share, color=COLOURS[0])
+    axis.set_yticks(range(len(fit.free)), fit.free, fontsize=8.0)
+    axis.invert_yaxis()
+    axis.set_title("standard deviation [%]", loc="left", fontsize=10.0)
+
+
+def _correlation(figure: Figure, axis: Axes, fit: Fit) -> None:
+    image = axis.imshow(fit.correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r", aspect="auto")
+    axis.set_yticks(range(len(fit.free)), fit.free, fontsize=8.0)
+    axis.set_xticks([])
+    axis.grid(False)
+    axis.set_title("correlation of the estimates, same order", loc="left", fontsize=10.0)
+    figure.colorbar(image, ax=axis)

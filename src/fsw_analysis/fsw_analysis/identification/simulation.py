@@ -1,0 +1,230 @@
+"""The process model simulated along recorded inputs, with the sensitivity of its outputs to everything unknown.
+
+The static equations are those of :mod:`fsw_model.equations`; here their parameters are symbols. The linear blocks (16),
+(17) and (18) are in modal form and exact for power and process torque that are linear within a step; the dead time is
+any number of seconds from one step on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache, lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fsw_analysis.identification.weld_data import Segment
+from fsw_analysis.weld_signals import FloatArray
+from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_model import STEP_S, ModelParameters
+from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
+
+#: what a weld may tell; the rest of the model is the point of linearisation, the fast pole and the friction
+CANDIDATES = (
+    "thermal_gain_c_per_kw",
+    "copper_lag_s",
+    "tool_lag_s",
+    "dead_time_s",
+    "depth_gain_mm_per_kn_s",
+    "depth_zero_s",
+    "depth_pole_slow_s",
+    "softening_per_c",
+    "motor_lag_s",
+    "sliding_friction",
+    "sticking_stress_pa",
+    "contact_slope",
+    "geometry_factor",
+    "contact_radius_m",
+    "geometry_offset_m3",
+    "spindle_inertia_kgm2",
+)
+OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
+#: state at the beginning of a segment, and the power before it
+START = ("creep_mm", "slow_mm", "copper_mode_kw", "tool_mode_kw", "motor_torque_nm", "power_before_kw")
+N_STATES = 5
+#: between two knots of a slow disturbance, which is linear in between [s]
+KNOT_S = 10.0
+
+_ALL = tuple(one.name for one in fields(ModelParameters))
+_N_POWER = 2
+
+
+def _ramped(x: Any, begin: Any, slope: Any, span_s: Any, lag_s: Any) -> Any:
+    """First-order lag after ``span_s`` in which its input was ``begin + slope t``; exact."""
+    behind = slope * lag_s
+    return begin + slope * span_s - behind + (x - begin + behind) * ca.exp(-span_s / lag_s)
+
+
+def _tool_c(p: Any, copper: Any, tool: Any) -> Any:
+    """Delta T (16) of its two modes, each a lag of the power in kW."""
+    return p.thermal_gain_c_per_kw * (p.copper_lag_s * copper - p.tool_lag_s * tool) / (p.copper_lag_s - p.tool_lag_s)
+
+
+@cache
+def _functions() -> tuple[ca.Function, ca.Function]:
+    """Step and outputs, each with its Jacobian with respect to state, power, candidates and disturbances."""
+    values = ca.SX.sym("p", len(_ALL))
+    p: Any = SimpleNamespace(**dict(zip(_ALL, ca.vertsplit(values), strict=True)))
+    candidates = ca.vertcat(*(getattr(p, name) for name in CANDIDATES))
+    x = ca.SX.sym("x", N_STATES)
+    creep, slow, copper, tool, motor = ca.vertsplit(x)
+    older, newer = ca.SX.sym("older_kw", _N_POWER), ca.SX.sym("newer_kw", _N_POWER)
+    force, speed, whole_s = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm"), ca.SX.sym("whole_s")
+    disturbance = ca.SX.sym("disturbance", 2)  # kN and kW
+    pole_s, fast_s, gain = p.depth_pole_slow_s, p.depth_pole_fast_s, p.depth_gain_mm_per_kn_s
+
+    pushed = force - p.operating_force_kn + disturbance[0]
+    slow_gain = gain * (p.depth_zero_s - pole_s) / (pole_s - fast_s) * pole_s
+    fast = gain * (p.depth_zero_s - fast_s) / (fast_s - pole_s) * fast_s * pushed  # settled
+    left = ca.exp(-STEP_S / pole_s)
+    slow_end = left * slow + (1.0 - left) * slow_gain * pushed
+    creep_end = creep + gain * STEP_S * pushed
+
+    # power of the older step arrives first, for the part of a step by which the dead time exceeds whole steps
+    part_s = p.dead_time_s - whole_s
+    rest_s = STEP_S - part_s
+    older_slope, newer_slope = (older[1] - older[0]) / STEP_S, (newer[1] - newer[0]) / STEP_S
+    ends = []
+    for mode, lag_s in ((copper, p.copper_lag_s), (tool, p.tool_lag_s)):
+        mode = _ramped(mode, older[0] + older_slope * rest_s + disturbance[1], older_slope, part_s, lag_s)
+        ends.append(_ramped(mode, newer[0] + disturbance[1], newer_slope, rest_s, lag_s))
+    before = depth_mm(p, creep, slow, fast, _tool_c(p, copper, tool))
+    after = depth_mm(p, creep_end, slow_end, fast, _tool_c(p, *ends))
+    friction = friction_torque_nm(p, speed)
+    static = [process_torque_nm(p, force, depth) + friction for depth in (before, after)]
+    motor_end = _ramped(motor, static[0], (static[1] - static[0]) / STEP_S, STEP_S, p.motor_lag_s)
+    power = [power_kw(torque - friction, speed) - p.operating_power_kw for torque in (motor, motor_end)]
+    result = ca.vertcat(creep_end, slow_end, *ends, motor_end, *power)
+    known = ca.vertcat(x, older, newer)
+    step = ca.Function(
+        "step",
+        [known, disturbance, values, force, speed, whole_s],
+        [result, ca.jacobian(result, known), ca.jacobian(result, candidates), ca.jacobian(result, disturbance)],
+    )
+    step = ca.Function("step", step.sx_in(), [ca.densify(one) for one in step(*step.sx_in())])
+
+    acceleration = ca.SX.sym("acceleration_rpm_per_s")
+    rise = _tool_c(p, copper, tool)
+    shown = ca.vertcat(
+        depth_mm(p, creep, slow, fast, rise),
+        p.operating_temperature_c + rise,
+        motor + p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM * acceleration,
+    )
+    jacobians = [ca.densify(ca.jacobian(shown, x)), ca.densify(ca.jacobian(shown, candidates))]
+    disturbed = [x, disturbance, values, force, acceleration]
+    return step, ca.Function("outputs", disturbed, [shown, *jacobians])
+
+
+@lru_cache(maxsize=8)
+def _mapped(n_ticks: int) -> ca.Function:
+    """The outputs of all ticks at once."""
+    return _functions()[1].map(n_ticks)
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What the model says of a segment of n ticks.
+
+    Attributes
+    ----------
+    outputs : (n, 3) array
+        In the order of ``OUTPUTS``.
+    by_candidate : (n, 3, len(CANDIDATES)) array
+        Derivatives by the parameters.
+    by_nuisance : (n, 3, m) array
+        Derivatives by ``START`` and by the knots of the disturbances of force [kN], then of power [kW].
+    """
+
+    outputs: FloatArray
+    by_candidate: FloatArray
+    by_nuisance: FloatArray
+
+
+def knots(n_ticks: int) -> int:
+    """How many knots each slow disturbance has in a segment."""
+    return max(2, round(n_ticks * STEP_S / KNOT_S) + 1)
+
+
+def hats(n_ticks: int) -> FloatArray:
+    """Weight of each knot at each tick, (n_ticks, knots)."""
+    n = knots(n_ticks)
+    position = np.linspace(0.0, n - 1.0, n_ticks)
+    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(n)))
+
+
+def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Course:
+    """Simulate a segment along its recorded inputs.
+
+    Parameters
+    ----------
+    p : ModelParameters
+    segment : Segment
+    nuisance : (m,) array
+        ``START`` of the segment, and its knots of the disturbances of force [kN], then of power [kW].
+    """
+    n, n_start = segment.n_ticks, len(START)
+    weights = hats(n)
+    n_knots = weights.shape[1]
+    disturbance = np.column_stack(
+        [weights @ nuisance[n_start : n_start + n_knots], weights @ nuisance[n_start + n_knots :]]
+    )
+    values = np.array([getattr(p, name) for name in _ALL])
+    n_candidates, n_columns = len(CANDIDATES), len(CANDIDATES) + len(nuisance)
+    begin = n_candidates + n_start
+    step, _ = _functions()
+    whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
+    buffer: Any  # has to live as long as what it evaluates
+    buffer, evaluate = step.buffer()
+    known, now = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
+    force, speed, whole_s = np.zeros(1), np.zeros(1), np.array([whole * STEP_S])
+    for i, one in enumerate((known, now, values, force, speed, whole_s)):
+        buffer.set_arg(i, one.data)
+    n_result = N_STATES + _N_POWER
+    result = np.zeros(n_result)
+    by_known = np.zeros((n_result, known.size), order="F")
+    by_candidate = np.zeros((n_result, n_candidates), order="F")
+    by_disturbance = np.zeros((n_result, 2), order="F")
+    for i, one in enumerate((result, by_known.T, by_candidate.T, by_disturbance.T)):
+        buffer.set_res(i, one.data)
+
+    # power of the steps, those before the segment first; its derivatives are those by the power before
+    power = np.full((n + whole + 1, _N_POWER), nuisance[5])
+    power_slopes = np.zeros((n + whole + 1, _N_POWER, n_columns))
+    power_slopes[: whole + 1, :, n_candidates + 5] = 1.0
+    states, slopes = np.zeros((n, N_STATES)), np.zeros((n, N_STATES, n_columns))
+    states[0] = nuisance[:N_STATES]
+    slopes[0, :, n_candidates : n_candidates + N_STATES] = np.eye(N_STATES)
+    chained = np.empty((known.size, n_columns))
+    knot_of = np.minimum((np.linspace(0.0, n_knots - 1.0, n)).astype(int), n_knots - 2)
+    for k in range(n - 1):
+        known[:N_STATES] = states[k]
+        known[N_STATES : N_STATES + _N_POWER] = power[k]
+        known[N_STATES + _N_POWER :] = power[k + 1]
+        now[:] = disturbance[k]
+        force[0], speed[0] = segment.force_kn[k], segment.speed_rpm[k]
+        evaluate()
+        chained[:N_STATES] = slopes[k]
+        chained[N_STATES : N_STATES + _N_POWER] = power_slopes[k]
+        chained[N_STATES + _N_POWER :] = power_slopes[k + 1]
+        ahead = by_known @ chained
+        ahead[:, :n_candidates] += by_candidate
+        i = knot_of[k]
+        w = weights[k, i : i + 2]
+        ahead[:, begin + i : begin + i + 2] += by_disturbance[:, :1] * w
+        ahead[:, begin + n_knots + i : begin + n_knots + i + 2] += by_disturbance[:, 1:] * w
+        states[k + 1], power[k + whole + 1] = result[:N_STATES], result[N_STATES:]
+        slopes[k + 1], power_slopes[k + whole + 1] = ahead[:N_STATES], ahead[N_STATES:]
+
+    before = np.maximum(np.arange(n) - 1, 0)
+    mapped = _mapped(n)(
+        states.T, disturbance[before].T, np.tile(values[:, None], n), segment.force_kn[before][None],
+        segment.acceleration_rpm_per_s[None],
+    )  # fmt: skip
+    shown = mapped[0].full().T
+    by_state = mapped[1].full().reshape(3, n, N_STATES).transpose(1, 0, 2)
+    direct = mapped[2].full().reshape(3, n, n_candidates).transpose(1, 0, 2)
+    total = by_state @ slopes
+    total[:, :, :n_candidates] += direct
+    return Course(shown, total[:, :, :n_candidates], total[:, :, n_candidates:])

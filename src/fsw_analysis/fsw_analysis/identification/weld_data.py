@@ -1,0 +1,184 @@
+"""What a recorded weld offers for identification: inputs held over each step, and sensor samples that may be used."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.contract import SENSORS
+from fsw_control.units import NANOSECONDS
+from fsw_control.validity import SensorGuard
+from fsw_control.weld import TICK_S
+
+#: a longer hole in the data ends a segment [s]
+_LONGEST_HOLE_S = 2.0
+#: longer ones are divided, because the disturbances of each are unknowns of their own
+_LARGEST_TICKS = 3600
+#: a shorter segment is not used [s]
+_SHORTEST_S = 30.0
+#: order of the columns of ``measured``
+_COLUMNS = ("depth", "thermocouple", "torque")
+
+
+class IdentificationError(ValueError):
+    """Data from which nothing can be identified; the message says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of a weld without long holes, one row per tick of 0.1 s.
+
+    Attributes
+    ----------
+    begin_s : float
+        Time of the first row since the first tick of the weld.
+    force_kn, speed_rpm : (n,) arrays
+        Means of the acting inputs over the step that begins at the row.
+    acceleration_rpm_per_s : (n,) array
+        Mean of the spindle over the step that ends at the row.
+    measured : (n, 3) array
+        Depth [mm], temperature [degC] and motor torque [N m]; NaN where there is no sample that may be used.
+    """
+
+    begin_s: float
+    force_kn: FloatArray
+    speed_rpm: FloatArray
+    acceleration_rpm_per_s: FloatArray
+    measured: FloatArray
+
+    @property
+    def n_ticks(self) -> int:
+        """Number of rows."""
+        return int(self.force_kn.size)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of the rows since the first tick of the weld."""
+        return np.asarray(self.begin_s + TICK_S * np.arange(self.n_ticks), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class WeldData:
+    """Segments of one weld, and what was left out of it and why, one line each."""
+
+    name: str
+    segments: list[Segment]
+    notes: list[str]
+
+
+def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> WeldData:
+    """Segments of a weld.
+
+    Parameters
+    ----------
+    signals : WeldSignals
+        The emulator's truth in it is not looked at.
+    drive_lag_s : float
+        Time constant of the drives, by which the inputs between two ticks are known.
+    in_air : bool
+        A run without copper: only the torque is needed, and it may have any size.
+
+    Raises
+    ------
+    IdentificationError
+        The weld lacks sensors or inputs, or is too short.
+    """
+    name = str(signals.path)
+    sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
+    known = [bool(np.isfinite(column).any()) for column in sensors.T]
+    missing = ", ".join(
+        sensor
+        for sensor, there in zip(_COLUMNS, known, strict=True)
+        if not there and not (in_air and sensor != "torque")
+    )
+    if missing:
+        raise IdentificationError(f"{name}: no samples of {missing}; a bag needs /fsw/depth, /fsw/thermocouple and "
+                                  "/fsw/spindle_torque")  # fmt: skip
+    notes: list[str] = []
+    acting = _acting(signals, drive_lag_s, notes)
+    sensors = sensors if in_air else _usable(signals, sensors, notes)
+    row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
+    cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
+    segments = []
+    stretches = np.split(np.arange(row.size), cuts)
+    for part in (piece for one in stretches for piece in np.array_split(one, max(1, -(-one.size // _LARGEST_TICKS)))):
+        n = int(row[part[-1]] - row[part[0]]) + 1
+        if n * TICK_S < _SHORTEST_S:
+            notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: too short")
+            continue
+        grid = np.full((n, 5), np.nan)
+        grid[row[part] - row[part[0]]] = np.column_stack([acting, sensors])[part]
+        ends = np.column_stack([_filled(grid[:, i]) for i in range(2)])
+        if not np.isfinite(ends).all():
+            notes.append(f"{n * TICK_S:.1f} s from {row[part[0]] * TICK_S:.1f} s on left out: no force or speed")
+            continue
+        means = _means(ends, drive_lag_s)
+        acceleration = np.diff(ends[:, 1], prepend=ends[0, 1]) / TICK_S
+        segments.append(Segment(row[part[0]] * TICK_S, means[:, 0], means[:, 1], acceleration, grid[:, 2:]))
+    if not segments:
+        raise IdentificationError(
+            f"{name}: no stretch of {_SHORTEST_S:g} s with sensors, force and speed ({signals.duration_s:.1f} s in all)"
+        )
+    return WeldData(name, segments, notes)
+
+
+def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
+    """Force and speed that act at each tick: what the drives report, else the commands through the drives' lag."""
+    if signals.drives is not None:
+        acting = np.column_stack([signals.drives.force_kn, signals.drives.speed_rpm])
+        if np.isfinite(acting).all(axis=1).mean() > 0.5:
+            return acting
+    commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
+    if not np.isfinite(commands).all():
+        raise IdentificationError(f"{signals.path}: neither /fsw/drives nor /fsw/command says what acted")
+    notes.append("no report of the drives: the commands stand in, disturbances of the inputs are not seen")
+    left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
+    acting = commands.copy()
+    for k in range(1, len(acting)):
+        acting[k] = commands[k - 1] + left * (acting[k - 1] - commands[k - 1])
+    return acting
+
+
+def _means(ends: FloatArray, lag_s: float) -> FloatArray:
+    """Mean inputs over each step from those at its ends, each reached through a first-order lag."""
+    after = np.vstack([ends[1:], ends[-1:]])
+    if lag_s <= 0.0:
+        return after
+    left = float(np.exp(-TICK_S / lag_s))
+    setpoints = (after - left * ends) / (1.0 - left)
+    means: FloatArray = setpoints + (ends - setpoints) * lag_s / TICK_S * (1.0 - left)
+    return means
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """The last known value where one is missing, before the first the first; NaN if none is known."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size:
+        return values
+    last = np.maximum(np.searchsorted(known, np.arange(values.size), side="right") - 1, 0)
+    return values[known[last]]
+
+
+def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> FloatArray:
+    """Samples that the controllers' sensor guard believes, without what it holds, and without frozen runs."""
+    guard, usable = SensorGuard(), sensors.copy()
+    refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
+    for tick, row in enumerate(sensors):
+        values = {name: float(value) for name, value in zip(_COLUMNS, row, strict=True) if np.isfinite(value)}
+        guard.measure(float(signals.stamp_ns[tick]) * 1e-9, values)
+        for column, name in enumerate(_COLUMNS):
+            reason = guard.reasons[name]
+            if not reason:
+                continue
+            begin = tick
+            while reason == "frozen" and begin > 0 and sensors[begin - 1, column] == row[column]:
+                begin -= 1
+            fresh = np.isfinite(usable[begin : tick + 1, column])
+            refused[name][reason.removesuffix(", held")] += max(1, int(fresh.sum()))
+            usable[begin : tick + 1, column] = np.nan
+    for name, reasons in refused.items():
+        notes += [f"{name}: {count} samples left out: {reason}" for reason, count in reasons.items()]
+    return usable

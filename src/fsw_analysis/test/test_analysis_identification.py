@@ -1,0 +1,299 @@
+"""Identification: simulation along recorded inputs, estimates, what is left out, report."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fsw_analysis.identification import estimation, model_file, report, statistics, summary
+from fsw_analysis.identification.friction import from_air
+from fsw_analysis.identification.simulation import CANDIDATES, START, knots, simulate
+from fsw_analysis.identification.weld_data import IdentificationError, Segment, prepare
+from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
+from fsw_model import ModelParameters, ProcessModel
+
+NOISE = (0.002, 0.1, 2.0)
+#: a process unlike the nominal one, with a dead time of no whole number of steps
+OTHER = ModelParameters().scaled(
+    thermal_gain_c_per_kw=0.8, copper_lag_s=1.2, tool_lag_s=1.4, dead_time_s=0.873, depth_gain_mm_per_kn_s=1.25,
+    depth_zero_s=0.9, softening_per_c=0.7, sliding_friction=1.04, motor_lag_s=0.8,
+)  # fmt: skip
+
+
+def signals_of(columns: dict[str, FloatArray], path: str = "weld") -> WeldSignals:
+    """Signals of a weld from columns of outputs and inputs."""
+    n = len(columns["depth_mm"])
+    time_s, nothing = 0.1 * np.arange(n), np.full(n, np.nan)
+    words = np.full(n, "", dtype=object)
+    return WeldSignals(
+        path=Path(path),
+        stamp_ns=np.arange(1, n + 1, dtype=np.int64) * 100_000_000,
+        time_s=time_s,
+        depth_mm=columns["depth_mm"],
+        torque_nm=columns["torque_nm"],
+        temperature_c=columns["temperature_c"],
+        reference_depth_mm=nothing,
+        reference_temperature_c=nothing,
+        force_kn=columns["force_kn"],
+        speed_rpm=columns["speed_rpm"],
+        command_source=words,
+        command_reason=words,
+        command_latency_s=nothing,
+        actual_controller=words,
+        actual_mode=words,
+        # what acts at a tick is what was held until it
+        drives=DriveSignals(*(np.concatenate([of[:1], of[:-1]]) for of in (columns["force_kn"], columns["speed_rpm"]))),
+    )
+
+
+def weld(p: ModelParameters = OTHER, seconds: float = 150.0, seed: int = 1, noise: float = 1.0) -> WeldSignals:
+    """An open-loop weld with balanced steps of force and speed about the process's rest."""
+    generator = np.random.default_rng(seed)
+    n = round(10 * seconds)
+    model = ProcessModel(p)
+    rest = model.equilibrium()
+    inputs = []
+    for centre, size, holds in ((rest.force_kn, 2.5, (30, 60, 150)), (rest.speed_rpm, 6.0, (40, 80, 120))):
+        levels: list[float] = [0.0] * 50
+        while len(levels) < n:
+            hold, sign = int(generator.choice(holds)), float(generator.choice((-1.0, 1.0)))
+            levels += [sign * size] * hold + [-sign * size] * hold
+        inputs.append(centre + np.array(levels[:n]))
+    course = model.simulate(inputs[0].tolist(), inputs[1].tolist(), rest)
+    # the spindle's acceleration shows in the torque, at the end of the step in which it moved
+    moved = np.diff(course["speed_rpm"], prepend=rest.speed_rpm)
+    inertia_nm = np.concatenate([[0.0], moved[:-1]]) / 0.1 * p.spindle_inertia_kgm2 * np.pi / 30.0
+    shown = (course["depth_mm"], course["temperature_c"], course["motor_torque_nm"] + inertia_nm)
+    noisy = [of + noise * std * generator.standard_normal(n) for of, std in zip(shown, NOISE, strict=True)]
+    names = ("depth_mm", "temperature_c", "torque_nm")
+    columns = dict(zip(names, noisy, strict=True))
+    return signals_of({**columns, "force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]})
+
+
+def only(signals: WeldSignals) -> Segment:
+    (segment,) = prepare(signals, 0.0).segments
+    return segment
+
+
+def scores(fit: estimation.Fit, p: ModelParameters = OTHER) -> dict[str, float]:
+    """Errors in standard deviations."""
+    return {name: (getattr(fit.parameters, name) - getattr(p, name)) / std for name, std in fit.std.items()}
+
+
+def at_rest(p: ModelParameters, segment: Segment) -> FloatArray:
+    nuisance = np.zeros(len(START) + 2 * knots(segment.n_ticks))
+    nuisance[4] = ProcessModel(p).equilibrium().outputs.motor_torque_nm
+    return nuisance
+
+
+@pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
+def test_simulation_is_that_of_the_model(dead_time_s: float) -> None:
+    p = replace(OTHER, dead_time_s=dead_time_s)
+    segment = only(weld(p, 60.0, noise=0.0))
+    difference = np.abs(simulate(p, segment, at_rest(p, segment)).outputs - segment.measured).max(axis=0)
+    assert np.all(difference < [2e-5, 5e-3, 0.05])
+
+
+def test_slopes_are_those_of_the_simulation() -> None:
+    segment = only(weld(OTHER, 40.0, noise=0.0))
+    nuisance = at_rest(OTHER, segment)
+    course = simulate(OTHER, segment, nuisance)
+    for i, name in enumerate(CANDIDATES):
+        shift = 1e-5 * getattr(OTHER, name)
+        high, low = (
+            simulate(replace(OTHER, **{name: getattr(OTHER, name) + sign * shift}), segment, nuisance).outputs
+            for sign in (1.0, -1.0)
+        )
+        expected = (high - low) / (2.0 * shift)
+        assert np.abs(course.by_candidate[:, :, i] - expected).max() < 1e-5 * np.abs(expected).max(), name
+    for i in (0, 1, 2, 3, 4, 5, 8, nuisance.size - 2):
+        by = np.zeros(nuisance.size)
+        by[i] = 1e-4
+        expected = (
+            simulate(OTHER, segment, nuisance + by).outputs - simulate(OTHER, segment, nuisance - by).outputs
+        ) / 2e-4
+        assert np.abs(course.by_nuisance[:, :, i] - expected).max() < 1e-4 * np.abs(expected).max(), i
+
+
+@pytest.mark.slow
+def test_estimate_with_its_deviations() -> None:
+    fit = estimation.identify([only(weld())])
+    assert {"thermal_gain_c_per_kw", "dead_time_s", "depth_gain_mm_per_kn_s", "depth_zero_s"} <= set(fit.free)
+    assert max(map(abs, scores(fit).values())) < 4.0
+    assert fit.std["dead_time_s"] < 0.1 and fit.std["thermal_gain_c_per_kw"] < 1.0
+    assert fit.noise == pytest.approx(NOISE, rel=0.1)
+    assert not fit.shifts and not fit.notes
+    judged = statistics.judge(fit.segments, fit.residuals)
+    assert all(max(judged.outside(output)) < 0.1 for output in range(3))
+
+
+@pytest.mark.slow
+def test_two_welds_tell_more_than_one() -> None:
+    segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
+    one, both = estimation.identify(segments[:1]), estimation.identify(segments)
+    assert both.std["thermal_gain_c_per_kw"] < 0.9 * one.std["thermal_gain_c_per_kw"]
+
+
+@pytest.mark.slow
+def test_shifts_are_told_and_do_not_bias() -> None:
+    signals = weld()
+    signals.depth_mm[700:] += 0.05
+    signals.torque_nm[400:600] += 15.0
+    fit = estimation.identify([only(signals)])
+    found = {(shift.output, shift.tick): size for shift, size, _ in fit.shifts}
+    assert found == pytest.approx({(0, 700): 0.05, (2, 400): 15.0, (2, 600): -15.0}, rel=0.1)
+    assert max(map(abs, scores(fit).values())) < 4.0
+    assert sum("shifts by" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
+
+
+@pytest.mark.slow
+def test_slow_disturbance_is_told_and_does_not_bias() -> None:
+    signals = weld()
+    signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
+    fit = estimation.identify([only(signals)])
+    assert max(map(abs, scores(fit).values())) < 4.5
+    assert any("slow disturbance of temperature" in line for line in summary.remarks(summary.Summary("weld", fit)))
+
+
+@pytest.mark.slow
+def test_weld_at_rest_tells_nothing() -> None:
+    signals = weld(seconds=60.0)
+    rest = [np.full(600, of[0]) for of in (signals.depth_mm, signals.temperature_c, signals.torque_nm)]
+    noise = np.random.default_rng(0).standard_normal((3, 600))
+    depth, temperature, torque = (of + std * one for of, std, one in zip(rest, NOISE, noise, strict=True))
+    inputs = {"force_kn": np.full(600, 78.4), "speed_rpm": np.full(600, 407.6)}
+    quiet = signals_of({"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs})
+    with pytest.raises(IdentificationError, match="force and speed hardly move"):
+        estimation.identify([only(quiet)])
+
+
+@pytest.mark.slow
+def test_what_is_not_excited_is_kept_nominal() -> None:
+    p = ModelParameters()
+    model = ProcessModel(p)
+    rest = model.equilibrium()
+    speed = rest.speed_rpm + 5.0 * np.where(np.arange(1200) // 100 % 2, 1.0, -1.0)
+    course = model.simulate([rest.force_kn] * 1200, speed.tolist(), rest)
+    noise = np.random.default_rng(0).standard_normal((3, 1200))
+    shown = (course["depth_mm"], course["temperature_c"], course["motor_torque_nm"])
+    depth, temperature, torque = (of + std * one for of, std, one in zip(shown, NOISE, noise, strict=True))
+    inputs = {"force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]}
+    signals = signals_of({"depth_mm": depth, "temperature_c": temperature, "torque_nm": torque, **inputs})
+    fit = estimation.identify([only(signals)])
+    assert "thermal_gain_c_per_kw" in fit.free and "depth_zero_s" not in fit.free
+    assert fit.parameters.depth_zero_s == p.depth_zero_s
+    assert "more than 100 %" in fit.unknown["depth_zero_s"]
+
+
+def test_samples_that_cannot_be_used_are_left_out() -> None:
+    signals = weld(seconds=60.0)
+    signals.depth_mm[200:240] = signals.depth_mm[199]  # frozen
+    signals.temperature_c[300:310] = np.nan
+    signals.torque_nm[400] = 1e6
+    data = prepare(signals, 0.0)
+    measured = data.segments[0].measured
+    assert np.isnan(measured[201:240, 0]).all() and np.isnan(measured[300:310, 1]).all() and np.isnan(measured[400, 2])
+    text = "\n".join(data.notes)
+    assert "depth" in text and "frozen" in text and "missing" in text and "out of range" in text
+
+
+def test_a_long_weld_is_divided() -> None:
+    whole = weld(seconds=40.0)
+    n = 8000
+    names = ("depth_mm", "temperature_c", "torque_nm", "force_kn", "speed_rpm")
+    long = signals_of({name: np.resize(getattr(whole, name), n) for name in names})
+    segments = prepare(long, 0.0).segments
+    assert len(segments) == 3 and sum(segment.n_ticks for segment in segments) == n
+
+
+def test_a_hole_divides_the_weld() -> None:
+    signals = weld(seconds=120.0)
+    signals.stamp_ns[700:] += 5_000_000_000
+    segments = prepare(signals, 0.0).segments
+    assert [segment.n_ticks for segment in segments] == [700, 500]
+    assert segments[1].begin_s == pytest.approx(75.0)
+
+
+def test_commands_stand_in_for_the_drives() -> None:
+    signals = weld(seconds=40.0)
+    with_drives = only(signals)
+    signals.drives = None
+    data = prepare(signals, 0.0)
+    np.testing.assert_allclose(data.segments[0].force_kn[:-1], with_drives.force_kn[:-1])
+    assert "commands stand in" in data.notes[0]
+
+
+def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
+    signals = weld(seconds=40.0)
+    assert signals.drives is not None
+    left, setpoint, position, means = np.exp(-0.1 / 0.05), signals.force_kn, float(signals.force_kn[0]), []
+    for k, wanted in enumerate(setpoint):
+        signals.drives.force_kn[k] = position
+        means.append(wanted + (position - wanted) * 0.5 * (1.0 - left))
+        position = wanted + (position - wanted) * left
+    np.testing.assert_allclose(prepare(signals, 0.05).segments[0].force_kn[:-1], means[:-1])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"torque_nm": np.full(400, np.nan)}, "no samples of torque"),
+        ({"drives": None, "force_kn": np.full(400, np.nan)}, "neither /fsw/drives nor /fsw/command"),
+    ],
+)
+def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str) -> None:
+    with pytest.raises(IdentificationError, match=words):
+        prepare(replace(weld(seconds=40.0), **change), 0.0)  # type: ignore[arg-type]
+
+
+def test_a_short_weld() -> None:
+    with pytest.raises(IdentificationError, match="no stretch of 30 s"):
+        prepare(weld(seconds=10.0), 0.0)
+
+
+@pytest.mark.slow
+def test_validation_tells_a_wrong_model() -> None:
+    segment = only(weld(seed=3))
+    right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
+    fits = [statistics.judge(one.segments, one.residuals).fit_percent for one in (right, wrong)]
+    assert all(good > 80.0 for good in fits[0]) and fits[1][1] < fits[0][1] - 10.0
+
+
+@pytest.mark.slow
+def test_model_file_and_report(tmp_path: Path) -> None:
+    segment = only(weld(seconds=80.0))
+    fit = estimation.identify([segment])
+    text = model_file.text(fit, "weld")
+    read = ModelParameters.from_yaml(text)
+    assert read.thermal_gain_c_per_kw == pytest.approx(fit.parameters.thermal_gain_c_per_kw, rel=1e-5)
+    assert "# +- " in text and "#   geometry_factor" in text
+    result = summary.Summary("weld <1>", fit, estimation.validate([segment], fit.parameters))
+    page, picture = report.write(result, tmp_path)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    written = page.read_text(encoding="utf-8")
+    assert "weld &lt;1&gt;" in written and "data:image/png;base64," in written and "http" not in written
+
+
+def test_friction_from_a_run_in_air() -> None:
+    p = ModelParameters(friction_constant_nm=200.0)
+    speeds = np.repeat([320.0, 380.0, 440.0, 480.0], 200)
+    shown = (
+        p.friction_constant_nm + p.friction_linear_nm_per_rpm * speeds + p.friction_quadratic_nm_per_rpm2 * speeds**2
+    )
+    nothing = np.full(800, np.nan)
+    columns = {"depth_mm": nothing, "temperature_c": nothing, "force_kn": np.zeros(800), "speed_rpm": speeds}
+    signals = signals_of({**columns, "torque_nm": shown + np.random.default_rng(0).normal(0.0, 2.0, 800)})
+    found, deviations = from_air(signals, ModelParameters(), 0.02)
+    for name, std in deviations.items():
+        assert abs(getattr(found, name) - getattr(p, name)) < 4.0 * std
+    slow = replace(signals, drives=DriveSignals(np.zeros(800), np.full(800, 400.0)))
+    with pytest.raises(IdentificationError, match="it has 1"):
+        from_air(slow, ModelParameters(), 0.02)
+
+
+def test_long_run_factor() -> None:
+    white = np.random.default_rng(0).standard_normal(3000)
+    coloured = np.convolve(white, 0.9 ** np.arange(60))[:3000]
+    assert statistics.long_run_factor([white]) == 1.0
+    assert statistics.long_run_factor([coloured]) > 5.0
