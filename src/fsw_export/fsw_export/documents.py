@@ -110,7 +110,7 @@ _ALL_MOVES = 54
 #: clocks of processors for which the time of a step is told [MHz]
 _CLOCKS = (200, 480, 1000)
 #: cap of the solver's iterations that the documentation recommends for slow processors
-_LOW_CAP = 15
+_LOW_CAP = 12
 #: cycles per instruction that are reckoned with; QEMU counts instructions only
 _CYCLES = (1, 2, 3)
 

@@ -53,8 +53,8 @@ _INPUTS = (
     Signal("dt_s", "real", "s", "time since the last tick, normally 0.1"),
 )
 _COMMAND = (
-    Signal("force_kn", "real", "kN", "proposed force set-point, always within the limits"),
-    Signal("speed_rpm", "real", "rpm", "proposed speed set-point, always within the limits"),
+    Signal("force_kn", "real", "kN", "proposed force set-point, within a move of the applied one"),
+    Signal("speed_rpm", "real", "rpm", "proposed speed set-point, within a move of the applied one"),
     Signal("healthy", "bool", "", "whether the proposal may be applied"),
 )
 
