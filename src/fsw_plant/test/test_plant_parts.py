@@ -77,7 +77,7 @@ def test_shapes(disturbance, times, values):
         (lambda: disturbance("pulse", 1.0, -1.0), "duration_s is -1.0"),
         (lambda: disturbance("sine", 1.0, 1.0), "sine needs period_s > 0"),
         (lambda: disturbance("sine", 1.0, 1.0, inf), "period_s is inf"),
-        (lambda: Disturbance("torque", "step", 1.0), "'torque' is none of depth, temperature"),
+        (lambda: Disturbance("traverse", "step", 1.0), "'traverse' is none of depth, temperature"),
         (lambda: Fault("depth", "loose"), "'loose' is none of freeze, dropout"),
         (lambda: Fault("depth", "bias", inf), "magnitude is inf"),
         (lambda: Fault("depth", "bias", 1.0, -2.0), "duration_s is -2.0"),
