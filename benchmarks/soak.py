@@ -82,16 +82,18 @@ def weld(scenario: str, folder: Path) -> Figures:
         memory = Memory(launcher, bar)
         took_s = graph.run(launcher, memory)
     signals = load_weld(graph.bag)
-    answered = np.array([source == "nmpc" for source in signals.command_source])
+    source = signals.command_source
     ticks = 1 + np.rint(np.diff(signals.stamp_ns, prepend=signals.stamp_ns[0]).cumsum() * 1e-9 / TICK_S).astype(int)
     lost = int(ticks[-1] - ticks.size)
     latency_ms = 1e3 * signals.command_latency_s[np.isfinite(signals.command_latency_s)]
-    held = [i for i in np.flatnonzero(~answered) if i > 0 and i < ticks.size - 1]  # the last may end with the weld
     return {
         "duration_s": took_s,
         "ticks": int(ticks.size),
         "ticks_lost": lost,
-        "ticks_not_answered_by_the_nmpc": len(held),
+        "ticks_on_hold": int(np.sum(source[:-1] == "hold")),  # the last may end with the weld
+        "ticks_without_command": int(np.sum(source[:-1] == "")),
+        "ticks_late": int(np.sum(latency_ms > 80.0)),
+        "changes_of_source": int(np.sum(source[1:-1] != source[:-2])),
         "latency_p50_ms": float(np.percentile(latency_ms, 50)),
         "latency_p99_ms": float(np.percentile(latency_ms, 99)),
         "latency_max_ms": float(latency_ms.max()),
