@@ -123,7 +123,7 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_experiment": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor"}}
+    started = {"fsw_bringup": said, "fsw_experiment": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import stat
 from pathlib import Path
@@ -25,7 +26,7 @@ def read(path: Path) -> str:
     """
     try:
         with path.open("rb") as file:
-            mode = stat.S_IMODE(path.stat().st_mode)
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
             content = file.read(_LONGEST_BYTES)
     except OSError as error:
         raise ValueError(f"token_file: cannot read {path}: {error.strerror}") from None

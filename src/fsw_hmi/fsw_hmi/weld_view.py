@@ -79,8 +79,9 @@ class WeldView:
         if isfinite(value):
             self.good_s[sensor] = now_s
         self._samples.setdefault(stamp_ns, {})[sensor] = value
-        while len(self._samples) > _PENDING:
-            del self._samples[min(self._samples)]
+        if len(self._samples) > _PENDING:
+            newest_ns = self.newest_ns or 0
+            del self._samples[max(self._samples, key=lambda one: abs(one - newest_ns))]
         return self._close_if_complete()
 
     def on_command(self, stamp_ns: int, command: Command, now_s: float) -> None:
