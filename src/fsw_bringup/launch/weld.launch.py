@@ -1,4 +1,4 @@
-"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, scenario player, page.
+"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
 Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the

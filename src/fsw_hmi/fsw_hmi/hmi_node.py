@@ -51,8 +51,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     Orders come over by a queue and a guard condition; frames go back once per tick.
     """
 
-    def __init__(self) -> None:
-        super().__init__("fsw_hmi")
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_hmi", **arguments)
         self._settings = declare(self, "fsw_hmi", "hmi.yaml")
         values = self._settings.values
         token = tokens.read(Path(values["token_file"]).expanduser()) if values["token_file"] else tokens.new()

@@ -1,71 +1,23 @@
-"""What the tests of the web server share: a server without a graph, and pages that are no browser."""
+"""What the tests of the web server share: a server without a graph."""
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 from functools import partial
 
 import pytest
-from websockets.sync.client import connect
 
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import address, application, listen
 from fsw_hmi.web_thread import WebThread
+from fsw_test_support.page_client import PATIENCE_S, Page
+from fsw_test_support.ros_graph import domain_id
 
+__all__ = ["domain_id"]
 TOKEN = "a token of some length"
-PATIENCE_S = 30.0
-
-
-class Page:
-    """An open page: keeps the newest frame of each kind."""
-
-    def __init__(self, url, build, **options):
-        given = {"origin": url.rstrip("/"), "max_size": None, "compression": None} | options
-        self._connection = connect(f"{url.replace('http', 'ws')}ws?build={build}", **given)
-        self.socket = self._connection.__enter__()
-        self.frames = {}
-        self.count = 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._connection.__exit__(None, None, None)
-
-    def receive(self):
-        """The next frame."""
-        frame = json.loads(self.socket.recv(PATIENCE_S))
-        self.frames[frame["t"]] = frame
-        return frame
-
-    def until(self, kind, condition=lambda frame: True):
-        """The next frame of a kind for which a condition holds."""
-        while True:
-            frame = self.receive()
-            if frame["t"] == kind and condition(frame):
-                return frame
-
-    def send(self, do, **content):
-        """Send a request; returns its number."""
-        self.count += 1
-        self.socket.send(json.dumps({"id": self.count, "do": do, **content}))
-        return self.count
-
-    def ask(self, do, **content):
-        """Send a request and wait for its answer."""
-        number = self.send(do, **content)
-        return self.until("answer", lambda frame: frame["id"] == number)
-
-    def command(self, name="anna"):
-        """Log in and take control, whoever has it."""
-        assert self.ask("login", token=TOKEN, name=name)["outcome"] == "done"
-        holder = self.frames["control"]["holder"]
-        assert self.ask("take_control", **{"from": holder and holder["session"]})["outcome"] == "done"
-        return self
 
 
 class Server:

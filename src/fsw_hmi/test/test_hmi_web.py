@@ -16,6 +16,7 @@ from fsw_hmi.web_server import listen
 
 pytestmark = pytest.mark.slow
 MANY = 100_000
+TOKEN = "a token of some length"
 
 
 def get(server, path, method="GET", **headers):
@@ -125,7 +126,7 @@ def test_another_weld_begins_with_another_hello(server):
 
 def test_request_goes_to_the_graph_and_is_answered_once(server):
     with server.open() as page, server.open() as viewer:
-        page.command()
+        page.command(TOKEN)
         number = page.send("mode", mode="hold")
         orders = [server.next_order() for _ in range(2)]
         assert [(one.asked, one.outcome) for one in orders] == [("take control", "done"), ("mode hold", "")]
@@ -147,15 +148,15 @@ def test_request_that_nobody_answers_times_out(make_server, monkeypatch):
     monkeypatch.setattr("fsw_hmi.web._MARGIN_S", 0.0)
     server = make_server(request_timeout_s=0.1)
     with server.open() as page:
-        page.command()
+        page.command(TOKEN)
         assert page.ask("safe_stop")["outcome"] == "timed_out"
 
 
 def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
     with server.open() as anna, server.open() as bert:
-        anna.command("anna")
+        anna.command(TOKEN)
         assert bert.until("control", lambda frame: frame["holder"])["holder"]["name"] == "anna"
-        assert bert.ask("login", token="a token of some length", name="bert")["outcome"] == "done"
+        assert bert.ask("login", token=TOKEN, name="bert")["outcome"] == "done"
         assert bert.ask("take_control", **{"from": None})["outcome"] == "refused"
         anna.socket.close()
         bert.until("control", lambda frame: frame["holder"] is None)
@@ -188,7 +189,7 @@ def test_page_that_sends_nonsense_is_shut_out(server):
 
 def test_slow_page_loses_ticks_but_no_answer_and_no_other_page_notices(server):
     with server.open(max_queue=2) as slow, server.open() as other:
-        slow.command()
+        slow.command(TOKEN)
         long = '{"t":"tick","row":["' + "x" * 2000 + '",%d]}'
         for number in range(2000):  # far more than the kernel keeps for a client
             server.call(server.page.tick, "[0]", long % number, time.monotonic())
