@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_analysis import kpi, kpi_table
+from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import export_weld
 from fsw_analysis.signals import load_weld
@@ -192,18 +193,7 @@ def _recover(arguments: argparse.Namespace) -> int:
 
 def _welds(bags: list[Path]) -> dict[str, WeldSignals]:
     """Welds by the labels that distinguish them, each cut to the length of its scenario."""
-    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(_labels(bags), bags, strict=True)}
-
-
-def _labels(bags: list[Path]) -> list[str]:
-    """Shortest path ends that distinguish the bags."""
-    named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
-    parts = [path.parts for path in named]
-    for length in range(1, max(map(len, parts)) + 1):
-        labels = ["/".join(part[-length:]) for part in parts]
-        if len(set(labels)) == len(labels):
-            return labels
-    return [f"{path} ({i + 1})" for i, path in enumerate(bags)]
+    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(labels(bags), bags, strict=True)}
 
 
 def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
