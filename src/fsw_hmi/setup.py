@@ -18,5 +18,5 @@ setup(
     description="The operator's page of a weld, live and over recorded bags.",
     license="Apache-2.0",
     tests_require=["pytest"],
-    entry_points={"console_scripts": ["hmi = fsw_hmi.hmi_node:main"]},
+    entry_points={"console_scripts": ["hmi = fsw_hmi.main:main"]},
 )

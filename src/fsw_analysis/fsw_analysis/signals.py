@@ -77,7 +77,8 @@ class _Ticks:
         at = np.clip(np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1)
         by_receipt = self.time_s[order[at]]
         foreign = (table.stamp_ns == 0) | (np.abs(by_stamp - by_receipt) > OTHER_CLOCK_NS * 1e-9)
-        return np.where(foreign, by_receipt, by_stamp)
+        times: FloatArray = np.where(foreign, by_receipt, by_stamp)
+        return times
 
     def held(self, table: Table, path: str) -> TextArray:
         """Texts that hold from one message to the next; empty before the first."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
+import contextlib
 import gzip
 import json
 import signal
@@ -16,6 +16,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
 from fsw_hmi.bag_view import BagView, load
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web_server import address, application, listen, server
@@ -63,46 +65,30 @@ class BagPage:
         return self._list.answer(request)
 
     async def _on_bag(self, request: Request) -> Response:
-        n = request.path_params["n"]
+        n = int(request.path_params["n"])
         if n >= len(self._bags):
             return PlainTextResponse(f"there is no bag {n}; /bags tells which there are\n", status_code=404)
         return self._bags[n].answer(request)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Serve the page over bags until interrupted; ``args`` as ``sys.argv``. Returns the exit code."""
-    arguments = _parser().parse_args(list(sys.argv if args is None else args)[1:])
+def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str]) -> int:
+    """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
+    standard = defaults(load_parameters("fsw_hmi", "hmi.yaml"))
+    host, port = host or standard["host"], standard["port"] if port is None else port
     try:
         files = PageFiles("bag")
-        views = load(arguments.bag, lambda path: print(f"reading {path}", flush=True))
-        listening = listen(arguments.host, arguments.port)
+        views = load(bags, lambda path: print(f"reading {path}", flush=True))
+        listening = listen(host, port)
     except (BagError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     for view in views:
         for problem in view.summary["problems"]:
             print(f"note: {problem}", file=sys.stderr)
-    app = application(BagPage(files, views).routes(), [arguments.host, *arguments.allow_host])
+    app = application(BagPage(files, views).routes(), [host, *allow_hosts])
     print(f"the page is at {address(listening)}", flush=True)
     # uvicorn ends well and then raises the signal again
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(server(app).serve(sockets=[listening]))
-    except KeyboardInterrupt:
-        pass
     return 0
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="run_hmi.py", description="Past welds on the operator's page.")
-    parser.add_argument("--bag", type=Path, action="append", required=True, help="bag of a weld; twice: compare")
-    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this computer only)")
-    parser.add_argument("--port", type=int, default=8080, help="0: any free one (default: 8080)")
-    parser.add_argument(
-        "--allow-host", action="append", default=[], metavar="NAME", help="name under which the page may be asked for"
-    )
-    return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import gzip
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ pytest.importorskip("starlette", reason="starlette is not installed: pip install
 from fsw_hmi import bag_app
 from fsw_hmi.bag_app import BagPage
 from fsw_hmi.bag_view import load
+from fsw_hmi.main import main
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web_server import application
 from fsw_test_support.sample_weld import write_sample_weld
@@ -100,17 +100,23 @@ def test_bad_arguments_are_one_line(
         (weld * 3, "3 bags: the page shows one, or compares 2"),
         ([*weld, "--host", "no such host"], "cannot listen on"),
     ):
-        assert bag_app.main(["hmi", *arguments]) == 2
+        assert main(["hmi", *arguments]) == 2
         complained = capsys.readouterr().err
         assert complaint in complained and complained.count("\n") == 1
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """The command as a process, on any free port."""
+def served(tmp_path: Path, page: PageFiles) -> Iterator[subprocess.Popen[str]]:
+    """The command as a process, on any free port, with a small page."""
     write_sample_weld(tmp_path / "weld", 20)
-    command = [sys.executable, "-m", "fsw_hmi.bag_app", "--bag", str(tmp_path / "weld"), "--port", "0"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    source = f"""
+import functools, pathlib, sys
+from fsw_hmi import bag_app, main
+bag_app.PageFiles = functools.partial(bag_app.PageFiles, folder=pathlib.Path({str(tmp_path / "page")!r}))
+sys.exit(main.main())
+"""
+    command = [sys.executable, "-u", "-c", source, "--bag", str(tmp_path / "weld"), "--port", "0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     yield process
     process.kill()
     process.communicate()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
@@ -22,7 +23,7 @@ def write_programme_weld(folder: Path) -> None:
     """Write 30 s: phases from 0 and 10 s, a hold from 20 to 21 s, an action at 25 s, and a swap at 15 s."""
     types, messages = SampleTypes(), list(sample_messages(300))
 
-    def add(topic: str, second: int, values: dict[str, object]) -> None:
+    def add(topic: str, second: int, values: Mapping[str, object]) -> None:
         stamp = {"sec": START_NS // 10**9 + second, "nanosec": 0}
         data = types.serialize(_TOPICS[topic], {"header": {"stamp": stamp}, **values})
         messages.append((topic, START_NS + second * 10**9 + 300_000, data))
