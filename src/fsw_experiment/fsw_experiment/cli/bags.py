@@ -6,11 +6,12 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from fsw_analysis import kpi, kpi_table
+from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import export_weld
@@ -60,7 +61,9 @@ def add_commands(commands: Any) -> None:
     copy.add_argument("--zstd", action="store_true", help="compress the new bag")
     copy.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
 
-    figures_of_merit = add_command(commands, "kpi", _kpi, "figures of merit of a weld")
+    figures_of_merit = add_command(
+        commands, "kpi", _kpi, "figures of merit of a weld, and of each phase of a whole weld"
+    )
     figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
 
     text = "the paper's figures of a weld; several bags are overlaid"
@@ -199,7 +202,18 @@ def _welds(bags: list[Path]) -> dict[str, WeldSignals]:
 def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
     results = [kpi.compute(signals, label) for label, signals in welds.items()]
     print(kpi_table.text(results), end="")
-    write_json(file, results)
+    phases = [
+        phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
+        for label, signals in welds.items()
+    ]
+    # side by side where all welds ran through the same phases
+    alike = len({tuple(one.phase for one in run) for run in phases}) == 1
+    for runs in [phases] if alike else [[run] for run in phases]:
+        if runs[0]:
+            print("\n" + phase_kpi.markdown(runs), end="")
+    write_json(
+        file, [result | {"phases": [asdict(one) for one in run]} for result, run in zip(results, phases, strict=True)]
+    )
 
 
 def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | None = None) -> None:
