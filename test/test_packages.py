@@ -28,7 +28,13 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
-    "fsw_hmi": {"fsw_control", "fsw_plant", "fsw_analysis", "fsw_msgs"},  # of fsw_plant: what disturbs it
+    "fsw_hmi": {
+        "fsw_control",
+        "fsw_plant",
+        "fsw_analysis",
+        "fsw_recorder",
+        "fsw_msgs",
+    },  # of fsw_plant: what disturbs it
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_export", "fsw_msgs"),

@@ -56,7 +56,8 @@ class PhaseFigures:
 def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[PhaseFigures]:
     """Figures of each phase and of the whole weld; errors as in :func:`fsw_analysis.kpi.compute`.
 
-    ``spans`` are times of the programme: a weld that was held is told apart wrongly after the hold.
+    ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was not held, those of
+    :func:`recorded_spans` always.
     """
     outputs, time_s = true_or_measured(signals), experiment_time_s(signals)
     power = signals.truth.process_power_kw if signals.truth is not None else np.full(len(time_s), np.nan)
@@ -74,6 +75,16 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
             )
         )
     return figures
+
+
+def recorded_spans(signals: WeldSignals) -> list[Span]:
+    """Name, begin and end [s] of the phases as they were, holds included; empty without a programme."""
+    if not signals.phases:
+        return []
+    first_s = float(experiment_time_s(signals)[0])
+    begins = [0.0, *(first_s + begin_s for _, begin_s in signals.phases[1:])]
+    ends = [*begins[1:], np.inf]
+    return [(name, begin, end) for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)]
 
 
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
