@@ -113,6 +113,7 @@ class AlarmRules:
         self._quality_persistence_s = quality_persistence_s
         self._outside: dict[str, _Lasting] = {name: _Lasting() for name in ("quality_depth", "quality_temperature")}
         self._not_ready: dict[str, _Lasting] = {}
+        self._no_supervisor = _Lasting()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -149,11 +150,11 @@ class AlarmRules:
                 found[f"sensor:{name}"] = _alarm("sensor", name=name, why=why)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
-        state = now.state
-        if state is None or now.state_age_s is None:
-            return
-        if now.state_age_s > NO_REPORT_S:
+        state, age_s = now.state, now.state_age_s
+        never = self._no_supervisor.update(age_s is None and now.tick_age_s is not None, NO_REPORT_S, 0.0, now_s)
+        if never or (age_s is not None and age_s > NO_REPORT_S):
             found["supervisor"] = _alarm("supervisor")
+        if state is None or "supervisor" in found:
             return
         for interlock in state["interlocks"]:
             name, _, level = interlock.partition(":")
@@ -164,7 +165,7 @@ class AlarmRules:
         actual, target = state["actual_controller"], state["target_controller"]
         if mode == "safe_stop":
             found["safe_stop"] = _alarm("safe_stop", why=state["reason"])
-        elif mode == "hold" and target_mode != "hold":
+        elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = _alarm("hold", why=state["reason"])
         elif mode == "auto" and actual and target and actual != target:
             found["failover"] = _alarm("failover", actual=actual, target=target, why=state["reason"])

@@ -30,6 +30,7 @@ from fsw_hmi.frames import COLUMNS, frame, row
 from fsw_hmi.limits import EMULATOR, PARAMETERS, REFERENCE, limits
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.reports_ros import NO_STATE
 from fsw_hmi.requests import Acknowledge, SetReference
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
@@ -140,10 +141,9 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
 
     def _show_state(self) -> None:
         watch = self._watch
-        if watch.state is not None:
-            known = time.monotonic() - watch.state_s <= NO_REPORT_S
-            parts = [{"name": name, "level": one.level, "text": one.text} for name, one in watch.parts().items()]
-            self._frames["state"] = frame("state", {"known": known, **watch.state, "parts": parts})
+        known = time.monotonic() - watch.state_s <= NO_REPORT_S
+        parts = [{"name": name, "level": one.level, "text": one.text} for name, one in watch.parts().items()]
+        self._frames["state"] = frame("state", {"known": known, **(watch.state or NO_STATE), "parts": parts})
 
     def _say_hello(self) -> None:
         hello = {
@@ -167,7 +167,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         view, values = watch.view, dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {}
         situation = Situation(
             state=watch.state,
-            state_age_s=now_s - watch.state_s,
+            state_age_s=None if watch.state is None else now_s - watch.state_s,
             tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
             sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
             sensor_reasons=watch.sensor_reasons,
@@ -184,6 +184,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
 
     def _report(self) -> None:
         watch = self._watch
+        if not self._web.alive:
+            raise RuntimeError("the page's server has ended")
         self._show_state()
         if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
             self._frames["progress"] = frame("progress", watch.progress)

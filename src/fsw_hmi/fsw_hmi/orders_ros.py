@@ -33,7 +33,7 @@ _REPEAT_S = 0.5
 Answer = Callable[[str, str], None]
 
 
-@dataclass(slots=True)
+@dataclass(eq=False, slots=True)
 class _Call:
     """A request to a service that is under way."""
 

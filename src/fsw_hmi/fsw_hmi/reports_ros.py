@@ -11,6 +11,16 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi.frames import short
 from fsw_msgs.msg import ControllerHealth, Prediction, SupervisorState, WeldProgress
 
+#: before the supervisor has reported
+NO_STATE: dict[str, Any] = {
+    **dict.fromkeys(
+        ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by"), ""
+    ),
+    "since_s": None,
+    "controllers": [],
+    "interlocks": [],
+}
+
 
 def state(message: SupervisorState) -> dict[str, Any]:
     """The supervisor's state."""

@@ -14,16 +14,18 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control_room import TIMED_OUT, ControlRoom, Session, Verdict
+from fsw_hmi.control_room import REFUSED, TIMED_OUT, ControlRoom, Session, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Client, Hub
 from fsw_hmi.page_files import PageFiles
-from fsw_hmi.requests import Action, Switch
+from fsw_hmi.requests import Action, SafeStop, Switch
 
 BEAT_S = 0.25
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
 _MARGIN_S = 2.0
 _KEPT_ACTIONS = 50
+#: requests of one page that wait for the graph; a safe stop always may
+_MOST_PENDING = 20
 _STALE, _POLICY, _TRY_LATER = 4001, 1008, 1013
 
 
@@ -222,6 +224,9 @@ class LivePage:
             self._deliver(Order(0, session.who, verdict.asked, outcome=verdict.outcome, message=verdict.message))
 
     def _order(self, page: _Page, request: int, action: Action, asked: str) -> None:
+        if page.pending >= _MOST_PENDING and not isinstance(action, SafeStop):
+            self._answer(page, request, REFUSED, "too many requests wait for an answer")
+            return
         self._orders += 1
         order = Order(self._orders, page.session.who, asked, action)
         wait_s = self._request_timeout_s + _MARGIN_S + (action.wait_s if isinstance(action, Switch) else 0.0)

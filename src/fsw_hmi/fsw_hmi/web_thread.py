@@ -42,6 +42,11 @@ class WebThread:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(function)
 
+    @property
+    def alive(self) -> bool:
+        """Whether the server runs."""
+        return self._thread.is_alive()
+
     def stop(self) -> None:
         """Close all pages and end."""
         self._server.should_exit = True

@@ -74,7 +74,7 @@ def make_server(folder):
     yield make
     for server in servers:
         server.thread.stop()
-        assert not server.thread._thread.is_alive()
+        assert not server.thread.alive
 
 
 @pytest.fixture

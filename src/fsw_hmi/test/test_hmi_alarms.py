@@ -69,7 +69,14 @@ def controller(name="nmpc", ready=True, inhibited=False, reason=""):
 
 def state(**changed):
     usual = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
-    return {**usual, "reason": "start", "controllers": [controller()], "interlocks": [], **changed}
+    return {
+        **usual,
+        "reason": "so",
+        "requested_by": "operator",
+        "controllers": [controller()],
+        "interlocks": [],
+        **changed,
+    }
 
 
 def situation(**changed):
@@ -116,6 +123,7 @@ def test_alarm_of_a_situation(rules, changed, name, priority):
     "changed",
     [
         {"state": state(actual_mode="hold", target_mode="hold")},  # somebody wants it
+        {"state": state(actual_mode="hold", requested_by="start")},  # the weld has not begun
         {"parts": {"fsw_supervisor: controller nmpc": Part("error", "told by its health")}},
         {"parts": {"fsw_nmpc: a": Part("stale", ""), "fsw_nmpc: b": Part("ok", "")}},
         {"depth_error_mm": nan, "temperature_c": nan},
@@ -131,6 +139,15 @@ def test_controller_has_time_to_become_ready(rules):
     assert "controller:nmpc" not in rules.present(waiting, 2.9)
     assert "no set-point yet" in rules.present(waiting, 3.0)["controller:nmpc"].text
     assert rules.present(situation(), 3.1) == {}
+
+
+def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
+    def present(now_s, **changed):
+        return list(rules.present(situation(state=None, state_age_s=None, **changed), now_s))
+
+    assert present(0.0, tick_age_s=None) == []
+    assert present(10.0) == []
+    assert present(14.0) == ["supervisor"]
 
 
 def test_quality_must_be_lost_for_a_while_and_regained_with_a_margin(rules):
