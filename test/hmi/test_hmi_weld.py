@@ -177,7 +177,7 @@ def test_safe_stop_while_the_supervisor_changes(weld):
 
 def test_junk_from_strangers_does_not_act(weld):
     page = weld.start_weld()
-    weld.until(lambda: weld.actions and weld.states, "what has been done")
+    weld.until(lambda: len(weld.actions) == 2 and weld.states, "what has been done")
     recorded, transitions = len(weld.actions), weld.states[-1].transitions
     for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):
         with Page(weld.url) as stranger:

@@ -105,25 +105,21 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
 
     def _on_rows(self, rows: list[Row], restarted: bool) -> None:
         now_s = time.monotonic()
+        if restarted:
+            self._web.call(self._page.forget)
         for one in rows:
             text = row(one.stamp_ns, one.values)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text}}}'
-            self._hand_over(text, shown, now_s, restarted)
-            restarted = False
+            frames, self._frames = self._frames, {}
+            self._web.call(partial(self._show_tick, frames, text, shown, now_s))
 
-    def _hand_over(self, text: str, shown: str | None, came_s: float, restarted: bool) -> None:
-        frames, self._frames = self._frames, {}
-
-        def take() -> None:
-            if restarted:
-                self._page.forget()
-            self._show(frames)
-            self._page.tick(text, shown, came_s)
-
-        self._web.call(take)
+    def _show_tick(self, frames: dict[str, str], text: str, shown: str | None, came_s: float) -> None:
+        """In the server's thread."""
+        self._show(frames)
+        self._page.tick(text, shown, came_s)
 
     def _flush(self) -> None:
         """Hand over what no tick has taken along."""

@@ -9,6 +9,8 @@ from fsw_hmi.history import History
 
 #: ticks that wait for a page; it loses older ones
 _TICKS = 20
+#: kinds of frames that do not belong to one weld
+_LASTING = ("state", "alarms")
 #: answers that wait for a page before it is given up
 _ANSWERS = 200
 
@@ -108,9 +110,9 @@ class Hub:
             client.show(kind, frame)
 
     def forget(self) -> None:
-        """Another weld begins: the past does not belong to it."""
+        """Another weld begins: the past does not belong to it, but who is there and what is wrong does."""
         self.history.clear()
-        self._latest.clear()
+        self._latest = {kind: frame for kind, frame in self._latest.items() if kind in _LASTING}
 
     def latest(self) -> dict[str, str]:
         """What a page is told that opens now, by kind."""

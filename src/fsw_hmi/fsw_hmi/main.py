@@ -42,9 +42,9 @@ def main(args: Sequence[str] | None = None) -> int:
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
     parsed = parser().parse_args(argv[1:split])
     if parsed.bag:
-        from fsw_hmi import bag_app
+        from fsw_hmi.bag_app import serve
 
-        return bag_app.serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [])
+        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [])
     from fsw_control.node_main_ros import run
     from fsw_hmi.hmi_node import HmiNode
 

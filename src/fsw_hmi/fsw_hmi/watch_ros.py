@@ -99,9 +99,11 @@ class Watch:
             self._sensors = []
 
     def _on_drives(self, stamp_ns: int, acting: Command) -> None:
+        now_s = time.monotonic()
         if not self._sensors:
             self._sensors = subscribe_sensors(self._node, self._on_sample)
-        self._take(*self.view.on_drives(stamp_ns, acting, time.monotonic()))
+            self.view.good_s = dict.fromkeys(SENSORS, now_s + _SILENT_S)  # they have time to be found
+        self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._take(self.view.on_sample(sensor, stamp_ns, value, time.monotonic()))

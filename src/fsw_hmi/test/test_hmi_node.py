@@ -138,6 +138,16 @@ def test_ticks_reach_the_page(graph, page):
     assert page.value("temperature_c") is None
 
 
+def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    page.seen("alarms", lambda frame: frame["alarms"])
+    graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
+    page.until("hello")
+    (alarm,) = page.until("alarms", lambda frame: frame["alarms"][0]["state"] == "cleared")["alarms"]
+    assert alarm["id"] == "measurements"
+
+
 def test_state_prediction_and_alarms_reach_the_page(graph, page):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
     state = SupervisorState(

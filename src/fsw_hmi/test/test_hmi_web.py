@@ -116,12 +116,15 @@ def test_another_weld_begins_with_another_hello(server):
     server.call(server.page.tick, "[1]", None, time.monotonic())
     with server.open() as page:
         page.until("history")
+        server.call(server.page.show, "alarms", '{"t":"alarms","alarms":[]}')
+        server.call(server.page.show, "progress", '{"t":"progress","phase":"parking"}')
         server.call(server.page.forget)
         page.until("hello")
         server.call(server.page.tick, "[2]", '{"t":"tick","row":[2]}', time.monotonic())
         assert page.until("tick")["row"] == [2]
     with server.open() as page:
         assert page.until("history")["rows"] == [[2]]
+        assert ("alarms" in page.frames, "progress" in page.frames) == (True, False)
 
 
 def test_request_goes_to_the_graph_and_is_answered_once(server):
