@@ -81,21 +81,22 @@ def recorded_spans(signals: WeldSignals) -> list[Span]:
     """Name, begin and end [s] of the phases as they were, holds included; empty without a programme."""
     if not signals.phases:
         return []
-    first_s = float(experiment_time_s(signals)[0])
-    begins = [0.0, *(first_s + begin_s for _, begin_s in signals.phases[1:])]
-    ends = [*begins[1:], np.inf]
+    time_s = experiment_time_s(signals)
+    begins = [0.0, *(float(time_s[0]) + begin_s for _, begin_s in signals.phases[1:])]
+    ends = [*begins[1:], float(time_s[-1])]
     return [(name, begin, end) for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)]
 
 
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
-    """Table of all phases with one row per run, and the published figures."""
+    """Table of all phases and the published figures; welds in the same phases are side by side."""
     lines = [
         "Errors: mean, σ, min, max.",
         "",
         "| phase | run | temperature error [°C] | depth error [µm] | mean power [kW] |",
         "|---|---|---|---|---:|",
     ]
-    for rows in zip(*runs, strict=True):
+    alike = len({tuple(one.phase for one in run) for run in runs}) == 1
+    for rows in zip(*runs, strict=True) if alike else runs:
         for one in rows:
             power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
             cells = (one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power)

@@ -74,6 +74,21 @@ def test_welds_with_and_without_phases_are_compared(
     assert "| dwell | one | " in printed and "| dwell | weld | " not in printed
 
 
+def test_welds_in_different_phases_come_one_after_the_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_programme_weld(tmp_path / "whole")
+    write_programme_weld(tmp_path / "short", phases=1)
+    assert run("compare", str(tmp_path / "whole"), str(tmp_path / "short")) == 0
+    rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    told = [row for row in rows if row[1] in ("whole", "short")]
+    assert told == [
+        ["| dwell", "whole"],
+        ["| start", "whole"],
+        ["| whole weld", "whole"],
+        ["| dwell", "short"],
+        ["| whole weld", "short"],
+    ]
+
+
 def test_export(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("export", str(weld_bag), str(tmp_path / "weld.csv")) == 0
     assert "300 rows" in capsys.readouterr().out

@@ -19,8 +19,8 @@ PROGRESS = ((0, "running", "dwell"), (10, "running", "start"), (20, "held", "sta
 ACTION = {"who": "anna (3f2a)", "action": "weld resume", "outcome": "done", "message": "running in phase start"}
 
 
-def write_programme_weld(folder: Path) -> None:
-    """Write 30 s: phases from 0 and 10 s, a hold from 20 to 21 s, an action at 25 s, and a swap at 15 s."""
+def write_programme_weld(folder: Path, phases: int = 2) -> None:
+    """Write 30 s: phases from 0 and 10 s (or the first), a hold from 20 to 21 s, an action at 25 s, a swap at 15 s."""
     types, messages = SampleTypes(), list(sample_messages(300))
 
     def add(topic: str, second: int, values: Mapping[str, object]) -> None:
@@ -28,7 +28,7 @@ def write_programme_weld(folder: Path) -> None:
         data = types.serialize(_TOPICS[topic], {"header": {"stamp": stamp}, **values})
         messages.append((topic, START_NS + second * 10**9 + 300_000, data))
 
-    for second, state, phase in PROGRESS:
+    for second, state, phase in PROGRESS if phases > 1 else PROGRESS[:1]:
         add("/fsw/weld_progress", second, {"state": state, "phase": phase})
     add("/fsw/operator_action", 25, ACTION)
     with BagWriter(folder) as writer:

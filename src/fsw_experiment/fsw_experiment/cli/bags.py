@@ -206,11 +206,8 @@ def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
         phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
         for label, signals in welds.items()
     ]
-    # side by side where all welds ran through the same phases
-    alike = len({tuple(one.phase for one in run) for run in phases}) == 1
-    for runs in [phases] if alike else [[run] for run in phases]:
-        if runs[0]:
-            print("\n" + phase_kpi.markdown(runs), end="")
+    if any(phases):
+        print("\n" + phase_kpi.markdown([run for run in phases if run]), end="")
     write_json(
         file, [result | {"phases": [asdict(one) for one in run]} for result, run in zip(results, phases, strict=True)]
     )
