@@ -157,7 +157,8 @@ class FakeHmi:
     async def _run_ticks(self, app: Starlette) -> AsyncIterator[None]:
         self._loop = asyncio.get_running_loop()
         task = asyncio.create_task(self._ticks())
-        yield
+        with contextlib.suppress(asyncio.CancelledError):
+            yield
         task.cancel()
 
     async def _ticks(self) -> None:
@@ -299,7 +300,7 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
         "duration_s": duration_s,
         "start_s": 1_790_000_000.0,
         "controllers": ["decentral", "nmpc"],
-        "phases": [{"name": "start", "from_s": 0.0}, {"name": "joint_line", "from_s": 60.0}],
+        "phases": [_phase("start", 0.0, 60.0), _phase("joint_line", 60.0, 240.0)],
         "events": [{"time_s": 60.0, "text": "swap to nmpc"}, {"time_s": 120.0, "text": "disturbance depth +0.1 mm"}],
         "kpis": [{"name": name, "unit": unit, "value": value} for name, unit, value in kpis],
         "problems": [] if n == 0 else ["3 ticks without a command"],
@@ -318,6 +319,11 @@ def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, fir
         "raised_s": raised_s,
         "changed_s": raised_s,
     }
+
+
+def _phase(name: str, begin_s: float, end_s: float) -> dict[str, Any]:
+    error = {"mean": 0.1, "sigma": 0.3, "low": -1.0, "high": 0.9}
+    return {"name": name, "begin_s": begin_s, "end_s": end_s, "temperature_error_c": error, "depth_error_mm": None}
 
 
 def _state() -> dict[str, Any]:

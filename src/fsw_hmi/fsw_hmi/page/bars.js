@@ -12,12 +12,13 @@ class Bar {
     [this.low, this.high] = limits[spec.key]?.range ?? [0, 1];
     this.tile = panel(`value-${spec.key}`, spec.name);
     this.tile.classList.add("tile", spec.big ? "tall" : "small");
+    this.tile.firstChild.append(" ", el("span", { className: "unit" }, spec.unit));
     this.value = el("output", { className: "numeral" }, "–");
     this.aim = el("span", { className: "aim" });
     this.flag = el("span", { className: "flag" });
     this.scale = el("div", { className: "scale", role: "img" });
     this.tile.append(
-      el("p", { className: "reading" }, this.value, " ", el("span", { className: "unit" }, spec.unit)),
+      el("p", { className: "reading" }, this.value),
       el("p", { className: "beside" }, this.aim, " ", this.flag),
       el("div", { className: "gauge" }, this.scale),
     );

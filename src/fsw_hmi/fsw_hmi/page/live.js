@@ -76,15 +76,16 @@ class LivePage {
 
   /** A connection begins: what is shown is built anew from what the server says. */
   #begin(hello) {
+    const isNew = hello.session !== this.hello?.session; // another weld is told by a hello, too, on the same connection
     this.hello = hello;
     this.values = {};
-    this.control = NOBODY;
+    if (isNew) this.control = NOBODY;
     this.store = new Store(hello.columns);
     this.bars = new Bars(byId("values"), hello.limits);
     this.trends?.destroy();
     this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
     this.commands.update();
-    this.commands.connected();
+    if (isNew) this.commands.connected();
   }
 
   #tick(tick) {

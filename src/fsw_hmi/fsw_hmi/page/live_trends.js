@@ -93,5 +93,5 @@ export class LiveTrends {
 
 function legend() {
   const entry = (kind, text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
-  return el("ul", { className: "legend" }, entry("measured", "measured"), entry("aimed", "set-point, command"), entry("limit", "quality limit"), entry("predicted", "prediction"));
+  return el("ul", { className: "legend" }, entry("measured", "measured"), entry("aimed", "set-point"), entry("limit", "limit"), entry("predicted", "prediction"));
 }

@@ -51,11 +51,16 @@ export class Trends {
   /** Draw `columns` (arrays by key, `time_s` first) between two times; the scales hold `extra[key]`, too. */
   draw(columns, from, to, extra = {}) {
     for (const one of this.charts) {
-      const range = extent(one.keys.map((key) => columns[key]), columns.time_s, from, to);
+      const range = extent(one.scaled.map((key) => columns[key]), columns.time_s, from, to);
       one.scale = verticalScale(one.spec, Math.min(range[0], ...(extra[one.key] ?? [])), Math.max(range[1], ...(extra[one.key] ?? [])));
       one.uplot.setData([columns.time_s, ...one.keys.map((key) => columns[key])], false);
       one.uplot.setScale("x", { min: from, max: to });
     }
+  }
+
+  /** Draw what lies on top again. */
+  redraw() {
+    this.charts.forEach((one) => one.uplot.redraw(false));
   }
 
   destroy() {
@@ -71,6 +76,7 @@ export class Trends {
     const box = el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, el("span", { className: "unit" }, spec.unit)), reading, plot);
     root.append(box);
     const one = { key, spec, plot, reading, keys: lines.map((line) => line.key), scale: [0, 1] };
+    one.scaled = one.keys.filter((name) => !name.includes(":")); // distant limits would flatten what is measured
     one.uplot = new uPlot(this.#settings(one, lines, isLast), [[], ...lines.map(() => [])], plot);
     return one;
   }
@@ -81,7 +87,7 @@ export class Trends {
     return {
       width: 200,
       height: 100,
-      padding: [6, 12, isLast ? 0 : 6, 0],
+      padding: [9, 12, isLast ? 0 : 6, 0],
       legend: { show: false },
       cursor: { sync: { key: "weld" }, drag: { x: Boolean(zoom), y: false, setScale: false }, points: { show: false } },
       scales: { x: { time: false, auto: false }, y: { auto: true, range: () => one.scale } },
@@ -145,7 +151,7 @@ function findGaps(u, seriesIndex, first, last) {
   const gaps = [];
   const add = (from, to) => gaps.push([u.valToPos(from, "x", true), u.valToPos(to, "x", true)]);
   for (let i = first + 1; i <= last; i++) {
-    if (Number.isNaN(values[i]) || times[i] - times[i - 1] > GAP_S) add(times[i - 1], times[i]);
+    if (Number.isNaN(values[i]) || values[i] === null || times[i] - times[i - 1] > GAP_S) add(times[i - 1], times[i]);
   }
   return gaps;
 }
