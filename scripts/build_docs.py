@@ -36,6 +36,7 @@ from fsw_experiment import ranges, scenario_file
 from fsw_experiment.cli.main import parser as operator_parser
 from fsw_experiment.demo import parser as demo_parser
 from fsw_experiment.weld_programme import CANISTER_DIAMETER_MM, PHASES, TRAVERSE_MM_PER_MIN
+from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 
@@ -199,7 +200,7 @@ def command_line() -> str:
         "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments.",
         "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`.",
     ]
-    for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py")):
+    for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
         lines += ["", f"## scripts/{script}", "", sentence(parser), *commands(parser)]
     return page("Command line", *lines)
 

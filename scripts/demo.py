@@ -2,9 +2,12 @@
 """Runs welds in closed loop over DDS and shows the results; the first run sets everything up.
 
 usage: demo.py [--realtime] [--scenario NAME] [--controller NAME] [--out FOLDER]
+       demo.py --live [--port PORT] [--scenario NAME] [--controller NAME] [--out FOLDER]
 """
+
+import sys
 
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.demo")
+    start("fsw_experiment.demo", extras=("hmi",) if "--live" in sys.argv else ())

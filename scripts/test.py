@@ -19,7 +19,7 @@ OLDEST = "--oldest"
 OLDEST_TESTS = [
     f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
 ]
-ensure(dev=True, oldest=OLDEST in sys.argv, extras=["fmu", "machine", "campaign"])
+ensure(dev=True, oldest=OLDEST in sys.argv, extras=["fmu", "machine", "campaign", "hmi"])
 
 
 def run(title: str, *command: str) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import signal
-from math import radians
+from math import degrees, radians
 
 import pytest
 from std_srvs.srv import Trigger
@@ -28,12 +28,17 @@ phases:
   - {name: joint_line, to_deg: 1.5, set_points: [{at_s: 3.0, depth_mm: 2.7}]}
   - {name: overlap, to_deg: 2.0, set_points: [{at_s: 2.5, depth_mm: 2.66}]}
 """
+SWAPS = """
+events:
+  - {at_deg: 0.8, switch: nmpc}
+  - {at_deg: 1.2, switch: decentral}
+"""
 
 
 class Player:
     """The scenario player beside a weld, and what it reports."""
 
-    def __init__(self, weld):
+    def __init__(self, weld, events=""):
         self.weld, self.reports = weld, []
         self.subscription = weld.node.create_subscription(
             WeldProgress, "fsw/weld_progress", self.reports.append, STREAM
@@ -45,7 +50,7 @@ class Player:
         self.clients = {
             name: weld.node.create_client(Trigger, f"fsw/weld/{name}") for name in ("hold", "resume", "abort")
         }
-        (weld.folder / "scenario.yaml").write_text(SCENARIO)
+        (weld.folder / "scenario.yaml").write_text(SCENARIO + events)
         weld.start("scenario")
         self.child = weld.launcher.children["scenario"]
 
@@ -100,6 +105,24 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     assert (recorded.stamp_ns[1:] - recorded.stamp_ns[:-1]).max() < 200_000_000, "no tick before is lacking"
     reaction = "the standby takes over; the bag ends within the second before"
     table.add("leading supervisor and recorder killed (-9) on the joint line", "standby", reaction, outcome)
+
+
+def test_the_controller_is_swapped_and_swapped_back_on_the_joint_line(weld):
+    weld.restore()
+    first = len(weld.truths)
+    player = Player(weld, SWAPS)
+    angles = {}
+    for controller in ("nmpc", "decentral"):
+        player.until("joint_line")
+        weld.until(lambda name=controller: weld.states[-1].actual_controller == name, f"{controller} to command")
+        angles[controller] = degrees(player.reports[-1].angle)
+        assert (player.reports[-1].phase, weld.states[-1].actual_mode) == ("joint_line", "auto")
+    assert 0.6 < angles["nmpc"] < 1.0 and 1.0 < angles["decentral"] < 1.4, angles  # told once a second: 0.16 deg
+    player.until("done")
+    assert player.end() == 0
+    outcome = weld.outcome(first)
+    outcome.assert_steady(lost=0)
+    assert outcome.sources == ["decentral", "nmpc"]
 
 
 def test_a_held_weld_stands_still_until_it_is_resumed(weld, player):

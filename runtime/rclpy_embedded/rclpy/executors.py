@@ -18,6 +18,8 @@ from rclpy.utilities import timeout_sec_to_nsec
 
 # Events are looked at when nothing else explains a wake-up, and at least this often under constant traffic.
 _EVENT_PERIOD_NS = 20_000_000
+# How often what discovery has brought is taken.
+_TIDY_PERIOD_NS = 1_000_000_000
 # How often a coroutine is resumed that waits for something other than a Future.
 _POLL_NS = 1_000_000
 
@@ -89,7 +91,7 @@ class Executor:
         self._guards: list[tuple[Any, Any]] = []
         self._readers: list[tuple[Any, Any]] = []
         self._events: list[tuple[Any, Any]] = []
-        self._events_seen_ns = 0
+        self._events_seen_ns = self._tidied_ns = 0
         self.context._wakers.add(self)
 
     def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
@@ -305,6 +307,9 @@ class Executor:
         if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
             self._ready.extendleft(event for event in self._events if event[0].is_ready())
+        if now - self._tidied_ns > _TIDY_PERIOD_NS:
+            self._tidied_ns = now
+            self.context.session.graph.tidy()
 
     def __enter__(self) -> Executor:
         return self

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from rclpy import executors
 from rclpy.context import Context
 from rclpy.impl.dds import matched
 from rclpy.task import Future
@@ -167,6 +168,33 @@ def test_future_of_a_waitable_calls_back_from_the_executor(node: Any, spinner: A
     assert bell.heard_at_once == [] and bell.heard == ["ding"]
     bell.remove_future(future)
     node.remove_waitable(bell)
+
+
+@pytest.mark.parametrize("asked", [False, True], ids=["nobody asks for the graph", "somebody asked once"])
+def test_discovery_does_not_pile_up_in_a_node_that_spins(
+    context: Context, node: Any, spinner: Any, monkeypatch: pytest.MonkeyPatch, asked: bool
+) -> None:
+    monkeypatch.setattr(executors, "_TIDY_PERIOD_NS", 0)
+    if asked:
+        node.get_topic_names_and_types()
+    graph, other = context.session.graph, Context()
+    unread = [context.session.info_reader, *graph._endpoint_readers]
+    assert len(unread) == (3 if asked else 1)
+    other.init(args=[], domain_id=context.get_domain_id())
+    try:
+        changing = rclpy.create_node("changing", context=other)
+        for number in range(30):
+            changing.destroy_publisher(changing.create_publisher(String, f"topic_{number}", 10))
+        last = changing.create_publisher(String, "last", 10)
+
+        def announced() -> set[bytes]:
+            return {guid for nodes in graph._announced.values() for one in nodes for guid in one.writers}
+
+        assert spinner.until(lambda: last.handle.guid.bytes in announced())
+        spinner.rest(2)
+        assert [len(reader.read(100)) for reader in unread] == [0] * len(unread)
+    finally:
+        other.destroy()
 
 
 def test_memory_of_large_messages_is_kept(run_program: Any) -> None:

@@ -56,7 +56,8 @@ class PhaseFigures:
 def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[PhaseFigures]:
     """Figures of each phase and of the whole weld; errors as in :func:`fsw_analysis.kpi.compute`.
 
-    ``spans`` are times of the programme: a weld that was held is told apart wrongly after the hold.
+    ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was not held, those of
+    :func:`recorded_spans` always.
     """
     outputs, time_s = true_or_measured(signals), experiment_time_s(signals)
     power = signals.truth.process_power_kw if signals.truth is not None else np.full(len(time_s), np.nan)
@@ -76,15 +77,26 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
     return figures
 
 
+def recorded_spans(signals: WeldSignals) -> list[Span]:
+    """Name, begin and end [s] of the phases as they were, holds included; empty without a programme."""
+    if not signals.phases:
+        return []
+    time_s = experiment_time_s(signals)
+    begins = [0.0, *(float(time_s[0]) + begin_s for _, begin_s in signals.phases[1:])]
+    ends = [*begins[1:], float(time_s[-1])]
+    return [(name, begin, end) for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)]
+
+
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
-    """Table of all phases with one row per run, and the published figures."""
+    """Table of all phases and the published figures; welds in the same phases are side by side."""
     lines = [
         "Errors: mean, σ, min, max.",
         "",
         "| phase | run | temperature error [°C] | depth error [µm] | mean power [kW] |",
         "|---|---|---|---|---:|",
     ]
-    for rows in zip(*runs, strict=True):
+    alike = len({tuple(one.phase for one in run) for run in runs}) == 1
+    for rows in zip(*runs, strict=True) if alike else runs:
         for one in rows:
             power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
             cells = (one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power)

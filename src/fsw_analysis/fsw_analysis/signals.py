@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fsw_analysis import events
 from fsw_analysis.columns import Column, Kind
 from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
@@ -69,17 +70,19 @@ class _Ticks:
         values: dict[str, Any] = {one.name: self.signal(table, **one.metadata) for one in fields(kind) if one.metadata}
         return kind(**values)
 
-    def held(self, table: Table, path: str) -> TextArray:
-        """Texts that hold from one message to the next; empty before the first.
-
-        A message holds from its stamp on, and from its receipt where the stamp is 0 or of another clock.
-        """
+    def times_s(self, table: Table) -> FloatArray:
+        """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
         by_stamp = (table.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
         at = np.clip(np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1)
         by_receipt = self.time_s[order[at]]
         foreign = (table.stamp_ns == 0) | (np.abs(by_stamp - by_receipt) > OTHER_CLOCK_NS * 1e-9)
-        times = np.where(foreign, by_receipt, by_stamp)
+        times: FloatArray = np.where(foreign, by_receipt, by_stamp)
+        return times
+
+    def held(self, table: Table, path: str) -> TextArray:
+        """Texts that hold from one message to the next; empty before the first."""
+        times = self.times_s(table)
         order = np.argsort(times, kind="stable")
         at = np.searchsorted(times[order], self.time_s, side="right") - 1
         return np.append(table.column(path)[order], [""])[at]  # -1, before the first, is the last entry
@@ -111,7 +114,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     truth = messages.table("/fsw/plant/truth", _wanted(TruthSignals))
     command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"})
     drives = messages.table("/fsw/drives", _wanted(DriveSignals))
-    state = messages.table("/fsw/supervisor/state", {"actual_controller": "text", "actual_mode": "text"})
+    state = messages.table("/fsw/supervisor/state", events.STATE)
+    progress_told = messages.table("/fsw/weld_progress", events.PROGRESS)
+    actions = messages.table("/fsw/operator_action", events.ACTION)
     sources = [one for one in sensors.values() if one] or [one for one in (truth, command) if one]
     if not sources:
         needed = [topic for topic, _ in SENSOR_FIELDS.values()]
@@ -152,6 +157,14 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         counts={name: len(raw) for name, raw in messages.raw.items()},
         namespace=messages.namespace,
         problems=messages.problems,
+        phases=events.phases(ticks.times_s(progress_told), progress_told),
+        events=sorted(
+            [
+                *events.of_state(ticks.times_s(state), state),
+                *events.of_progress(ticks.times_s(progress_told), progress_told),
+                *events.of_actions(ticks.times_s(actions), actions),
+            ]
+        ),
     )
 
 

@@ -98,6 +98,24 @@ class TruthSignals:
     active_faults: TextArray = field(metadata=of("active_faults", kind="texts"))
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class WeldEvent:
+    """Something on the time line of a weld.
+
+    Attributes
+    ----------
+    time_s : float
+        On the clock of `WeldSignals.time_s`.
+    kind : str
+        ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock`` or ``operator``.
+    text : str
+    """
+
+    time_s: float
+    kind: str
+    text: str
+
+
 @dataclass(slots=True)
 class WeldSignals:
     """All of a recorded weld, aligned on the plant's ticks.
@@ -139,6 +157,10 @@ class WeldSignals:
         In which the weld ran; empty or e.g. ``/hall/cell1``.
     problems : list of str
         What was wrong with the bag and could be worked around (cut end, damaged chunk, unknown order, …).
+    phases : list of (str, float)
+        Name and begin [s], like ``time_s``, of each phase that a programme ran through.
+    events : list of WeldEvent
+        In order of time.
     """
 
     path: Path
@@ -164,6 +186,8 @@ class WeldSignals:
     counts: dict[str, int] = field(default_factory=dict)
     namespace: str = ""
     problems: list[str] = field(default_factory=list)
+    phases: list[tuple[str, float]] = field(default_factory=list)
+    events: list[WeldEvent] = field(default_factory=list)
 
     @property
     def n_ticks(self) -> int:

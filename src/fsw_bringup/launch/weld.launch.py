@@ -1,8 +1,8 @@
-"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder and scenario player.
+"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and is steered by hand.
-Controllers, supervisors and recorder are started again when they die; one that refuses its parameters ends the launch.
-So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
+Controllers, supervisors, recorder and page are started again when they die; one that refuses its parameters ends the
+launch. So is the gateway, while the machine's watchdog holds. The plant is not: a weld cannot be
 restarted half-way, so its end is the end of the launch. To start a supervisor again
 costs a second, in which the drives hold; so in real time a second one stands by and takes over within two ticks.
 """
@@ -42,6 +42,8 @@ ARGUMENTS = {
         "in <folder>_1",
     ),
     "standby": ("", "Whether a second supervisor stands by and takes over when the first dies; empty: in real time"),
+    "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
+    "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
     "speed": ("", "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime"),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
@@ -72,6 +74,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if not controllers:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
     record = _flag("record", given["record"])
+    hmi = _flag("hmi", given["hmi"])
     speed = _speed(_flag("realtime", given["realtime"]), given["speed"])
     standby = _flag("standby", given["standby"]) if given["standby"] else speed is None
     folder = Path(launch_config.log_dir)
@@ -98,9 +101,14 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
+    parameters["fsw_hmi"] = {"ros__parameters": {"port": _port(given["hmi_port"])}}
+    if speed is not None:
+        parameters["fsw_hmi"]["ros__parameters"]["use_sim_time"] = True
     node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
+    if hmi:
+        actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))
     else:
@@ -219,6 +227,12 @@ def _flag(name: str, text: str) -> bool:
     if text.lower() not in ("true", "false"):
         raise RuntimeError(f"{name}: {text!r} is neither true nor false")
     return text.lower() == "true"
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise RuntimeError(f"hmi_port: {text!r} is no port, 0 to 65535")
+    return int(text)
 
 
 def _speed(realtime: bool, text: str) -> float | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
@@ -28,19 +29,18 @@ _SENSORS: dict[str, tuple[str, Any, str, Callable[[float], float]]] = {
 }
 
 
-def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> None:
+def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:
     """Subscribe to the sensors; ``take`` gets name (of ``SENSORS``), stamp in ns, and value in mm, N m or degC."""
 
-    def subscribe(sensor: str) -> None:
+    def subscribe(sensor: str) -> Subscription:
         topic, kind, field, converted = _SENSORS[sensor]
 
         def on_sample(message: Any) -> None:
             take(sensor, convert.stamp_ns(message.header.stamp), converted(getattr(message, field)))
 
-        node.create_subscription(kind, topic, on_sample, STREAM)
+        return node.create_subscription(kind, topic, on_sample, STREAM)
 
-    for sensor in _SENSORS:
-        subscribe(sensor)
+    return [subscribe(sensor) for sensor in _SENSORS]
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:

@@ -13,6 +13,7 @@ from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
+from fsw_experiment import live
 from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder, write_phases
@@ -24,6 +25,7 @@ from fsw_experiment.scenario_file import load, parse, shipped
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
+LIVE_SCENARIO = "canister_weld"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -46,6 +48,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="compare only these controllers, in this order (default: all)",
     )
+    whole.add_argument(
+        "--live",
+        action="store_true",
+        help="one weld in real time, to watch and steer on the operator's page "
+        f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
+    )
+    whole.add_argument("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)")
     whole.add_argument("--out", type=Path, help="folder for the results (default: out/<date>)")
     return whole
 
@@ -54,14 +63,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demonstration; returns the exit code."""
     parsed = parser().parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    return exit_code(lambda: _demonstrate(parsed))
+    return exit_code(lambda: _live(parsed) if parsed.live else _demonstrate(parsed))
 
 
-def _demonstrate(parsed: argparse.Namespace) -> int:
+def _live(parsed: argparse.Namespace) -> int:
+    names = parsed.scenario or [LIVE_SCENARIO]
+    if len(names) > 1:
+        raise CommandError("--live welds once: give one --scenario")
+    controllers = _controllers(parsed)
+    scenario = load(names[0])
+    if not scenario.open_loop and len(scenario.controllers) == 1:
+        scenario = parse(scenario.text, scenario.name, [f"controller={controllers[0]}"])
+    folder = new_folder(parsed.out, "live")
+    graph = WeldGraph(scenario, folder, () if scenario.open_loop else controllers, realtime=True, standby=True)
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        return live.weld(graph, launcher, parsed.port)
+
+
+def _controllers(parsed: argparse.Namespace) -> list[str]:
+    """The controllers asked for, or all."""
     controllers = list(dict.fromkeys(parsed.controller or KNOWN))
     unknown = [name for name in controllers if name not in KNOWN]
     if unknown:
         raise CommandError(f"no controller {', '.join(unknown)}; known: {', '.join(KNOWN)}")
+    return controllers
+
+
+def _demonstrate(parsed: argparse.Namespace) -> int:
+    controllers = _controllers(parsed)
     names = list(parsed.scenario or DEFAULT_SCENARIOS)
     if not parsed.scenario and len(controllers) > 1:
         names.append(SWAP_SCENARIO)

@@ -1,12 +1,19 @@
 """Allowed ranges of what a person can ask of the weld, for scenarios, the command line and their help."""
 
-from fsw_control import weld
+from fsw_control.ranges import (
+    COMMAND_FORCE_KN,
+    COMMAND_SPEED_RPM,
+    REFERENCE_DEPTH_MM,
+    REFERENCE_TEMPERATURE_C,
+    WELD_RATE_DEPTH_MM_PER_S,
+    WELD_RATE_TEMPERATURE_C_PER_S,
+    Range,
+)
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
     DURATION_S,
     FAULT_DELAY_S,
     FAULT_MAGNITUDE,
-    Range,
 )
 from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
 
@@ -25,21 +32,16 @@ __all__ = [
     "SINE_TEMPERATURE_C",
     "WELD_ANGLE_DEG",
     "WELD_LENGTH_MM",
+    "WELD_RATE_DEPTH_MM_PER_S",
+    "WELD_RATE_TEMPERATURE_C_PER_S",
     "WELD_SPEED_MM_PER_MIN",
     "Range",
 ]
 
-#: set-points, chosen about the paper's operating point
-REFERENCE_DEPTH_MM = Range(1.5, 4.0, "mm")
-REFERENCE_TEMPERATURE_C = Range(750.0, 950.0, "degC")
 SINE_DEPTH_MM = Range(-1.0, 1.0, "mm")
 SINE_TEMPERATURE_C = Range(-50.0, 50.0, "degC")
-#: programme of a whole weld, chosen: largest step of a set-point and how fast a ramp may be; the tool's path
+#: programme of a whole weld, chosen: largest step of a set-point; the tool's path
 WELD_STEP_DEPTH_MM, WELD_STEP_TEMPERATURE_C = 0.2, 10.0
-WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S = 0.02, 1.0
 WELD_ANGLE_DEG = Range(0.0, 720.0, "deg")
 WELD_LENGTH_MM = Range(0.0, 10_000.0, "mm")
 WELD_SPEED_MM_PER_MIN = Range(10.0, 300.0, "mm/min")
-#: commands by hand, as far as the drives go
-COMMAND_FORCE_KN = Range(weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, "kN")
-COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")

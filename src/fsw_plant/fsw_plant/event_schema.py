@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from fsw_control.ranges import Range
 from fsw_control.weld import TICK_S
 from fsw_plant.events import (
     CHANNELS,
@@ -18,23 +19,6 @@ from fsw_plant.events import (
     DisturbanceError,
     Fault,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Range:
-    """Closed interval with its unit."""
-
-    low: float
-    high: float
-    unit: str
-
-    def __str__(self) -> str:
-        return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
-
-    def complaint(self, value: float) -> str | None:
-        """Why ``value`` is not allowed, or None when it is."""
-        return None if self.low <= value <= self.high else f"{value:g} is outside {self}"
-
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fsw_plant.event_schema import DURATION_S, Place, Range, read_disturbance, read_fault
+from fsw_control.ranges import Range
+from fsw_plant.event_schema import DURATION_S, Place, read_disturbance, read_fault
 from fsw_plant.events import EPSILON_S, DisturbanceError, PlantEvent
 
 #: Events of a scenario, those for the plant first.

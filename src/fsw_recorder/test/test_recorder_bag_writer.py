@@ -1,6 +1,7 @@
 """Written bags are rosbag2 bags, and failures leave them readable."""
 
 import errno
+import gc
 import os
 import shutil
 import struct
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -42,6 +44,15 @@ def fill(writer: BagWriter, count: int, first: int = 0, in_chunk: int = 10_000) 
 def values_of(bag: Path) -> list[float]:
     with BagReader(bag) as reader:
         return [struct.unpack("<d", record.data[4:])[0] for record in reader.records()]
+
+
+def test_the_index_of_a_file_is_kept_packed_until_the_file_is_finished(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        fill(writer, 50, in_chunk=1)
+        assert sum(isinstance(one, ChunkIndex) for one in gc.get_objects()) == 0
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and len(summary.chunk_indexes) == 50
 
 
 @pytest.mark.parametrize("compression", ["", "zstd"])

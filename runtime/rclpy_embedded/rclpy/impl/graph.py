@@ -104,13 +104,25 @@ class Graph:
         self._lock = threading.Lock()
         self._info_reader = info_reader
         self._deserialize = deserialize
+        self._participant = participant
         self._participant_reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
-        self._writer_reader = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
-        self._reader_reader = BuiltinDataReader(participant, BuiltinTopicDcpsSubscription)
+        # Made when somebody asks first: most programs never do.
+        self._endpoint_readers: list[BuiltinDataReader] = []
         self._enclaves: dict[bytes, str] = {}
         self._writers: dict[bytes, Endpoint] = {}
         self._readers: dict[bytes, Endpoint] = {}
         self._announced: dict[bytes, list[RemoteNode]] = {}
+
+    def tidy(self) -> None:
+        """Take what has come since the last query, so that it does not pile up while nobody asks."""
+        with self._lock:
+            self._update()
+
+    def _look_at_endpoints(self) -> None:
+        """Receive writers and readers from now on, beginning with those that are there."""
+        if not self._endpoint_readers:
+            topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+            self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]
 
     def _update(self) -> None:
         for sample in _drain(self._participant_reader):
@@ -120,7 +132,7 @@ class Graph:
             else:
                 self._enclaves.pop(guid, None)
                 self._announced.pop(guid, None)
-        for reader, endpoints in ((self._writer_reader, self._writers), (self._reader_reader, self._readers)):
+        for reader, endpoints in zip(self._endpoint_readers, (self._writers, self._readers), strict=False):
             for sample in _drain(reader):
                 guid, name, type_name = sample.key.bytes, sample.topic_name, sample.type_name or ""
                 # DCPS...: Cyclone's own, read by this participant.
@@ -157,6 +169,7 @@ class Graph:
     def endpoints(self, *, writers: bool) -> list[Endpoint]:
         """Return all writers or all readers."""
         with self._lock:
+            self._look_at_endpoints()
             self._update()
             return list((self._writers if writers else self._readers).values())
 

@@ -93,16 +93,9 @@ class Session(Handle):
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
         self._info_writer = self.writer("ros_discovery_info", self.info_support, _INFO_WRITER)
         self.info_reader = self.reader("ros_discovery_info", self.info_support, _INFO_READER)
-        self._graph: Graph | None = None
+        #: What is known of all participants of the domain.
+        self.graph = Graph(self.participant, self.info_reader, self.info_support.deserialize)
         _sessions.add(self)
-
-    @property
-    def graph(self) -> Graph:
-        """What is known of all participants of the domain."""
-        with self._lock:
-            if self._graph is None:
-                self._graph = Graph(self.participant, self.info_reader, self.info_support.deserialize)
-            return self._graph
 
     def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Writer:
         """Create a writer; `prefix` precedes the type hash in its USER_DATA."""

@@ -6,11 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from fsw_analysis import kpi, kpi_table
+from fsw_analysis import kpi, kpi_table, phase_kpi
+from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import export_weld
 from fsw_analysis.signals import load_weld
@@ -59,7 +61,9 @@ def add_commands(commands: Any) -> None:
     copy.add_argument("--zstd", action="store_true", help="compress the new bag")
     copy.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
 
-    figures_of_merit = add_command(commands, "kpi", _kpi, "figures of merit of a weld")
+    figures_of_merit = add_command(
+        commands, "kpi", _kpi, "figures of merit of a weld, and of each phase of a whole weld"
+    )
     figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
 
     text = "the paper's figures of a weld; several bags are overlaid"
@@ -192,24 +196,21 @@ def _recover(arguments: argparse.Namespace) -> int:
 
 def _welds(bags: list[Path]) -> dict[str, WeldSignals]:
     """Welds by the labels that distinguish them, each cut to the length of its scenario."""
-    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(_labels(bags), bags, strict=True)}
-
-
-def _labels(bags: list[Path]) -> list[str]:
-    """Shortest path ends that distinguish the bags."""
-    named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
-    parts = [path.parts for path in named]
-    for length in range(1, max(map(len, parts)) + 1):
-        labels = ["/".join(part[-length:]) for part in parts]
-        if len(set(labels)) == len(labels):
-            return labels
-    return [f"{path} ({i + 1})" for i, path in enumerate(bags)]
+    return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(labels(bags), bags, strict=True)}
 
 
 def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
     results = [kpi.compute(signals, label) for label, signals in welds.items()]
     print(kpi_table.text(results), end="")
-    write_json(file, results)
+    phases = [
+        phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
+        for label, signals in welds.items()
+    ]
+    if any(phases):
+        print("\n" + phase_kpi.markdown([run for run in phases if run]), end="")
+    write_json(
+        file, [result | {"phases": [asdict(one) for one in run]} for result, run in zip(results, phases, strict=True)]
+    )
 
 
 def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | None = None) -> None:

@@ -137,13 +137,14 @@ def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: 
     """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
     if not scenario.phases:
         return []
-    phases = spans(scenario.phases)
-    paths = phase_kpi.write([phase_kpi.compute(run.signals, run.label, phases) for run in runs], folder)
+    phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
+    figures = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
+    paths = phase_kpi.write(figures, folder)
     if figure:
         from fsw_analysis.figures import draw_whole_weld
 
         paths.append(folder / "weld.png")
-        draw_whole_weld(runs, phases, f"Whole weld ({scenario.name})", paths[-1])
+        draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
     return paths
 
 

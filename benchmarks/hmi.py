@@ -1,0 +1,129 @@
+"""The operator's page with many viewers: processor time of its server, and how old a tick is when it arrives.
+
+Plant, both controllers, supervisor and the page's server run as processes in real time; the viewers are websockets in
+this process. A tick's age is from its stamp, at which the plant measures, to its arrival here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+
+if __name__ == "__main__":
+    from _bootstrap import ensure
+
+    ensure(extras=("hmi",))
+
+import re
+from urllib.request import urlopen
+
+from report import Figures, parser, save, show
+from websockets.asyncio.client import connect
+
+from fsw_control import weld
+from fsw_control.free_domain import free_domain
+from fsw_experiment.launcher import Launcher
+
+NODES = {
+    "supervisor": "fsw_supervisor.supervisor_node",
+    "decentral": "fsw_decentral.decentral_node",
+    "nmpc": "fsw_nmpc.nmpc_node",
+    "plant": "fsw_plant.plant_node",
+}
+VIEWERS = 50
+#: while the pages open and get the past
+WARM_UP_S = 3.0
+
+
+def processor_s(process: int) -> float:
+    """Processor time that a process has used."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+async def view(url: str, build: str, ages_s: list[float], token: str = "") -> None:
+    """Be a viewer, and with a token the one who gives the first set-points."""
+    async with connect(
+        f"{url.replace('http', 'ws')}ws?build={build}", origin=url.rstrip("/"), compression=None, max_size=None
+    ) as socket:
+        if token:
+            start = {"depth_mm": weld.DEPTH_MM, "temperature_c": weld.TEMPERATURE_C}
+            for number, request in enumerate(
+                (
+                    {"do": "login", "token": token, "name": "benchmark"},
+                    {"do": "take_control", "from": None},
+                    {"do": "set_reference", **start},
+                )
+            ):
+                await socket.send(json.dumps({"id": number, **request}))
+        async for text in socket:
+            if isinstance(text, str) and text.startswith('{"t":"tick"'):
+                ages_s.append(time.time() - json.loads(text)["row"][0])
+
+
+async def watch(url: str, token: str, viewers: int, seconds: float, process: int) -> Figures:
+    """Open the pages, and measure for so long when they are open."""
+    with urlopen(url) as response:
+        found = re.search(r'name="build" content="(\w+)"', response.read().decode())
+    build = found[1] if found else ""
+    ages_s: list[float] = []
+    jobs = [asyncio.create_task(view(url, build, ages_s, "" if i else token)) for i in range(viewers)]
+    await asyncio.sleep(WARM_UP_S)  # the measurement itself
+    ages_s.clear()
+    before_s, begin_s = processor_s(process), time.monotonic()
+    await asyncio.sleep(seconds)
+    share = (processor_s(process) - before_s) / (time.monotonic() - begin_s)
+    count = len(ages_s)
+    for job in jobs:
+        if job.done():
+            job.result()  # raises what ended it
+        job.cancel()
+    ordered = sorted(ages_s)
+    return {
+        f"core_share_{viewers}_percent": 100.0 * share,
+        f"ticks_per_s_and_viewer_{viewers}": count / viewers / seconds,
+        f"tick_age_p50_{viewers}_ms": 1e3 * ordered[count // 2],
+        f"tick_age_p99_{viewers}_ms": 1e3 * ordered[int(0.99 * count)],
+        f"tick_age_max_{viewers}_ms": 1e3 * ordered[-1],
+    }
+
+
+def measure(seconds: float) -> Figures:
+    """Run the graph, then watch it with one page and with many."""
+    with (
+        tempfile.TemporaryDirectory() as text,
+        free_domain() as domain,
+        Launcher(Path(text) / "log", domain) as launcher,
+    ):
+        for name, module in NODES.items():
+            settings = {"plant": f"wait_for_subscribers:={len(NODES) - 1}", "supervisor": "controller:=nmpc"}.get(name)
+            launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
+        hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
+        url = launcher.wait_for_text("hmi", r"http://\S+")
+        token = launcher.wait_for_text("hmi", r"token: \S+").split()[1]
+        launcher.wait_for_text("supervisor", "taking over")
+        figures: Figures = {"load_before": os.getloadavg()[0]}
+        for viewers in (1, VIEWERS):
+            figures |= asyncio.run(watch(url, token, viewers, seconds, hmi.process.pid))
+        figures["load_after"] = os.getloadavg()[0]
+        return figures
+
+
+def main() -> int:
+    """Run the benchmark."""
+    arguments = parser(__doc__, "5 s each instead of 60 s").parse_args()
+    figures = measure(5.0 if arguments.quick else 60.0)
+    show(figures)
+    save(figures, arguments.json)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,17 @@
+"""Names of bags, for tables and charts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def labels(bags: Sequence[Path]) -> list[str]:
+    """Shortest path ends that distinguish the bags; a folder ``bag`` goes by the name of the one that it is in."""
+    named = [path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags]
+    parts = [path.parts for path in named]
+    for length in range(1, max(map(len, parts)) + 1):
+        found = ["/".join(part[-length:]) for part in parts]
+        if len(set(found)) == len(found):
+            return found
+    return [f"{path} ({i + 1})" for i, path in enumerate(bags)]

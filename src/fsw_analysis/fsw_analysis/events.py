@@ -1,0 +1,77 @@
+"""What happened in a weld, for the time line: phases, swaps, modes, interlocks and what operators did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis.columns import Kind
+from fsw_analysis.messages import Table
+from fsw_analysis.weld_signals import FloatArray, WeldEvent
+
+STATE: dict[str, Kind] = {
+    "actual_controller": "text",
+    "actual_mode": "text",
+    "reason": "text",
+    "requested_by": "text",
+    "interlocks": "texts",
+}
+PROGRESS: dict[str, Kind] = {"state": "text", "phase": "text"}
+ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
+#: by former and present state of the programme
+_STATES = {("held", "running"): "resumed"}
+
+
+def phases(times_s: FloatArray, progress: Table) -> list[tuple[str, float]]:
+    """Name and begin of each phase, from the programme's reports."""
+    found: list[tuple[str, float]] = []
+    for time_s, name in _in_order(times_s, progress, "phase"):
+        if name and (not found or found[-1][0] != name):
+            found.append((name, time_s))
+    return found
+
+
+def of_progress(times_s: FloatArray, progress: Table) -> Iterator[WeldEvent]:
+    """Phases that begin, and the programme held, resumed, aborted and done."""
+    for name, time_s in phases(times_s, progress):
+        yield WeldEvent(time_s, "phase", f"phase {name}")
+    for (_, before), (time_s, state) in pairwise(_in_order(times_s, progress, "state")):
+        if state != before:
+            yield WeldEvent(time_s, "weld", f"weld {_STATES.get((before, state), state)}")
+
+
+def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
+    """Controllers and modes that take over, interlocks that come and go, from the supervisor's reports."""
+    names = ("actual_controller", "actual_mode", "interlocks", "reason", "requested_by")
+    before: tuple[str, str, frozenset[str]] | None = None
+    for time_s, (controller, mode, interlocks, reason, requested_by) in _in_order(times_s, state, *names):
+        why = f" ({requested_by}: {reason})" if reason else f" ({requested_by})"
+        active = frozenset(interlocks)
+        if before is not None and controller != before[0]:
+            yield WeldEvent(time_s, "swap", f"{controller or 'no controller'} commands{why}")
+        if before is not None and mode != before[1]:
+            yield WeldEvent(time_s, "mode", f"mode {mode}{why}")
+        present = before[2] if before is not None else frozenset()
+        for name in sorted(active - present):
+            yield WeldEvent(time_s, "interlock", f"interlock {name}")
+        for name in sorted(present - active):
+            yield WeldEvent(time_s, "interlock", f"interlock {name} is over")
+        before = controller, mode, active
+
+
+def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
+    """What operators asked for on their page, and what became of it."""
+    for time_s, (who, action, outcome, message) in _in_order(times_s, actions, *ACTION):
+        answer = f"{outcome}: {message}" if message else outcome
+        yield WeldEvent(time_s, "operator", f"{who}: {action}: {answer}")
+
+
+def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:
+    """Time and fields of each message, by time; of one field the value itself."""
+    order = np.argsort(times_s, kind="stable")
+    columns = [table.column(path)[order].tolist() for path in paths]
+    values = columns[0] if len(columns) == 1 else zip(*columns, strict=True)
+    return list(zip(times_s[order].tolist(), values, strict=True))

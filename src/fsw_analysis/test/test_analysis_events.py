@@ -1,0 +1,81 @@
+"""The time line of a weld: what becomes an event, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis import events
+from fsw_analysis.messages import Table
+from fsw_analysis.weld_signals import FloatArray
+
+
+def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Table]:
+    """Times [s] and a table of messages, each given as its time and its fields."""
+    columns = {name: np.empty(len(rows), object) for name in names}
+    for at, row in enumerate(rows):
+        for name, value in zip(names, row[1:], strict=True):
+            columns[name][at] = value
+    times = np.array([row[0] for row in rows], float)
+    return times, Table(np.zeros((len(rows), 2), np.int64), columns)
+
+
+def told(found: Any) -> list[tuple[float, str, str]]:
+    return [(one.time_s, one.kind, one.text) for one in found]
+
+
+def test_phases_and_states_of_a_programme_whatever_the_order_of_its_reports() -> None:
+    times, progress = table(
+        list(events.PROGRESS),
+        (0.0, "running", "dwell"),
+        (2.0, "running", "start"),
+        (1.0, "running", "dwell"),
+        (3.0, "held", "start"),
+        (5.0, "running", "start"),
+        (6.0, "aborted", "start"),
+    )
+    assert events.phases(times, progress) == [("dwell", 0.0), ("start", 2.0)]
+    assert told(events.of_progress(times, progress)) == [
+        (0.0, "phase", "phase dwell"),
+        (2.0, "phase", "phase start"),
+        (3.0, "weld", "weld held"),
+        (5.0, "weld", "weld resumed"),
+        (6.0, "weld", "weld aborted"),
+    ]
+
+
+def test_swaps_modes_and_interlocks_of_the_supervisor_but_not_what_it_begins_with() -> None:
+    times, state = table(
+        list(events.STATE),
+        (0.0, "nmpc", "auto", "", "start", ()),
+        (1.0, "nmpc", "auto", "", "start", ("depth_high:warn",)),
+        (2.0, "decentral", "auto", "asked for", "operator", ("depth_high:warn",)),
+        (3.0, "", "safe_stop", "depth_high", "interlock", ("depth_high:trip",)),
+    )
+    assert told(events.of_state(times, state)) == [
+        (1.0, "interlock", "interlock depth_high:warn"),
+        (2.0, "swap", "decentral commands (operator: asked for)"),
+        (3.0, "swap", "no controller commands (interlock: depth_high)"),
+        (3.0, "mode", "mode safe_stop (interlock: depth_high)"),
+        (3.0, "interlock", "interlock depth_high:trip"),
+        (3.0, "interlock", "interlock depth_high:warn is over"),
+    ]
+
+
+def test_what_operators_did() -> None:
+    times, actions = table(
+        list(events.ACTION),
+        (1.0, "anna (3f2a)", "switch decentral", "refused", "decentral is not ready"),
+        (2.0, "anna (3f2a)", "safe_stop", "done", ""),
+    )
+    assert told(events.of_actions(times, actions)) == [
+        (1.0, "operator", "anna (3f2a): switch decentral: refused: decentral is not ready"),
+        (2.0, "operator", "anna (3f2a): safe_stop: done"),
+    ]
+
+
+def test_nothing_happens_where_nothing_was_recorded() -> None:
+    for names, of in ((events.PROGRESS, events.of_progress), (events.STATE, events.of_state)):
+        assert told(of(*table(list(names)))) == []

@@ -1,0 +1,1 @@
+"""The operator's page: a node that serves it and passes on what an operator asks for."""

@@ -1,0 +1,94 @@
+"""The page over recorded welds: no graph, no websocket, nothing to command."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gzip
+import json
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from fsw_control.parameters import defaults
+from fsw_control.parameters import load as load_parameters
+from fsw_hmi.bag_view import BagView, load
+from fsw_hmi.page_files import PageFiles
+from fsw_hmi.web_server import address, application, listen, server
+from fsw_recorder.errors import BagError
+
+_COMPRESSION = 6
+
+
+class _Json:
+    """An answer that never changes, encoded once."""
+
+    def __init__(self, content: Any) -> None:
+        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+        self._packed = gzip.compress(text.encode(), _COMPRESSION)
+
+    def answer(self, request: Request) -> Response:
+        """The answer, packed for all that can unpack it."""
+        headers = {"Vary": "Accept-Encoding"}
+        if "gzip" not in request.headers.get("accept-encoding", "").lower():
+            return Response(gzip.decompress(self._packed), media_type="application/json", headers=headers)
+        headers["Content-Encoding"] = "gzip"
+        return Response(self._packed, media_type="application/json", headers=headers)
+
+
+class BagPage:
+    """The page and the bags that it shows, as routes.
+
+    Parameters
+    ----------
+    files : PageFiles
+    views : sequence of BagView
+    """
+
+    def __init__(self, files: PageFiles, views: Sequence[BagView]) -> None:
+        self._files = files
+        bags = [{"n": n, **view.summary} for n, view in enumerate(views)]
+        self._list = _Json({"build": files.build, "bags": bags, "limits": views[0].limits})
+        self._bags = [_Json({"columns": view.columns, "rows": view.rows}) for view in views]
+
+    def routes(self) -> list[BaseRoute]:
+        """Routes of the application."""
+        return [*self._files.routes(), Route("/bags", self._on_list), Route("/bags/{n:int}", self._on_bag)]
+
+    async def _on_list(self, request: Request) -> Response:
+        return self._list.answer(request)
+
+    async def _on_bag(self, request: Request) -> Response:
+        n = int(request.path_params["n"])
+        if n >= len(self._bags):
+            return PlainTextResponse(f"there is no bag {n}; /bags tells which there are\n", status_code=404)
+        return self._bags[n].answer(request)
+
+
+def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str]) -> int:
+    """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
+    standard = defaults(load_parameters("fsw_hmi", "hmi.yaml"))
+    host, port = host or standard["host"], standard["port"] if port is None else port
+    try:
+        files = PageFiles("bag")
+        views = load(bags, lambda path: print(f"reading {path}", flush=True))
+        listening = listen(host, port)
+    except (BagError, ValueError) as error:
+        print(f"run_hmi.py: {error}", file=sys.stderr)
+        return 2
+    for view in views:
+        for problem in view.summary["problems"]:
+            print(f"note: {problem}", file=sys.stderr)
+    app = application(BagPage(files, views).routes(), [host, *allow_hosts])
+    print(f"operator's page: {address(listening)}", flush=True)
+    # uvicorn ends well and then raises the signal again
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(server(app).serve(sockets=[listening]))
+    return 0

@@ -1,0 +1,167 @@
+"""What the page shows of a recorded weld: columns, time line and figures of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fsw_analysis import kpi, kpi_table, phase_kpi
+from fsw_analysis.bag_labels import labels
+from fsw_analysis.changes import cut_to_scenario, experiment_time_s
+from fsw_analysis.messages import recorded_parameters
+from fsw_analysis.signals import load_weld
+from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_control.units import KW_PER_NM_RPM
+from fsw_hmi.frames import COLUMNS, short
+from fsw_hmi.limits import limits
+from fsw_recorder.errors import BagError
+
+#: more are not told apart on one chart
+MOST_BAGS = 2
+#: stamps below this are of simulated time, which begins at 0 [s]
+_SIMULATED_S = 1e8
+
+
+@dataclass(frozen=True, slots=True)
+class BagView:
+    """A recorded weld as the page gets it, ready for JSON.
+
+    Attributes
+    ----------
+    summary : dict
+        Name, duration, phases, events, figures of merit and problems.
+    columns : tuple of str
+        Those of the live page, and ``mode`` and ``controller`` in words.
+    rows : list of list
+        A row per tick, None where something is not known; the time is from the first tick.
+    limits : dict
+        As on the live page, with the interlocks that the supervisor was recorded with.
+    """
+
+    summary: dict[str, Any]
+    columns: tuple[str, ...] = (*COLUMNS, "mode", "controller")
+    rows: list[list[Any]] = field(default_factory=list)
+    limits: dict[str, Any] = field(default_factory=dict)
+
+
+def load(paths: Sequence[Path], told: Callable[[Path], object] = lambda _: None) -> list[BagView]:
+    """Read one bag, or two to compare; ``told`` is called before each is read.
+
+    Raises
+    ------
+    BagError
+        There is no such bag, it is not that of a weld, or there are too many.
+    """
+    if not 1 <= len(paths) <= MOST_BAGS:
+        raise BagError(f"{len(paths)} bags: the page shows one, or compares {MOST_BAGS}")
+    views = []
+    for path, name in zip(paths, labels(paths), strict=True):
+        told(path)
+        views.append(view(load_weld(path), name))
+    return views
+
+
+def view(signals: WeldSignals, name: str) -> BagView:
+    """What the page shows of a weld."""
+    problems = list(signals.problems)
+    try:
+        parameters = recorded_parameters(signals.attachments, signals.namespace, "supervisor")
+    except BagError as error:
+        parameters = {}
+        problems.append(f"{error}: interlocks are not drawn")
+    start_s = float(signals.stamp_ns[0]) * 1e-9
+    summary = {
+        "name": name,
+        "duration_s": round(signals.duration_s, 3),
+        "start_s": round(start_s, 3) if start_s > _SIMULATED_S else None,
+        "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
+        "phases": _phases(signals, name),
+        "events": [asdict(one) | {"time_s": round(one.time_s, 3)} for one in signals.events],
+        "kpis": _kpis(signals, problems),
+        "problems": problems,
+    }
+    return BagView(summary, rows=_rows(signals), limits=limits(parameters))
+
+
+def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
+    """Phases with begin, end and the statistics of their errors; none without a programme."""
+    spans = phase_kpi.recorded_spans(signals)
+    if not spans:
+        return []
+    first_s = float(experiment_time_s(signals)[0])
+    figures = phase_kpi.compute(signals, name, spans)
+    found = []
+    for (phase, begin_s, end_s), one in zip(spans, figures, strict=False):
+        times = {"begin_s": max(begin_s - first_s, 0.0), "end_s": min(end_s - first_s, signals.duration_s)}
+        found.append({"name": phase} | {key: round(float(value), 3) for key, value in times.items()} | _errors(one))
+    return [
+        *found,
+        {"name": "whole weld", "begin_s": 0.0, "end_s": round(signals.duration_s, 3)} | _errors(figures[-1]),
+    ]
+
+
+def _errors(figures: phase_kpi.PhaseFigures) -> dict[str, Any]:
+    def plain(error: phase_kpi.ErrorStatistics | None) -> dict[str, float | None] | None:
+        return None if error is None else {key: short(value) for key, value in asdict(error).items()}
+
+    power_kw = None if figures.power_kw is None else short(figures.power_kw)
+    return {
+        "temperature_error_c": plain(figures.temperature_c),
+        "depth_error_mm": plain(figures.depth_mm),
+        "power_kw": power_kw,
+    }
+
+
+def _kpis(signals: WeldSignals, problems: list[str]) -> list[dict[str, Any]]:
+    """Figures of merit that this weld has, in the words of ``fsw.py bag kpi``."""
+    try:
+        values = kpi.compute(cut_to_scenario(signals))
+    except kpi.KpiError as error:
+        problems.append(str(error))
+        return []
+    return [
+        {"name": name, "unit": unit, "value": short(values[key] * factor)}
+        for key, (name, unit, factor) in kpi_table.ROWS.items()
+        if values.get(key) is not None
+    ]
+
+
+def _rows(signals: WeldSignals) -> list[list[Any]]:
+    nothing = np.full(signals.n_ticks, np.nan)
+    acting = signals.drives if signals.drives is not None else signals.truth
+    force_kn, speed_rpm = (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
+    columns = {
+        "depth_mm": signals.depth_mm,
+        "temperature_c": signals.temperature_c,
+        "torque_nm": signals.torque_nm,
+        "force_kn": force_kn,
+        "speed_rpm": speed_rpm,
+        "power_kw": signals.torque_nm * speed_rpm * KW_PER_NM_RPM,
+        "reference_depth_mm": signals.reference_depth_mm,
+        "reference_temperature_c": signals.reference_temperature_c,
+        "command_force_kn": signals.force_kn,
+        "command_speed_rpm": signals.speed_rpm,
+        "latency_ms": 1e3 * signals.command_latency_s,
+        "solve_ms": 1e3 * _solve_time_s(signals),
+    }
+    numbers = [_short(columns[name]) for name in COLUMNS[1:]]
+    time_s = np.round(signals.time_s, 3).tolist()
+    rows = zip(time_s, *numbers, signals.actual_mode, signals.actual_controller, strict=True)
+    return list(map(list, rows))
+
+
+def _solve_time_s(signals: WeldSignals) -> FloatArray:
+    """Of the controller whose command is applied; NaN where none is."""
+    found = np.full(signals.n_ticks, np.nan)
+    for name, status in signals.statuses.items():
+        chosen = signals.command_source == name
+        found[chosen] = status.solve_time_s[chosen]
+    return found
+
+
+def _short(values: FloatArray) -> list[float | None]:
+    return list(map(short, values.tolist()))

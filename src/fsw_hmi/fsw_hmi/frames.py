@@ -1,0 +1,46 @@
+"""Frames to the page as text: numbers short, NaN as null."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from math import isfinite
+from typing import Any
+
+from fsw_control.units import NANOSECONDS
+
+#: order of the values in a row
+COLUMNS = (
+    "time_s",
+    "depth_mm",
+    "temperature_c",
+    "torque_nm",
+    "force_kn",
+    "speed_rpm",
+    "power_kw",
+    "reference_depth_mm",
+    "reference_temperature_c",
+    "command_force_kn",
+    "command_speed_rpm",
+    "latency_ms",
+    "solve_ms",
+)
+
+
+def frame(kind: str, content: Mapping[str, Any]) -> str:
+    """A frame as text; raises ValueError at a number that is not finite."""
+    return json.dumps({"t": kind, **content}, separators=(",", ":"), allow_nan=False)
+
+
+def row(stamp_ns: int, values: Iterable[float]) -> str:
+    """A row of ticks: the time to the millisecond, the other values to five digits."""
+    return f"[{stamp_ns / NANOSECONDS:.3f},{','.join(map(_number, values))}]"
+
+
+def _number(value: float) -> str:
+    return f"{value:.5g}" if isfinite(value) else "null"
+
+
+def short(value: float) -> float | None:
+    """Five digits; None where it is no number."""
+    return float(f"{value:.5g}") if isfinite(value) else None

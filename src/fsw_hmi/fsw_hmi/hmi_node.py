@@ -1,0 +1,257 @@
+"""The operator's page as a node: shows the graph, and carries out what a person asks for.
+
+By itself it changes nothing: it publishes no set-points before it is asked to, and the weld goes on as it is when this
+node ends or dies.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from functools import partial
+from math import nan
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from fsw_control import messages_ros as convert
+from fsw_control.parameters_ros import declare
+from fsw_control.topics_ros import LATCHED
+from fsw_hmi import tokens
+from fsw_hmi.alarm_rules import NO_REPORT_S, AlarmRules, Situation
+from fsw_hmi.alarms import AlarmList
+from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
+from fsw_hmi.frames import COLUMNS, frame, row
+from fsw_hmi.limits import EMULATOR, PARAMETERS, REFERENCE, limits
+from fsw_hmi.orders_ros import Orders
+from fsw_hmi.page_files import PageFiles
+from fsw_hmi.reports_ros import NO_STATE
+from fsw_hmi.requests import Acknowledge, SetReference
+from fsw_hmi.watch_ros import Watch
+from fsw_hmi.web import LivePage, Order
+from fsw_hmi.web_server import address, application, is_local, listen
+from fsw_hmi.web_thread import WebThread
+from fsw_hmi.weld_view import Row
+from fsw_msgs.msg import OperatorAction
+
+_LOOK_S, _JUDGE_S, _REPORT_S = 0.05, 0.25, 1.0
+#: shortest time between two ticks on the page, when time runs faster than the wall clock
+_TICK_PERIOD_S = 0.04
+#: A programme reports once a second; one that is silent for longer no longer runs.
+_PROGRAMME_SILENT_S = 5.0
+
+
+class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
+    """Serves the page in a thread of its own; everything that touches the graph happens in the executor's thread.
+
+    Orders come over by a queue and a guard condition; frames go back once per tick.
+    """
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__("fsw_hmi", **arguments)
+        self._settings = declare(self, "fsw_hmi", "hmi.yaml")
+        values = self._settings.values
+        token = tokens.read(Path(values["token_file"]).expanduser()) if values["token_file"] else tokens.new()
+        files = PageFiles("live")
+        listening = listen(values["host"], values["port"], values["patience_s"])
+        self._received: deque[Order] = deque()
+        self._frames: dict[str, str] = {}
+        self._tick_sent_s = 0.0
+        self._alarms = AlarmList()
+        self._rules = AlarmRules(lambda: self._settings["quality_persistence_s"])
+        self._interlocks: dict[str, float] = {}
+        self._asked_leader = ""
+        self._emulator = False
+        self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
+        self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
+        self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
+        self._orders = Orders(self, self._watch.references)
+        self._wake = self.create_guard_condition(self._on_orders)
+        self._page = LivePage(
+            files,
+            ControlRoom(token),
+            self._deliver,
+            request_timeout_s=values["request_timeout_s"],
+            patience_s=values["patience_s"],
+            max_pages=values["max_pages"],
+        )
+        self._web = WebThread(
+            self._page, application(self._page.routes(), [values["host"], *values["allow_hosts"]]), listening
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        for period_s, look in ((_LOOK_S, self._look), (_JUDGE_S, self._judge), (_REPORT_S, self._report)):
+            self.create_timer(period_s, look, clock=steady)
+        self._say_hello()
+        self._web.start()
+        if not is_local(listening):
+            self.get_logger().warning("the page can be reached from other computers, and nothing is encrypted")
+        # The token must not get into the log, which is recorded.
+        print(f"operator's page: {address(listening)}", flush=True)
+        if not values["token_file"]:
+            print(f"token: {token}", flush=True)
+
+    def destroy_node(self) -> None:
+        """Close the pages, then end."""
+        if hasattr(self, "_web"):
+            self._web.stop()
+        super().destroy_node()
+
+    # ---------------------------------------------------------------- to the pages
+
+    def _on_rows(self, rows: list[Row], restarted: bool) -> None:
+        now_s = time.monotonic()
+        if restarted:
+            self._web.call(self._page.forget)
+        for one in rows:
+            text = row(one.stamp_ns, one.values)
+            shown = None
+            if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
+                self._tick_sent_s = now_s
+                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text}}}'
+            frames, self._frames = self._frames, {}
+            self._web.call(partial(self._show_tick, frames, text, shown, now_s))
+
+    def _show_tick(self, frames: dict[str, str], text: str, shown: str | None, came_s: float) -> None:
+        """In the server's thread."""
+        self._show(frames)
+        self._page.tick(text, shown, came_s)
+
+    def _flush(self) -> None:
+        """Hand over what no tick has taken along."""
+        if self._frames:
+            frames, self._frames = self._frames, {}
+            self._web.call(partial(self._show, frames))
+
+    def _show(self, frames: dict[str, str]) -> None:
+        """In the server's thread."""
+        for kind, one in frames.items():
+            self._page.show(kind, one)
+
+    def _on_prediction(self, content: dict[str, Any]) -> None:
+        self._frames[f"prediction {content['controller']}"] = frame("prediction", content)
+
+    def _show_state(self) -> None:
+        watch = self._watch
+        known = time.monotonic() - watch.state_s <= NO_REPORT_S
+        parts = [{"name": name, "level": one.level, "text": one.text} for name, one in watch.parts().items()]
+        self._frames["state"] = frame("state", {"known": known, **(watch.state or NO_STATE), "parts": parts})
+
+    def _say_hello(self) -> None:
+        hello = {
+            "commands": True,
+            "emulator": self._emulator,
+            "limits": limits(self._interlocks),
+            "reference": REFERENCE,
+            **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
+        }
+        self._web.call(partial(self._page.set_hello, hello))
+
+    # ---------------------------------------------------------------- now and then
+
+    def _look(self) -> None:
+        self._orders.look()
+        self._watch.look()
+
+    def _judge(self) -> None:
+        """Find out which alarms are present."""
+        watch, now_s = self._watch, time.monotonic()
+        view, values = watch.view, dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {}
+        situation = Situation(
+            state=watch.state,
+            state_age_s=None if watch.state is None else now_s - watch.state_s,
+            tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
+            sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
+            sensor_reasons=watch.sensor_reasons,
+            depth_error_mm=values.get("depth_mm", nan) - values.get("reference_depth_mm", nan),
+            temperature_c=values.get("temperature_c", nan),
+            parts=watch.parts(),
+        )
+        if self._alarms.update(self._rules.present(situation, now_s), round(time.time(), 3)):
+            self._show_alarms()
+        self._flush()
+
+    def _show_alarms(self) -> None:
+        self._frames["alarms"] = frame("alarms", {"alarms": self._alarms.rows()})
+
+    def _report(self) -> None:
+        watch = self._watch
+        if not self._web.alive:
+            raise RuntimeError("the page's server has ended")
+        self._show_state()
+        if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
+            self._frames["progress"] = frame("progress", watch.progress)
+        if watch.leader != self._asked_leader and self._get_parameters.service_is_ready():
+            self._asked_leader = watch.leader
+            future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
+            future.add_done_callback(self._on_parameters)
+        if self._orders.emulator != self._emulator:
+            self._emulator = not self._emulator
+            self._say_hello()
+
+    def _on_parameters(self, future: Future) -> None:
+        response = future.result()
+        if response is None:
+            return
+        found = {
+            name: value.double_value
+            for name, value in zip(PARAMETERS, response.values, strict=False)
+            if value.type == 3  # a double
+        }
+        if found != self._interlocks:
+            self._interlocks = found
+            self._say_hello()
+
+    # ---------------------------------------------------------------- orders
+
+    def _deliver(self, order: Order) -> None:
+        """In the server's thread."""
+        self._received.append(order)
+        self._wake.trigger()
+
+    def _on_orders(self) -> None:
+        while self._received:
+            self._on_order(self._received.popleft())
+
+    def _on_order(self, order: Order) -> None:
+        action, answer = order.action, partial(self._answer, order)
+        if action is None:
+            self._record(order, order.outcome, order.message)
+        elif isinstance(action, Acknowledge):
+            count = self._alarms.acknowledge(action.ids, round(time.time(), 3))
+            self._show_alarms()
+            self._flush()
+            answer(DONE, f"{count} acknowledged")
+        elif isinstance(action, SetReference):
+            answer(*self._set_reference(action))
+        else:
+            self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
+
+    def _set_reference(self, action: SetReference) -> tuple[str, str]:
+        watch = self._watch
+        running = watch.progress is not None and watch.progress["state"] == "running"
+        if running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
+            return REFUSED, "the programme of the weld runs and would override it: hold the programme first"
+        newest_ns = watch.view.newest_ns
+        return self._orders.send_set_points(
+            action, int(self.get_clock().now().nanoseconds) if newest_ns is None else newest_ns
+        )
+
+    def _answer(self, order: Order, outcome: str, message: str) -> None:
+        self._record(order, outcome, message)
+        self._web.call(partial(self._page.on_outcome, order.number, outcome, message))
+
+    def _record(self, order: Order, outcome: str, message: str) -> None:
+        self._actions.publish(
+            OperatorAction(
+                header=convert.header(int(self.get_clock().now().nanoseconds)),
+                who=order.who,
+                action=order.asked,
+                outcome=outcome,
+                message=message,
+            )
+        )

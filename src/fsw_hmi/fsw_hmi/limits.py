@@ -1,0 +1,97 @@
+"""Limits and scales as the page draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
+from fsw_control.ranges import (
+    COMMAND_FORCE_KN,
+    COMMAND_SPEED_RPM,
+    REFERENCE_DEPTH_MM,
+    REFERENCE_TEMPERATURE_C,
+    WELD_RATE_DEPTH_MM_PER_S,
+    WELD_RATE_TEMPERATURE_C_PER_S,
+    Range,
+)
+from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DURATION_S, FAULT_DELAY_S, FAULT_MAGNITUDE
+from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
+
+#: Distance from the set-point inside which the depth is good; chosen, about the paper's step disturbance.
+QUALITY_DEPTH_MM = (-0.1, 0.1)
+#: Temperatures inside which the weld is free of defects and the tool keeps whole: lup.lub.lu.se/record/1961682.
+QUALITY_TEMPERATURE_C = (790.0, 910.0)
+#: scales, chosen
+_TORQUE_NM, _POWER_KW = Range(500.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
+#: by quantity: scale, what is known of it, and the supervisor's interlocks against low and high values
+_QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
+    "depth_mm": (
+        REFERENCE_DEPTH_MM,
+        {"quality": QUALITY_DEPTH_MM, "dead_band": DEAD_BAND_DEPTH_MM},
+        "",
+        "depth_high",
+    ),
+    "temperature_c": (
+        REFERENCE_TEMPERATURE_C,
+        {"quality": QUALITY_TEMPERATURE_C, "dead_band": DEAD_BAND_TEMPERATURE_C},
+        "temperature_low",
+        "temperature_high",
+    ),
+    "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
+    "speed_rpm": (COMMAND_SPEED_RPM, {}, "", ""),
+    "torque_nm": (_TORQUE_NM, {}, "", "torque_high"),
+    "power_kw": (_POWER_KW, {}, "", "power_high"),
+}
+#: the supervisor's parameters that are looked at
+PARAMETERS = tuple(
+    f"interlocks.{name}.{level}"
+    for _, _, low, high in _QUANTITIES.values()
+    for name in (low, high)
+    if name
+    for level in ("warn", "trip")
+)
+
+
+def limits(parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Limits of every quantity for the page, in its protocol's words.
+
+    Parameters
+    ----------
+    parameters : mapping of str to number
+        Of the supervisor, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for quantity, (scale, known, low, high) in _QUANTITIES.items():
+        found[quantity] = {"range": [scale.low, scale.high], **known}
+        for level in ("warn", "trip"):
+            pair = [parameters.get(f"interlocks.{name}.{level}") for name in (low, high)]
+            if any(one is not None for one in pair):
+                found[quantity][level] = pair
+    return found
+
+
+def _range(allowed: Range) -> dict[str, Any]:
+    return {"unit": allowed.unit, "min": allowed.low, "max": allowed.high}
+
+
+#: what set-points may be asked for
+REFERENCE = {
+    "depth_mm": [REFERENCE_DEPTH_MM.low, REFERENCE_DEPTH_MM.high],
+    "temperature_c": [REFERENCE_TEMPERATURE_C.low, REFERENCE_TEMPERATURE_C.high],
+    "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
+    "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
+}
+#: what the emulated plant can be asked for
+EMULATOR = {
+    "disturbances": {
+        "channels": {name: _range(allowed) for name, (_, allowed) in DISTURBANCE_AMPLITUDE.items()},
+        "shapes": DISTURBANCE_SHAPES,
+        "duration_s": [DURATION_S.low, DURATION_S.high],
+    },
+    "faults": {
+        "sensors": {name: _range(allowed) for name, (_, allowed) in FAULT_MAGNITUDE.items()},
+        "kinds": FAULT_KINDS,
+        "delay_s": [FAULT_DELAY_S.low, FAULT_DELAY_S.high],
+    },
+}

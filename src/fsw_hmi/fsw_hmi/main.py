@@ -1,0 +1,70 @@
+"""The command line of the operator's page: live, or over bags."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fsw_control.parameters import defaults, load
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    standard = defaults(load("fsw_hmi", "hmi.yaml"))
+    whole = argparse.ArgumentParser(
+        prog="run_hmi.py",
+        description="Serve the operator's page of the weld that runs, or with --bag of welds that were recorded. "
+        "Further parameters of the node go after --ros-args.",
+    )
+    whole.add_argument("--host", help=f"address to listen on (default: {standard['host']})")
+    whole.add_argument("--port", type=int, help=f"port, 0: any free one (default: {standard['port']})")
+    whole.add_argument(
+        "--token-file", type=Path, metavar="FILE", help="holds the token for commands (default: a new one is printed)"
+    )
+    whole.add_argument(
+        "--allow-host",
+        action="append",
+        metavar="NAME",
+        help="further name or address under which browsers ask for the page; several times",
+    )
+    whole.add_argument(
+        "--bag", action="append", type=Path, metavar="BAG", help="show this recorded weld; twice: compare two"
+    )
+    return whole
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Serve the page until Ctrl-C; ``args`` as ``sys.argv``. Returns the exit code."""
+    argv = list(sys.argv if args is None else args)
+    split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    parsed = parser().parse_args(argv[1:split])
+    if parsed.bag:
+        from fsw_hmi.bag_app import serve
+
+        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [])
+    from fsw_control.node_main_ros import run
+    from fsw_hmi.hmi_node import HmiNode
+
+    return run(HmiNode, [argv[0], *argv[split:], *_overrides(parsed)])
+
+
+def _overrides(parsed: argparse.Namespace) -> list[str]:
+    """Options as parameters of the node; JSON is YAML that needs no quotes."""
+    given = {
+        "host": parsed.host,
+        "port": parsed.port,
+        "token_file": None if parsed.token_file is None else str(parsed.token_file.absolute()),
+        "allow_hosts": parsed.allow_host,
+    }
+    words = ["--ros-args"]
+    for name, value in given.items():
+        if value is not None:
+            words += ["-p", f"{name}:={json.dumps(value)}"]
+    return words
+
+
+if __name__ == "__main__":
+    sys.exit(main())

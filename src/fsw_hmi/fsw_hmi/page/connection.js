@@ -1,0 +1,127 @@
+// The websocket to the server: reconnects by itself, answers requests, and knows how old the news are.
+import { clock } from "./format.js";
+
+/** Ticks come every 0.1 s and beats every 0.25 s: silence that is longer is told, well within a second. */
+export const SILENCE_MS = 800;
+const WATCH_MS = 100;
+const BEHIND_MS = 1000;
+const BACK_OFF_MS = [250, 500, 1000, 2000, 4000];
+/** The server answers in time or says that it timed out; this is for an answer that is lost. */
+const ANSWER_MS = 15_000;
+const STALE_CODE = 4001;
+
+export class Connection {
+  #build;
+  #on;
+  #socket = null;
+  #pending = new Map();
+  #nextId = 1;
+  #attempts = 0;
+  #retry = 0;
+  #lastFrame = -Infinity;
+  #lastWatch = performance.now();
+  #fastest = -Infinity; // largest server_s - performance.now(): the frame that came with the least delay
+  #state = { kind: "connecting", text: "Connecting" };
+  serverS = null;
+
+  /** @param on `{frame(frame), fresh(server_s), state(state)}`; a state is `{kind: connecting|live|lost|stale, text}` */
+  constructor(build, on) {
+    this.#build = build;
+    this.#on = on;
+  }
+
+  start() {
+    setInterval(() => this.#watch(), WATCH_MS);
+    document.addEventListener("visibilitychange", () => document.hidden || this.#watch());
+    window.addEventListener("online", () => this.#socket || this.#open());
+    this.#on.state(this.#state);
+    this.#open();
+  }
+
+  get live() {
+    return this.#state.kind === "live";
+  }
+
+  /** Send a request; resolves to `{outcome, message}`, always. */
+  request(what, fields = {}) {
+    if (!this.live) return Promise.resolve({ outcome: "refused", message: "not connected" });
+    const id = this.#nextId++;
+    return new Promise((resolve) => {
+      const timer = setTimeout(() => this.#answer({ id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
+      this.#pending.set(id, { resolve, timer });
+      this.#socket.send(JSON.stringify({ id, do: what, ...fields }));
+    });
+  }
+
+  #open() {
+    clearTimeout(this.#retry);
+    const url = new URL(`ws?build=${encodeURIComponent(this.#build)}`, location.href);
+    url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(url);
+    this.#socket = socket;
+    this.#fastest = -Infinity;
+    socket.onmessage = (event) => socket === this.#socket && this.#receive(JSON.parse(event.data));
+    socket.onclose = (event) => socket === this.#socket && this.#closed(event);
+  }
+
+  #closed(event) {
+    this.#socket = null;
+    for (const id of [...this.#pending.keys()]) {
+      this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
+    }
+    if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
+    this.#become("lost", `Disconnected since ${this.#since()}`);
+    const wait = BACK_OFF_MS[Math.min(this.#attempts++, BACK_OFF_MS.length - 1)];
+    this.#retry = setTimeout(() => this.#open(), wait * (0.8 + 0.4 * Math.random()));
+  }
+
+  #receive(frame) {
+    if (frame.t === "answer") return this.#answer(frame);
+    if (frame.server_s !== undefined) this.#note(frame.server_s);
+    this.#on.frame(frame);
+  }
+
+  /** Take note of a frame's time. Frames that waited in a queue, because the page stood still, are not news. */
+  #note(serverS) {
+    const now = performance.now();
+    this.#fastest = Math.max(this.#fastest, serverS * 1000 - now);
+    if (now + this.#fastest - serverS * 1000 > BEHIND_MS) return;
+    this.#lastFrame = now;
+    this.#attempts = 0;
+    this.serverS = serverS;
+    this.#become("live", "Connected");
+    this.#on.fresh(serverS);
+  }
+
+  #watch() {
+    const now = performance.now();
+    const stood = now - this.#lastWatch > BEHIND_MS;
+    this.#lastWatch = now;
+    if (!this.live || now - this.#lastFrame < SILENCE_MS) return;
+    this.#become("lost", `${stood ? "The page stood still" : "Frozen: no news"} since ${this.#since()}`);
+    // A socket that is silent or behind is not worth waiting for: a new one starts with the present.
+    const old = this.#socket;
+    this.#socket = null;
+    if (old) old.close();
+    this.#closed({ code: 0 });
+  }
+
+  #since() {
+    return this.serverS === null ? "the start" : `${clock(this.serverS)} (server time)`;
+  }
+
+  #become(kind, text) {
+    const lost = kind === "lost" && this.#state.kind === "lost"; // the first reason is the one to keep
+    if (lost || (kind === this.#state.kind && text === this.#state.text)) return;
+    this.#state = { kind, text };
+    this.#on.state(this.#state);
+  }
+
+  #answer({ id, outcome, message }) {
+    const waiting = this.#pending.get(id);
+    if (!waiting) return;
+    this.#pending.delete(id);
+    clearTimeout(waiting.timer);
+    waiting.resolve({ outcome, message });
+  }
+}

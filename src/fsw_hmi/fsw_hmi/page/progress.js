@@ -1,0 +1,28 @@
+// Progress of the weld: phase, where the tool is around the canister, length, time left.
+import { el, setText, svg } from "./dom.js";
+import { fixed, grouped, span, words } from "./format.js";
+
+const RADIUS = 20;
+const TURN = 2 * Math.PI * RADIUS;
+
+export class Progress {
+  constructor() {
+    this.path = svg("circle", { cx: 26, cy: 26, r: RADIUS, class: "path" });
+    this.tool = svg("circle", { cx: 26, cy: 26 - RADIUS, r: 4.5, class: "tool" });
+    const ring = svg("svg", { viewBox: "0 0 52 52", class: "ring", "aria-hidden": "true" }, svg("circle", { cx: 26, cy: 26, r: RADIUS, class: "whole" }), this.path, this.tool);
+    this.phase = el("strong", {}, "No programme");
+    this.detail = el("span", { className: "detail" }, "");
+    this.root = el("section", { id: "progress", "aria-label": "Progress of the weld" }, ring, el("p", {}, this.phase, this.detail));
+  }
+
+  update({ state, phase, angle_deg: angle, length_mm: length, time_left_s: left }) {
+    const state_ = state === "running" ? "" : ` (${words(state)})`;
+    setText(this.phase, `${words(phase) || words(state)}${phase ? state_ : ""}`);
+    setText(this.detail, `${fixed(angle, 0)}° · ${grouped(length)} mm · ${span(left)} left`);
+    this.root.dataset.level = state === "aborted" ? "high" : state === "held" ? "attention" : "";
+    if (angle === null) return;
+    // More than a turn is welded over: the ring stays full and the tool goes on.
+    this.path.setAttribute("stroke-dasharray", `${(Math.min(Math.max(angle, 0), 360) / 360) * TURN} ${TURN}`);
+    this.tool.setAttribute("transform", `rotate(${angle} 26 26)`);
+  }
+}

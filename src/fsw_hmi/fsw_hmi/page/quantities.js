@@ -1,0 +1,45 @@
+// What is measured: one place for names, units, digits and colour-free roles of the columns.
+
+/**
+ * `aim` is the column that the quantity should follow: a set-point, or for a drive the command.
+ * `step` is the raster of a trend's scale, `span` its smallest extent.
+ */
+export const QUANTITIES = [
+  { key: "depth_mm", name: "Depth", unit: "mm", digits: 2, aim: "reference_depth_mm", aimName: "set-point", big: true, step: 0.1, span: 0.4 },
+  { key: "temperature_c", name: "Temperature", unit: "°C", digits: 1, aim: "reference_temperature_c", aimName: "set-point", big: true, step: 5, span: 20 },
+  { key: "force_kn", name: "Force", unit: "kN", digits: 1, aim: "command_force_kn", aimName: "command", step: 2, span: 6 },
+  { key: "speed_rpm", name: "Speed", unit: "rpm", digits: 0, aim: "command_speed_rpm", aimName: "command", step: 5, span: 20 },
+  { key: "torque_nm", name: "Torque", unit: "N·m", digits: 0 },
+  { key: "power_kw", name: "Power", unit: "kW", digits: 1 },
+];
+
+export const TRENDS = ["depth_mm", "temperature_c", "force_kn", "speed_rpm"];
+
+export const quantity = (key) => QUANTITIES.find((one) => one.key === key);
+
+/** The quality limits of a quantity, absolute; those of the depth are relative to its set-point. */
+export function qualityLimits(key, limits, aim) {
+  const quality = limits[key]?.quality;
+  if (!quality) return [null, null];
+  if (key !== "depth_mm") return quality;
+  return quality.map((edge) => (edge === null || aim === null ? null : aim + edge));
+}
+
+/**
+ * How a value stands: `{level, text}`, level null where it is normal, else "high" (trip) or "medium".
+ */
+export function judge(key, limits, value, aim) {
+  const outside = ([low, high] = [null, null]) => {
+    if (value === null || value === undefined) return "";
+    if (low !== null && value < low) return "low";
+    return high !== null && value > high ? "high" : "";
+  };
+  const own = limits[key] ?? {};
+  const trip = outside(own.trip);
+  if (trip) return { level: "high", text: `beyond trip, ${trip}` };
+  const warn = outside(own.warn);
+  if (warn) return { level: "medium", text: `warning, ${warn}` };
+  const quality = outside(qualityLimits(key, limits, aim ?? null));
+  if (quality) return { level: "medium", text: `outside quality, ${quality}` };
+  return { level: null, text: "" };
+}

@@ -1,0 +1,67 @@
+"""The files of the page, read once at the start; nothing else of the disk is ever served."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+FOLDER = Path(__file__).with_name("page")
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    "": "text/plain; charset=utf-8",
+}
+
+
+class PageFiles:
+    """The page as routes: ``/`` and ``/page/<file>``.
+
+    Parameters
+    ----------
+    source : str
+        What the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in its index.html.
+    folder : Path, optional
+        Of the page's files.
+
+    Attributes
+    ----------
+    build : str
+        Tells whether an open page is that of this server; in index.html for ``{{build}}``.
+
+    Raises
+    ------
+    ValueError
+        When there is no index.html.
+    """
+
+    def __init__(self, source: str, folder: Path = FOLDER) -> None:
+        paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES)
+        self._files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+        if "index.html" not in self._files:
+            raise ValueError(f"the page is missing: there is no {folder / 'index.html'}")
+        content = hashlib.sha256()
+        for name, data in self._files.items():
+            content.update(f"{name} {len(data)}\n".encode() + data)
+        self.build = content.hexdigest()[:12]
+        index = self._files.pop("index.html").replace(b"{{build}}", self.build.encode())
+        self._index = index.replace(b"{{source}}", source.encode())
+
+    def routes(self) -> list[Route]:
+        """Routes of the application."""
+        return [Route("/", self._on_index), Route("/page/{name:path}", self._on_file)]
+
+    async def _on_index(self, _: Request) -> Response:
+        return Response(self._index, media_type=_TYPES[".html"])
+
+    async def _on_file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        data = self._files.get(name)
+        if data is None:
+            return PlainTextResponse("there is no such file\n", status_code=404)
+        return Response(data, media_type=_TYPES[Path(name).suffix])

@@ -1,0 +1,79 @@
+"""What every answer of the web server has in common: who may ask, and what a browser may do with the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+#: hosts by which this computer calls itself
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+
+
+class Security:
+    """Middleware: refuses requests for other hosts or from other pages, and adds the headers to every answer.
+
+    The check of the host keeps off pages of strangers that let their own name point here (DNS rebinding); the check of
+    the origin those that open a websocket across. A websocket must say where it comes from, as every browser does.
+
+    Parameters
+    ----------
+    app : ASGI application
+    hosts : iterable of str
+        Names and addresses under which the page may be asked for, without port, beside those of this computer.
+    """
+
+    def __init__(self, app: ASGIApp, hosts: Iterable[str] = ()) -> None:
+        self._app = app
+        self._hosts = {host.strip("[]").lower() for host in (*LOCAL_HOSTS, *hosts) if host}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        why_not = self.refusal(Headers(scope=scope), scope["type"] == "websocket")
+        if not why_not:
+            await self._app(scope, receive, send_with_headers)
+        elif scope["type"] == "websocket":
+            await WebSocketClose(reason=why_not)(scope, receive, send)
+        else:
+            await PlainTextResponse(f"{why_not}\n", status_code=403)(scope, receive, send_with_headers)
+
+    def refusal(self, headers: Headers, websocket: bool) -> str:
+        """Why a request must not be answered, empty if it may be."""
+        host = headers.get("host", "")
+        if len(headers.getlist("host")) != 1 or _hostname(host) not in self._hosts:
+            return "the page is not served under this name; allow it with --allow-host"
+        origins = headers.getlist("origin")
+        if websocket and not origins:
+            return "a websocket needs an Origin"
+        if any(origin.lower() not in (f"http://{host.lower()}", f"https://{host.lower()}") for origin in origins):
+            return "the request comes from another page"
+        return ""
+
+
+def _hostname(host: str) -> str | None:
+    """Name or address of a Host header, without port; None if it is none."""
+    try:
+        parts = urlsplit(f"//{host}")
+        return parts.hostname if parts.netloc == host and "@" not in host else None
+    except ValueError:
+        return None

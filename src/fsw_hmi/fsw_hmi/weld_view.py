@@ -1,0 +1,121 @@
+"""Collects the samples of the graph into the rows that the page draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite, nan
+from typing import NamedTuple
+
+from fsw_control.contract import SENSORS, Command, Reference
+from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
+
+#: ticks of which samples may still come
+_PENDING = 20
+#: the drives' stamps that are older than the newest by less are late; by more, another weld has begun
+_ANOTHER_WELD_NS = NANOSECONDS
+
+
+class Row(NamedTuple):
+    """A tick: its stamp, and the values of ``frames.COLUMNS`` after the time; NaN where something is not known."""
+
+    stamp_ns: int
+    values: tuple[float, ...]
+
+
+class WeldView:
+    """Joins sensors, drives, set-points and commands by their stamps.
+
+    The drives' samples make the ticks: of all that is measured, no fault changes their stamps. A tick is over when all
+    sensors have come or the next one begins. The command of a row is the one in force when it was measured.
+
+    Parameters
+    ----------
+    reference_at : callable
+        The set-points in force at a tick, None before the first.
+
+    Attributes
+    ----------
+    newest_ns : int or None
+        Stamp of the newest tick.
+    tick_s : float or None
+        When it came, on a steady clock.
+    good_s : dict of str to float
+        When the last finite sample of each sensor came.
+    """
+
+    def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
+        self._reference_at = reference_at
+        self.good_s: dict[str, float] = {}
+        self.tick_s: float | None = None
+        self.newest_ns: int | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        self._samples: dict[int, dict[str, float]] = {}
+        self._came_s: dict[int, float] = {}
+        self._open: tuple[int, Command] | None = None
+        self._command = Command(nan, nan)
+        self._latency_ms = nan
+        self.solve_ms = nan
+
+    def on_drives(self, stamp_ns: int, acting: Command, now_s: float) -> tuple[list[Row], bool]:
+        """Begin a tick; returns the rows that are over, and whether another weld has begun."""
+        newest_ns, restarted = self.newest_ns, False
+        if newest_ns is not None and stamp_ns <= newest_ns:
+            if stamp_ns > newest_ns - _ANOTHER_WELD_NS:
+                return [], False
+            restarted = True
+            self._begin()
+        rows = self._close()
+        self.newest_ns, self.tick_s = stamp_ns, now_s
+        self._open = (stamp_ns, acting)
+        self._came_s[stamp_ns] = now_s
+        while len(self._came_s) > _PENDING:
+            del self._came_s[next(iter(self._came_s))]
+        return [*rows, *self._close_if_complete()], restarted
+
+    def on_sample(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[Row]:
+        """Take a sample of a sensor; returns the rows that are over."""
+        if isfinite(value):
+            self.good_s[sensor] = now_s
+        self._samples.setdefault(stamp_ns, {})[sensor] = value
+        if len(self._samples) > _PENDING:
+            newest_ns = self.newest_ns or 0
+            del self._samples[max(self._samples, key=lambda one: abs(one - newest_ns))]
+        return self._close_if_complete()
+
+    def on_command(self, stamp_ns: int, command: Command, now_s: float) -> None:
+        """Take the command that answers a tick."""
+        self._command = command
+        if stamp_ns in self._came_s:
+            self._latency_ms = 1e3 * (now_s - self._came_s.pop(stamp_ns))
+
+    def _close_if_complete(self) -> list[Row]:
+        if self._open is None or len(self._samples.get(self._open[0], ())) < len(SENSORS):
+            return []
+        return self._close()
+
+    def _close(self) -> list[Row]:
+        if self._open is None:
+            return []
+        (stamp_ns, acting), self._open = self._open, None
+        samples = self._samples.pop(stamp_ns, {})
+        for old_ns in [one for one in self._samples if one < stamp_ns]:
+            del self._samples[old_ns]
+        torque_nm = samples.get("torque", nan)
+        reference = self._reference_at(stamp_ns) or Reference(nan, nan)
+        values = (
+            samples.get("depth", nan),
+            samples.get("thermocouple", nan),
+            torque_nm,
+            acting.force_kn,
+            acting.speed_rpm,
+            torque_nm * acting.speed_rpm * KW_PER_NM_RPM,
+            reference.depth_mm,
+            reference.temperature_c,
+            self._command.force_kn,
+            self._command.speed_rpm,
+            self._latency_ms,
+            self.solve_ms,
+        )
+        return [Row(stamp_ns, values)]

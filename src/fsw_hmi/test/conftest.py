@@ -1,0 +1,82 @@
+"""What the tests of the web server share: a server without a graph."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from functools import partial
+
+import pytest
+
+from fsw_hmi.control_room import ControlRoom
+from fsw_hmi.page_files import PageFiles
+from fsw_hmi.web import LivePage
+from fsw_hmi.web_server import address, application, listen
+from fsw_hmi.web_thread import WebThread
+from fsw_test_support.page_client import PATIENCE_S, Page
+from fsw_test_support.ros_graph import domain_id
+
+__all__ = ["domain_id"]
+TOKEN = "a token of some length"
+
+
+class Server:
+    """A server whose orders are kept in a queue."""
+
+    def __init__(self, folder, **options):
+        self.files = PageFiles("live", folder)
+        self.orders = queue.Queue()
+        settings = {"request_timeout_s": 30.0, "patience_s": 30.0, "max_pages": 100} | options
+        self.page = LivePage(self.files, ControlRoom(TOKEN), self.orders.put, **settings)
+        listening = listen("127.0.0.1", 0, settings["patience_s"])
+        self.url = address(listening)
+        self.port = listening.getsockname()[1]
+        self.thread = WebThread(self.page, application(self.page.routes(), ["weld.example"]), listening)
+        self.thread.start()
+        self.call(self.page.set_hello, {"commands": True})
+
+    def open(self, build=None, **options):
+        """Open a page."""
+        return Page(self.url, build or self.files.build, **options)
+
+    def call(self, function, *arguments):
+        """Run a function in the server's loop and wait until it has run."""
+        done = threading.Event()
+        self.thread.call(lambda: (function(*arguments), done.set()))
+        assert done.wait(PATIENCE_S)
+
+    def next_order(self):
+        return self.orders.get(timeout=PATIENCE_S)
+
+    def answer(self, order, outcome="done", message="well"):
+        self.thread.call(partial(self.page.on_outcome, order.number, outcome, message))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The files of a small page."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "index.html").write_text('<meta name="build" content="{{build}}"><p>{{source}}</p>')
+    (tmp_path / "main.js").write_text("export {};")
+    (tmp_path / "sub" / "LICENSE").write_text("MIT")
+    (tmp_path / "notes.txt~").write_text("not to be served")
+    return tmp_path
+
+
+@pytest.fixture
+def make_server(folder):
+    servers = []
+
+    def make(**options):
+        servers.append(Server(folder, **options))
+        return servers[-1]
+
+    yield make
+    for server in servers:
+        server.thread.stop()
+        assert not server.thread.alive
+
+
+@pytest.fixture
+def server(make_server):
+    return make_server()

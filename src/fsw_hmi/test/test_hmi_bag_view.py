@@ -1,0 +1,125 @@
+"""What the page gets of a recorded weld."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fsw_analysis.signals import load_weld
+from fsw_hmi.bag_view import load, view
+from fsw_hmi.frames import COLUMNS
+from fsw_recorder.bag_writer import BagWriter
+from fsw_recorder.errors import BagError
+from fsw_test_support.programme_bag import write_programme_weld
+from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
+
+pytest.importorskip("starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of a weld of 30 s: phases from 0 and 10 s, a hold, an operator's action, and a swap after 15 s."""
+    folder = tmp_path_factory.mktemp("weld") / "bag"
+    write_programme_weld(folder)
+    return folder
+
+
+def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> None:
+    [shown] = load([bag])
+    assert shown.columns == (*COLUMNS, "mode", "controller")
+    assert len(shown.rows) == 300
+    assert {len(row) for row in shown.rows} == {len(shown.columns)}
+    first, last = (dict(zip(shown.columns, row, strict=True)) for row in (shown.rows[0], shown.rows[-1]))
+    assert (first["time_s"], first["mode"], first["controller"]) == (0.0, "auto", "decentral")
+    assert (last["time_s"], last["controller"]) == (29.9, "nmpc")
+    assert first["depth_mm"] == pytest.approx(2.66)
+    assert first["force_kn"] == pytest.approx(78.4)
+    assert first["power_kw"] == pytest.approx(1052.9 * 42.78e-3, rel=1e-3)
+    assert first["latency_ms"] == pytest.approx(9.1)
+    assert first["solve_ms"] == pytest.approx(4.0)
+
+
+def test_summary_tells_phases_events_and_figures(bag: Path) -> None:
+    summary = load([bag])[0].summary
+    assert summary["name"] == bag.parent.name
+    assert summary["duration_s"] == 29.9
+    assert summary["controllers"] == ["decentral", "nmpc"]
+    phases = summary["phases"]
+    assert [(one["name"], one["begin_s"], one["end_s"]) for one in phases] == [
+        ("dwell", 0.0, 10.0),
+        ("start", 10.0, 29.9),
+        ("whole weld", 0.0, 29.9),
+    ]
+    assert phases[0]["power_kw"] == pytest.approx(43.6)
+    assert set(phases[0]["temperature_error_c"]) == {"mean", "sigma", "low", "high"}
+    assert [(one["time_s"], one["kind"]) for one in summary["events"]] == [
+        (0.0, "phase"),
+        (10.0, "phase"),
+        (15.0, "swap"),
+        (20.0, "weld"),
+        (21.0, "weld"),
+        (25.0, "operator"),
+    ]
+    assert summary["events"][-1]["text"] == "anna (3f2a): weld resume: done: running in phase start"
+    assert "IAE depth" in [one["name"] for one in summary["kpis"]]
+    json.dumps([summary, load([bag])[0].limits], allow_nan=False)
+
+
+def test_limits_are_those_that_the_supervisor_was_recorded_with(bag: Path) -> None:
+    [shown] = load([bag])
+    assert shown.limits["depth_mm"]["warn"] == [None, 3.4]
+    assert shown.summary["problems"] == []
+
+
+def test_without_the_supervisors_parameters_no_interlock_is_drawn(tmp_path: Path) -> None:
+    write_sample_weld(tmp_path / "weld", 20)
+    [shown] = load([tmp_path / "weld"])
+    assert "warn" not in shown.limits["depth_mm"]
+    assert any("interlocks are not drawn" in one for one in shown.summary["problems"])
+    assert shown.summary["phases"] == []
+
+
+def test_one_tick_has_no_figures_and_says_so(tmp_path: Path) -> None:
+    write_sample_weld(tmp_path / "weld", 1)
+    [shown] = load([tmp_path / "weld"])
+    assert shown.summary["kpis"] == []
+    assert any("need at least 2" in one for one in shown.summary["problems"])
+
+
+def test_two_bags_have_names_that_tell_them_apart(bag: Path, tmp_path: Path) -> None:
+    write_sample_weld(tmp_path / "other", 20)
+    assert [one.summary["name"] for one in load([bag, tmp_path / "other"])] == [bag.parent.name, "other"]
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_one_or_two_bags(bag: Path, count: int) -> None:
+    with pytest.raises(BagError, match=f"^{count} bags: the page shows one, or compares 2$"):
+        load([bag] * count)
+
+
+def test_a_damaged_bag_is_shown_as_far_as_it_can_be_read(tmp_path: Path) -> None:
+    write_sample_weld(tmp_path / "weld", 100, in_chunk=200)
+    [file] = (tmp_path / "weld").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    [shown] = load([tmp_path / "weld"])
+    assert 10 < len(shown.rows) < 100
+    assert any("not finished" in one for one in shown.summary["problems"])
+
+
+def test_no_bag_and_no_weld_are_one_line(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "other") as writer:
+        writer.add_topic(next(topic for topic in sample_topics() if topic.name == "/diagnostics"))
+        writer.write("/diagnostics", SampleTypes().serialize(TOPICS["/diagnostics"], {}), 1, 1)
+    for path, complaint in ((tmp_path / "none", "there is no such bag"), (tmp_path / "other", "not the bag of a weld")):
+        with pytest.raises(BagError, match=complaint) as error:
+            load([path])
+        assert "\n" not in str(error.value)
+
+
+def test_simulated_time_has_no_date(bag: Path) -> None:
+    signals = load_weld(bag)
+    assert view(signals, "weld").summary["start_s"] == 1_700_000_000.0
+    signals.stamp_ns = signals.stamp_ns - signals.stamp_ns[0] + 100_000_000
+    assert view(signals, "weld").summary["start_s"] is None

@@ -1,0 +1,283 @@
+"""The node with a real page, among nodes that stand in for the graph."""
+
+import threading
+import time
+from functools import partial
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Command, Reference
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_hmi import hmi_node, main
+from fsw_hmi.hmi_node import HmiNode
+from fsw_msgs.msg import (
+    ControllerHealth,
+    DriveFeedback,
+    OperatorAction,
+    Prediction,
+    ShoulderDepth,
+    SpindleTorque,
+    SupervisorState,
+    WeldProgress,
+    WeldReference,
+    WeldReferencePlan,
+)
+from fsw_msgs.srv import SetDisturbance, SetMode, SwitchController
+from fsw_test_support.page_client import PATIENCE_S, Page
+
+pytestmark = pytest.mark.slow
+TOKEN = "a token of some length"
+START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
+
+
+def wait(condition, what="the condition"):
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s, f"waited in vain for {what}"
+        time.sleep(0.01)
+
+
+class Graph:
+    """Nodes in an executor of their own thread: the page, and one that stands in for all others."""
+
+    def __init__(self, domain, token_file, monkeypatch, capsys, folder):
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.node = rclpy.create_node("others", context=self.context)
+        given = {"port": 0, "token_file": str(token_file), "request_timeout_s": 1.0}
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        monkeypatch.setattr(hmi_node, "PageFiles", partial(hmi_node.PageFiles, folder=folder))
+        self.hmi = HmiNode(context=self.context, parameter_overrides=overrides)
+        self.url = capsys.readouterr().out.split()[-1]
+        self.actions = []
+        self.set_points = []
+        self.plans = []
+        node = self.node
+        node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
+        self.drives = node.create_publisher(DriveFeedback, "fsw/drives", STREAM)
+        self.depths = node.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
+        self.torques = node.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
+        self.states = node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
+        self.progress = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+        self.stated = node.create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.hmi)
+        self.thread = threading.Thread(target=self.executor.spin)
+        self.thread.start()
+
+    def listen_to_set_points(self):
+        self.node.create_subscription(WeldReference, "fsw/reference", self.set_points.append, LATCHED)
+        self.node.create_subscription(WeldReferencePlan, "fsw/reference_plan", self.plans.append, LATEST)
+        wait(self.hmi._orders._controllers_listen, "a listener to set-points")
+
+    def serve(self, kind, name, answer):
+        self.node.create_service(kind, name, answer)
+
+    def tick(self, number):
+        stamp_ns = START_NS + number * TICK_NS
+        self.drives.publish(convert.drives_message(Command(78.0, 400.0), stamp_ns))
+        self.depths.publish(convert.depth_message(2.66, stamp_ns))
+        self.torques.publish(convert.torque_message(1000.0, stamp_ns))
+
+    def tick_until(self, condition, what):
+        end_s = time.monotonic() + PATIENCE_S
+        number = 0
+        while not condition():
+            assert time.monotonic() < end_s, f"waited in vain for {what}"
+            self.tick(number)
+            number += 1
+            time.sleep(0.02)
+
+    def close(self):
+        self.executor.shutdown()
+        self.thread.join()
+        self.hmi.destroy_node()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def graph(domain_id, tmp_path, monkeypatch, capsys, folder):
+    token_file = tmp_path / "token~"
+    token_file.write_text(TOKEN)
+    token_file.chmod(0o600)
+    one = Graph(domain_id, token_file, monkeypatch, capsys, folder)
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def page(graph):
+    with Page(graph.url) as one:
+        one.command(TOKEN)
+        yield one
+
+
+def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
+    names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")]
+    assert [name for name in names if graph.node.count_publishers(name)] == []
+    wait(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
+    wait(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1)
+    assert graph.depths.get_subscription_count() == 0
+    graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors")
+    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors of the next plant")
+
+
+def test_ticks_reach_the_page(graph, page):
+    graph.tick_until(lambda: "tick" in page.frames or page.receive()["t"] == "tick", "a tick")
+    graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("torque_nm") == 1000.0, "a whole tick")
+    assert page.value("depth_mm") == 2.66
+    assert page.value("temperature_c") is None
+
+
+def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    page.seen("alarms", lambda frame: frame["alarms"])
+    graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
+    page.until("hello")
+    (alarm,) = page.until("alarms", lambda frame: frame["alarms"][0]["state"] == "cleared")["alarms"]
+    assert alarm["id"] == "measurements"
+
+
+def test_state_prediction_and_alarms_reach_the_page(graph, page):
+    health = ControllerHealth(name="nmpc", warm=True, healthy=True)
+    state = SupervisorState(
+        actual_mode="auto", target_mode="auto", controllers=[health], interlocks=["depth_high:warn"]
+    )
+    graph.states.publish(state)
+    shown = page.until("state")
+    assert (shown["known"], shown["actual_mode"], shown["controllers"][0]["ready"]) == (True, "auto", True)
+    predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
+    wait(predictions.get_subscription_count, "the page at the predictions")
+    predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
+    plan = page.until("prediction")
+    assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
+    listed = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
+    assert [(one["id"], one["state"]) for one in listed] == [("interlock:depth_high", "active")]
+    assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
+    page.seen("alarms", lambda frame: frame["alarms"][0]["state"] == "acknowledged")
+    page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
+
+
+def test_answers_of_services(graph, page):
+    def on_mode(request, response):
+        response.ok, response.message = request.mode == "hold", f"{request.mode} {request.axial_force:g}"
+        return response
+
+    def on_switch(request, response):
+        response.ok, response.message = True, f"{request.name} {request.strictness} {request.timeout.sec}"
+        return response
+
+    def on_disturb(request, response):
+        response.ok, response.message = True, f"{request.channel} {request.amplitude:g}"
+        return response
+
+    refused = page.ask("mode", mode="hold")
+    assert (refused["outcome"], refused["message"]) == ("refused", "there is no supervisor to ask")
+    assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["outcome"] == "refused"
+    graph.serve(SetMode, "fsw/set_mode", on_mode)
+    graph.serve(SwitchController, "fsw/switch_controller", on_switch)
+    graph.serve(SetDisturbance, "fsw/plant/set_disturbance", on_disturb)
+    hello = page.seen("hello", lambda frame: frame["emulator"])
+    assert hello["disturbances"]["channels"]["depth"] == {"unit": "mm", "min": -1.0, "max": 1.0}
+    assert page.ask("mode", mode="hold") | {"id": 0} == {
+        "t": "answer",
+        "id": 0,
+        "outcome": "done",
+        "message": "hold nan",
+    }
+    manual = page.ask("mode", mode="manual", force_kn=78.0, speed_rpm=400.0)
+    assert (manual["outcome"], manual["message"]) == ("refused", "manual 78000")
+    assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
+    assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"] == "depth 0.0001"
+    assert page.ask("safe_stop")["message"] == "safe_stop nan"
+    wait(lambda: len(graph.actions) == 8, "the record of all actions")
+    assert [(one.action, one.outcome) for one in graph.actions][-4:] == [
+        ("mode manual 78 kN, 400 rpm", "refused"),
+        ("switch to nmpc", "done"),
+        ("disturb depth step 0.1", "done"),
+        ("safe stop", "refused"),
+    ]
+    assert all(one.who.startswith("anna (") for one in graph.actions)
+
+
+def test_safe_stop_is_asked_for_until_somebody_answers(graph, page):
+    number = page.send("safe_stop")
+
+    def on_mode(_, response):
+        response.ok, response.message = True, "at last"
+        return response
+
+    graph.serve(SetMode, "fsw/set_mode", on_mode)
+    assert page.until("answer", lambda frame: frame["id"] == number)["message"] == "at last"
+
+
+def test_request_without_an_answer_times_out(graph, page):
+    assert page.ask("safe_stop")["message"] == "there is no supervisor to ask"
+    assert page.frames["answer"]["outcome"] == "timed_out"
+
+
+def test_set_points_step_and_ramp(graph, page):
+    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"] == (
+        "no controller listens to set-points"
+    )
+    graph.listen_to_set_points()
+    refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820, ramp=True)
+    assert "send them without a ramp" in refused["message"]
+    assert page.ask("set_reference", depth_mm=2.66, temperature_c=816)["outcome"] == "done"
+    wait(lambda: len(graph.set_points) == 1 and len(graph.plans) == 1)
+    assert convert.reference(graph.set_points[0]) == Reference(2.66, 816.0)
+    assert (convert.stamp_ns(graph.set_points[0].header.stamp), graph.plans[0].references) == (0, [])
+    shown = page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)
+    assert (shown["outcome"], shown["message"]) == ("done", "ramp over 10.0 s sent")
+    wait(lambda: len(graph.set_points) == 102 and len(graph.plans) == 2)
+    assert convert.reference(graph.set_points[-1]) == Reference(2.66, 826.0)
+    assert convert.reference_plan(graph.plans[1])[-1][1] == Reference(2.66, 826.0)
+
+
+def test_set_points_are_refused_while_the_programme_runs(graph, page):
+    graph.listen_to_set_points()
+    graph.progress.publish(WeldProgress(state="running", phase="joint_line"))
+    page.seen("progress")
+    refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
+    assert (refused["outcome"], "hold the programme first" in refused["message"]) == ("refused", True)
+    graph.progress.publish(WeldProgress(state="held", phase="joint_line"))
+    page.seen("progress", lambda frame: frame["state"] == "held")
+    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["outcome"] == "done"
+    assert graph.set_points or wait(lambda: graph.set_points) is None
+
+
+def test_part_with_an_error_is_an_alarm(graph, page):
+    diagnostics = graph.node.create_publisher(convert.DiagnosticArray, "/diagnostics", STREAM)
+    wait(diagnostics.get_subscription_count)
+    status = convert.diagnostic_status("fsw_recorder: recording", DiagnosticStatus.ERROR, "disk full", {})
+    diagnostics.publish(convert.diagnostics_message(0, [status]))
+    (alarm,) = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
+    assert alarm["text"] == "fsw_recorder: recording: disk full"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--token-file", "none"], "No such file"),
+        (["--port", "70000"], "70000"),
+        (["--host", "no.such.host.invalid", "--port", "0"], "cannot listen on"),
+        (["surplus"], "unrecognized arguments: surplus"),
+    ],
+)
+def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
+    try:
+        code = main.main(["run_hmi.py", *arguments])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    assert text in capfd.readouterr().err.strip().splitlines()[-1]

@@ -1,0 +1,275 @@
+"""The web server with real sockets, without a graph."""
+
+import json
+import socket
+import time
+from functools import partial
+from http.client import HTTPConnection
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from fsw_hmi.security import HEADERS
+from fsw_hmi.web_server import listen
+
+pytestmark = pytest.mark.slow
+MANY = 100_000
+TOKEN = "a token of some length"
+
+
+def get(server, path, method="GET", **headers):
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=30)
+    connection.request(method, path, headers={name.title(): value for name, value in headers.items()})
+    response = connection.getresponse()
+    return response, response.read()
+
+
+def test_page_and_its_files(server):
+    response, content = get(server, "/")
+    assert (response.status, content.decode()) == (
+        200,
+        f'<meta name="build" content="{server.files.build}"><p>live</p>',
+    )
+    response, content = get(server, "/page/main.js")
+    assert (response.getheader("content-type"), content) == ("text/javascript; charset=utf-8", b"export {};")
+    assert get(server, "/page/sub/LICENSE")[1] == b"MIT"
+
+
+@pytest.mark.parametrize(
+    ("path", "method", "status"),
+    [
+        ("/", "POST", 405),
+        ("/page/none.js", "GET", 404),
+        ("/page/notes.txt~", "GET", 404),
+        ("/page/../../hmi.yaml", "GET", 404),
+        ("/page/..%2f..%2fhmi.yaml", "GET", 404),
+        ("/page//etc/passwd", "GET", 404),
+        ("/etc/passwd", "GET", 404),
+        ("/ws", "GET", 404),
+        ("/page/main.js", "DELETE", 405),
+        ("/page/" + "x" * 60_000, "GET", 404),
+    ],
+)
+def test_nothing_else_is_served_and_every_answer_has_the_headers(server, path, method, status):
+    response, _ = get(server, path, method)
+    assert response.status == status
+    assert {name: response.getheader(name) for name in HEADERS} == HEADERS
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"host": "localhost:{port}"}, 200),
+        ({"host": "[::1]"}, 200),
+        ({"host": "WELD.example"}, 200),
+        ({"host": "127.0.0.1:{port}", "origin": "http://127.0.0.1:{port}"}, 200),
+        ({"host": "stranger.example"}, 403),
+        ({"host": "127.0.0.1.stranger.example"}, 403),
+        ({"host": "127.0.0.1@stranger.example"}, 403),
+        ({"host": "[::1"}, 403),
+        ({"host": "127.0.0.1:{port}", "origin": "http://stranger.example"}, 403),
+        ({"host": "127.0.0.1:{port}", "origin": "null"}, 403),
+    ],
+)
+def test_host_and_origin_must_be_those_of_the_page(server, headers, status):
+    given_headers = {name: value.format(port=server.port) for name, value in headers.items()}
+    response, _ = get(server, "/", **given_headers)
+    assert response.status == status
+    assert response.getheader("content-security-policy") == HEADERS["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize("origin", [None, "http://stranger.example", "null"])
+def test_websocket_of_another_page_is_refused(server, origin):
+    with pytest.raises(InvalidStatus) as refused:
+        server.open(origin=origin)
+    assert refused.value.response.status_code == 403
+
+
+def test_page_that_is_out_of_date_is_told(server):
+    with server.open(build="old") as page:
+        assert page.receive() == {"t": "stale", "build": server.files.build}
+        with pytest.raises(ConnectionClosed) as closed:
+            page.receive()
+    assert closed.value.rcvd.code == 4001
+
+
+def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
+    def fill():
+        for number in range(1300):
+            server.page.tick(f"[{number}]", None, time.monotonic())
+        server.page.show("state", '{"t":"state","known":true}')
+
+    server.call(fill)
+    with server.open() as page:
+        hello = page.receive()
+        assert (hello["t"], hello["source"], hello["commands"]) == ("hello", "live", True)
+        past = [page.until("history")["rows"] for _ in range(3)]
+        assert [(rows[0], len(rows)) for rows in past] == [([1200], 100), ([600], 600), ([0], 600)]
+        assert page.frames["state"]["known"]
+        assert page.frames["control"] == {"t": "control", "holder": None, "you": False, "authenticated": False}
+        assert page.until("beat")["tick_age_s"] >= 0.0
+
+
+def test_another_weld_begins_with_another_hello(server):
+    server.call(server.page.tick, "[1]", None, time.monotonic())
+    with server.open() as page:
+        page.until("history")
+        server.call(server.page.show, "alarms", '{"t":"alarms","alarms":[]}')
+        server.call(server.page.show, "progress", '{"t":"progress","phase":"parking"}')
+        server.call(server.page.forget)
+        page.until("hello")
+        server.call(server.page.tick, "[2]", '{"t":"tick","row":[2]}', time.monotonic())
+        assert page.until("tick")["row"] == [2]
+    with server.open() as page:
+        assert page.until("history")["rows"] == [[2]]
+        assert ("alarms" in page.frames, "progress" in page.frames) == (True, False)
+
+
+def test_request_goes_to_the_graph_and_is_answered_once(server):
+    with server.open() as page, server.open() as viewer:
+        page.command(TOKEN)
+        number = page.send("mode", mode="hold")
+        orders = [server.next_order() for _ in range(2)]
+        assert [(one.asked, one.outcome) for one in orders] == [("take control", "done"), ("mode hold", "")]
+        server.answer(orders[1], "refused", "no")
+        server.answer(orders[1], "done", "too late")
+        answer = page.until("answer")
+        assert answer == {"t": "answer", "id": number, "outcome": "refused", "message": "no"}
+        assert page.ask("release_control")["outcome"] == "done"  # and no second answer before this one
+        done = viewer.until("actions", lambda frame: len(frame["actions"]) == 3)["actions"]
+        assert [(one["action"], one["outcome"]) for one in done] == [
+            ("take control", "done"),
+            ("mode hold", "refused"),
+            ("release control", "done"),
+        ]
+        assert all(one["who"].startswith("anna (") for one in done)
+
+
+def test_request_that_nobody_answers_times_out(make_server, monkeypatch):
+    monkeypatch.setattr("fsw_hmi.web._MARGIN_S", 0.0)
+    server = make_server(request_timeout_s=0.1)
+    with server.open() as page:
+        page.command(TOKEN)
+        assert page.ask("safe_stop")["outcome"] == "timed_out"
+
+
+def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
+    with server.open() as anna, server.open() as bert:
+        anna.command(TOKEN)
+        assert bert.until("control", lambda frame: frame["holder"])["holder"]["name"] == "anna"
+        assert bert.ask("login", token=TOKEN, name="bert")["outcome"] == "done"
+        assert bert.ask("take_control", **{"from": None})["outcome"] == "refused"
+        anna.socket.close()
+        bert.until("control", lambda frame: frame["holder"] is None)
+        assert bert.ask("take_control", **{"from": None})["outcome"] == "done"
+
+
+def test_only_so_many_pages(make_server):
+    server = make_server(max_pages=2)
+    with server.open() as one, server.open() as two:
+        one.receive(), two.receive()
+        with server.open() as three, pytest.raises(ConnectionClosed) as closed:
+            three.receive()
+        assert closed.value.rcvd.code == 1013
+
+
+def test_large_frame_closes_the_page(server):
+    with server.open() as page, pytest.raises(ConnectionClosed) as closed:
+        page.socket.send("x" * 4097)
+        page.until("never")
+    assert closed.value.rcvd.code == 1009
+
+
+def test_page_that_sends_nonsense_is_shut_out(server):
+    with server.open() as page, pytest.raises(ConnectionClosed) as closed:
+        for _ in range(30):
+            page.socket.send(b"\x00\xff")
+        page.until("never")
+    assert closed.value.rcvd.code == 1008
+
+
+def test_slow_page_loses_ticks_but_no_answer_and_no_other_page_notices(server):
+    with server.open(max_queue=2) as slow, server.open() as other:
+        slow.command(TOKEN)
+        long = '{"t":"tick","row":["' + "x" * 2000 + '",%d]}'
+        for number in range(2000):  # far more than the kernel keeps for a client
+            server.call(server.page.tick, "[0]", long % number, time.monotonic())
+        request = slow.send("safe_stop")
+        server.answer([server.next_order() for _ in range(2)][1])
+        rows = []
+        assert other.until("tick", lambda frame: frame["row"][1] == 1999)
+        while slow.frames["answer"]["id"] != request or not rows or rows[-1] < 1999:
+            frame = slow.receive()
+            if frame["t"] == "tick":
+                rows.append(frame["row"][1])
+        assert rows == sorted(rows)
+        assert len(rows) < 1500
+
+
+def test_page_that_takes_nothing_is_given_up(make_server):
+    server = make_server(patience_s=0.5)
+    with socket.create_connection(("127.0.0.1", server.port)) as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        raw.sendall(
+            f"GET /ws?build={server.files.build} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
+            f"Origin: http://127.0.0.1:{server.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+        )
+        end_s = time.monotonic() + 60.0
+        number = 0
+        while not number or server.page._pages:
+            assert time.monotonic() < end_s
+            number += 1
+            server.call(server.page.tick, "[0]", '{"t":"tick","row":["' + "x" * MANY + '"]}', time.monotonic())
+        raw.settimeout(60.0)
+        with pytest.raises(ConnectionError):  # what is left, and then the kernel drops it
+            while True:
+                time.sleep(0.01)
+                raw.send(b"\x89\x80\x00\x00\x00\x00")
+
+
+junk = st.binary(max_size=300) | st.tuples(
+    st.sampled_from([b"GET ", b"POST ", b"GET /ws", b"\x81\xff", b"", b"PRI * HTTP/2.0\r\n\r\n"]),
+    st.binary(max_size=200),
+).map(b"".join)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(junk)
+def test_junk_instead_of_http_does_no_harm(server, content):
+    with socket.create_connection(("127.0.0.1", server.port)) as raw:
+        raw.sendall(content + b"\r\n\r\n")
+        raw.shutdown(socket.SHUT_WR)
+    assert get(server, "/")[0].status == 200
+    assert server.orders.empty()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.binary(max_size=200), min_size=1, max_size=5))
+def test_junk_instead_of_frames_does_no_harm(server, pieces):
+    page = server.open()
+    try:
+        for piece in pieces:
+            page.socket.socket.sendall(piece)
+    except OSError:
+        pass  # shut out already
+    page.socket.socket.close()
+    with server.open() as other:
+        assert other.receive()["t"] == "hello"
+    assert server.orders.empty()
+
+
+def test_address_that_is_taken_is_told_in_a_line(server):
+    with pytest.raises(ValueError, match=f"port {server.port}: Address already in use; choose another port"):
+        listen("127.0.0.1", server.port)
+    with pytest.raises(ValueError, match="cannot listen on"):
+        listen("no.such.host.invalid", 0)
+
+
+def test_frames_of_the_graph_replace_each_other(server):
+    with server.open() as page:
+        page.until("hello")
+        server.call(partial(server.page.show, "state", json.dumps({"t": "state", "known": False})))
+        assert page.until("state")["known"] is False

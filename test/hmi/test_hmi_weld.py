@@ -1,0 +1,246 @@
+"""The operator's page at a real weld in real time: everything as processes."""
+
+import itertools
+import json
+import signal
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.qos import QoSProfile
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
+from fsw_control.free_domain import free_domain
+from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_experiment.graph import STANDBY, WeldGraph
+from fsw_experiment.launcher import Launcher
+from fsw_experiment.scenario_file import parse
+from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
+from fsw_recorder.bag_reader import BagReader
+from fsw_test_support.page_client import Page
+from fsw_test_support.ros_graph import Spinner
+
+DEEP = QoSProfile(depth=2000)
+TICK_NS = 100_000_000
+MODULES = {
+    "decentral": "fsw_decentral.decentral_node",
+    "nmpc": "fsw_nmpc.nmpc_node",
+    "supervisor": "fsw_supervisor.supervisor_node",
+    "standby": "fsw_supervisor.supervisor_node",
+    "plant": "fsw_plant.plant_node",
+}
+PARTS = tuple(MODULES)
+PROGRAMME = """
+name: small_weld
+announced: true
+plant: {start.temperature_c: 820.0}
+phases:
+  - {name: dwell, duration_s: 2.0}
+  - {name: joint_line, to_deg: 20.0, set_points: [{at_s: 1.0, temperature_c: 825.0, over_s: 10.0}]}
+"""
+
+
+class Weld(Spinner):
+    """Processes of a weld with an observer, and a page."""
+
+    def __init__(self, folder, domain, launcher):
+        self.folder, self.launcher = folder, launcher
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        super().__init__(self.context)
+        self.node = node = rclpy.create_node("observer", context=self.context)
+        self.executor.add_node(node)
+        self.actions, self.commands, self.states, self.stated = [], [], [], []
+        node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
+        node.create_subscription(WeldCommand, "fsw/command", self.commands.append, DEEP)
+        node.create_subscription(SupervisorState, "fsw/supervisor/state", self.states.append, LATEST)
+        node.create_subscription(WeldReference, "fsw/supervisor/reference", self.stated.append, LATEST)
+        self.page = None
+
+    def close(self):
+        if self.page is not None:
+            self.page.socket.socket.close()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def serve(self):
+        """Start the page's server."""
+        self.launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
+        self.url = self.launcher.wait_for_text("hmi", r"http://\S+")
+        self.token = self.launcher.wait_for_text("hmi", r"token: \S+").split()[1]
+
+    def command(self):
+        """Open a page, log in and take control."""
+        self.page = Page(self.url)
+        return self.page.command(self.token)
+
+    def start(self, *names, waits=0):
+        for name in names:
+            arguments = {
+                "plant": ["-p", f"wait_for_subscribers:={waits}", "-p", "lockstep_timeout_s:=0.2"],
+                "standby": ["-r", f"__node:={STANDBY}", "-p", "standby:=true"],
+            }.get(name, [])
+            self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])
+
+    def start_weld(self):
+        """Start all parts and the page, and give the first set-points."""
+        self.serve()
+        self.start(*PARTS, waits=len(PARTS) - 1)
+        page = self.command()
+        page.until("tick")
+        assert page.ask("set_reference", depth_mm=2.66, temperature_c=816.4)["outcome"] == "done"
+        page.until("state", lambda frame: frame["actual_mode"] == "auto")
+        return page
+
+    def mode(self):
+        return self.states[-1].actual_mode if self.states else ""
+
+    def unanswered_ticks(self):
+        """Gaps between the commands that this observer has heard."""
+        stamps = [convert.stamp_ns(one.header.stamp) for one in self.commands]
+        return sum(round((b - a) / TICK_NS) - 1 for a, b in itertools.pairwise(stamps))
+
+
+@pytest.fixture
+def weld(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        one = Weld(tmp_path, domain, launcher)
+        yield one
+        one.close()
+
+
+def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
+    page = weld.start_weld()
+    swapped = page.ask("switch", controller="nmpc", wait_s=5)
+    assert swapped["outcome"] == "done", swapped
+    page.seen("state", lambda frame: frame["actual_controller"] == "nmpc")
+    page.seen("prediction", lambda frame: frame["controller"] == "nmpc")
+    unknown = page.ask("switch", controller="nobody", wait_s=0)
+    assert (unknown["outcome"], "unknown controller" in unknown["message"]) == ("refused", True)
+    assert page.ask("set_reference", depth_mm=2.68, temperature_c=818.4, ramp=True)["outcome"] == "done"
+    page.until("tick", lambda _: page.value("reference_temperature_c") == 818.4)
+    assert page.value("reference_depth_mm") == 2.68
+    assert page.ask("mode", mode="hold")["outcome"] == "done"
+    page.seen("state", lambda frame: frame["actual_mode"] == "hold")
+    assert page.ask("mode", mode="auto")["outcome"] == "done"
+    page.seen("state", lambda frame: frame["actual_mode"] == "auto")
+    assert page.ask("disturb", channel="depth", shape="step", amplitude=0.05)["outcome"] == "done"
+    assert page.ask("fault", sensor="torque", kind="bias", magnitude=5, duration_s=1)["outcome"] == "done"
+    assert page.ask("safe_stop")["outcome"] == "done"
+    page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
+    page.seen("alarms", lambda frame: any(one["id"] == "safe_stop" for one in frame["alarms"]))
+    weld.until(lambda: len(weld.actions) == 10, "all actions")
+    assert [(one.action, one.outcome) for one in weld.actions] == [
+        ("take control", "done"),
+        ("set-points 2.66 mm, 816.4 degC", "done"),
+        ("switch to nmpc", "done"),
+        ("switch to nobody", "refused"),
+        ("set-points 2.68 mm, 818.4 degC, ramp", "done"),
+        ("mode hold", "done"),
+        ("mode auto", "done"),
+        ("disturb depth step 0.05", "done"),
+        ("fault torque bias 5", "done"),
+        ("safe stop", "done"),
+    ]
+    assert {one.who for one in weld.actions} == {f"anna ({page.frames['hello']['session']})"}
+    weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
+
+
+def test_page_killed_in_a_ramp_changes_nothing(weld):
+    page = weld.start_weld()
+    weld.until(lambda: weld.commands, "commands")
+    assert page.ask("set_reference", depth_mm=2.66, temperature_c=820.4, ramp=True)["outcome"] == "done"
+    weld.launcher.children["hmi"].process.send_signal(signal.SIGKILL)
+    goal = Reference(2.66, 820.4)
+    weld.until(lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp")
+    assert weld.mode() == "auto"
+    assert weld.unanswered_ticks() == 0
+    transitions = weld.states[-1].transitions
+    weld.serve()  # again
+    with Page(weld.url) as reloaded:
+        reloaded.until("tick")
+        assert reloaded.value("reference_temperature_c") == 820.4
+    count = len(weld.commands)
+    weld.until(lambda: len(weld.commands) > count + 5, "more commands")
+    assert (weld.mode(), weld.states[-1].transitions, weld.unanswered_ticks()) == ("auto", transitions, 0)
+
+
+def test_safe_stop_while_the_supervisor_changes(weld):
+    page = weld.start_weld()
+    weld.launcher.children["supervisor"].process.send_signal(signal.SIGKILL)
+    answer = page.ask("safe_stop")
+    assert answer["outcome"] == "done", answer
+    weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
+
+
+def test_junk_from_strangers_does_not_act(weld):
+    page = weld.start_weld()
+    weld.until(lambda: len(weld.actions) == 2 and weld.states, "what has been done")
+    recorded, transitions = len(weld.actions), weld.states[-1].transitions
+    for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):
+        with Page(weld.url) as stranger:
+            stranger.socket.send(text)
+            stranger.socket.send(text.encode())
+            stranger.send("safe_stop")
+            assert stranger.until("answer", lambda frame: frame["id"] == 1)["outcome"] == "refused"
+    assert page.ask("release_control")["outcome"] == "done"
+    weld.until(lambda: len(weld.actions) > recorded, "the one thing that was done")
+    assert weld.actions[-1].action == "release control"
+    assert (weld.mode(), weld.states[-1].transitions) == ("auto", transitions)
+
+
+def plant_waits_for(weld, count):
+    """Wait until the plant has said anew for how many subscribers it waits."""
+    child = weld.launcher.children["plant"]
+    text = f"{count} more subscribers of "
+    told = child.text().count(text)
+    weld.until(lambda: child.text().count(text) > told, f"the plant to wait for {count}")
+
+
+def test_plant_does_not_take_the_page_for_a_controller(weld):
+    weld.serve()
+    page = weld.command()
+    weld.start("plant", waits=1)
+    page.seen("hello", lambda frame: frame["emulator"])  # plant and page know each other
+    plant_waits_for(weld, 1)
+    weld.launcher.stop("plant")
+    weld.start("plant", waits=0)  # this one runs at once
+    page.until("tick")
+    weld.launcher.stop("plant")
+    weld.start("plant", waits=1)
+    page.seen("hello", lambda frame: not frame["emulator"])
+    page.seen("hello", lambda frame: frame["emulator"])
+    plant_waits_for(weld, 1)
+    weld.start("decentral", "supervisor")
+    page.until("tick")
+
+
+def test_programme_is_held_changed_by_hand_and_resumed(weld):
+    scenario = parse(PROGRAMME)
+    weld.serve()
+    graph = WeldGraph(scenario, weld.folder / "weld", ["decentral", "nmpc"], realtime=True)
+    graph.start(weld.launcher)
+    page = weld.command()
+    page.seen("progress", lambda frame: frame["state"] == "running")
+    refused = page.ask("set_reference", depth_mm=2.7, temperature_c=822)
+    assert (refused["outcome"], "hold the programme first" in refused["message"]) == ("refused", True)
+    assert page.ask("weld", action="hold")["outcome"] == "done"
+    page.seen("progress", lambda frame: frame["state"] == "held")
+    assert page.ask("set_reference", depth_mm=2.7, temperature_c=822)["outcome"] == "done"
+    page.until("tick", lambda _: page.value("reference_temperature_c") == 822.0)
+    assert page.ask("weld", action="resume")["outcome"] == "done"
+    page.until("tick", lambda _: page.value("reference_temperature_c") == 825.0)
+    assert page.ask("weld", action="abort")["outcome"] == "done"
+    weld.until(lambda: not weld.launcher.children["scenario"].running, "the end of the player")
+    weld.launcher.stop("recorder")
+    with BagReader(graph.bag) as bag:
+        recorded = [bag.decode(one) for one in bag.records(topics=["/fsw/operator_action"])]
+    assert [(one.action, one.outcome) for one in recorded][-5:] == [
+        ("set-points 2.7 mm, 822 degC", "refused"),
+        ("weld hold", "done"),
+        ("set-points 2.7 mm, 822 degC", "done"),
+        ("weld resume", "done"),
+        ("weld abort", "done"),
+    ]

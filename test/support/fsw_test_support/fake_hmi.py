@@ -1,0 +1,380 @@
+"""A small server of the operator's page without a graph: a synthetic weld, and answers a test can foresee.
+
+``python -m fsw_test_support.fake_hmi`` shows the page at http://127.0.0.1:8089 for working on it; the token is "token".
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import sys
+import threading
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from fsw_test_support.machine import free_port
+
+PAGE = Path(__file__).resolve().parents[3] / "src/fsw_hmi/fsw_hmi/page"
+BUILD = "test"
+TOKEN = "token"
+TICK_S = 0.1
+COLUMNS = (
+    "time_s depth_mm temperature_c torque_nm force_kn speed_rpm power_kw reference_depth_mm reference_temperature_c"
+    " command_force_kn command_speed_rpm latency_ms solve_ms"
+).split()
+LIMITS = {
+    "depth_mm": {
+        "quality": [-0.2, 0.2],
+        "dead_band": 0.02,
+        "warn": [None, 3.4],
+        "trip": [None, 3.7],
+        "range": [1.5, 4.0],
+    },
+    "temperature_c": {
+        "quality": [790, 910],
+        "dead_band": 1.0,
+        "warn": [800, 900],
+        "trip": [790, 910],
+        "range": [750, 950],
+    },
+    "force_kn": {"range": [60, 95]},
+    "speed_rpm": {"range": [300, 500]},
+    "torque_nm": {"range": [0, 1600]},
+    "power_kw": {"range": [0, 60]},
+}
+_CSP = (
+    "default-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self' data:; frame-ancestors 'none';"
+    " base-uri 'none'; form-action 'none'"
+)
+
+
+def weld_row(time_s: float) -> list[float]:
+    """One tick of the synthetic weld: waves about the paper's operating point, a set-point step every 40 s."""
+    high = (time_s // 40.0) % 2
+    aim = 2.66 + 0.08 * high
+    depth = aim - 0.08 * (2 * high - 1) * math.exp(-(time_s % 40.0) / 3.0) + 0.006 * math.sin(3.1 * time_s)
+    temperature = 816.4 + 1.2 * math.sin(time_s / 9.0) + 0.15 * math.sin(4.7 * time_s)
+    force = 78.4 + 0.5 * math.sin(time_s / 7.0) + 0.8 * high
+    speed = 407.6 + 2.0 * math.cos(time_s / 11.0)
+    torque = 1065.0 + 6.0 * math.sin(time_s / 5.0)
+    power = torque * speed * 2.0 * math.pi / 60_000.0
+    return [
+        *(time_s, depth, temperature, torque, force, speed, power, aim, 816.4, force + 0.1, speed + 0.3),
+        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0)),
+    ]
+
+
+class FakeHmi:
+    """Server in a thread. Tests change ``alarms`` and the like and call :meth:`push`; requests are in ``requests``."""
+
+    def __init__(self, source: str = "live", port: int | None = None, bags: list[dict[str, Any]] | None = None) -> None:
+        self.source, self.bags = source, bags or []
+        self.port = port or free_port()
+        self.build = BUILD
+        self.silent = False  #: no frames at all, though the connection stands
+        self.measuring = True  #: whether ticks come
+        self.emulator = True
+        self.depth_offset_mm = 0.0
+        self.holder: dict[str, str] | None = None
+        self.alarms: list[dict[str, Any]] = []
+        self.actions: list[dict[str, Any]] = []
+        self.refusals: dict[str, str] = {}  #: request -> reason
+        self.requests: list[dict[str, Any]] = []
+        self.state = _state()
+        self.progress: dict[str, Any] | None = {
+            "state": "running",
+            "phase": "joint_line",
+            "angle_deg": 143.0,
+            "length_mm": 1310.0,
+            "time_left_s": 1660.0,
+        }
+        self.start_s = time.time() - 600.0
+        self._sessions: dict[str, tuple[WebSocket, dict[str, Any]]] = {}
+        self._last_tick_s = 0.0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        app = Starlette(
+            routes=[
+                Route("/", self._index),
+                Route("/bags", self._bags),
+                Route("/bags/{n:int}", self._bag),
+                WebSocketRoute("/ws", self._socket),
+                Mount("/page", StaticFiles(directory=PAGE)),
+            ],
+            lifespan=self._run_ticks,
+        )
+        self._server = uvicorn.Server(uvicorn.Config(_secured(app), port=self.port, log_level="warning", ws="websockets-sansio"))
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self.port}/"
+
+    def start(self) -> FakeHmi:
+        """Serve in a thread."""
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.01)
+        return self
+
+    def stop(self) -> None:
+        """End the server; open connections are cut."""
+        self._server.should_exit = self._server.force_exit = True
+        self._thread.join()
+
+    def push(self) -> None:
+        """Send everybody the present state, progress, alarms, control and actions."""
+        assert self._loop is not None
+        asyncio.run_coroutine_threadsafe(self._push(), self._loop).result(5.0)
+
+    async def _push(self) -> None:
+        for session, (socket, known) in list(self._sessions.items()):
+            await self._tell(socket, session, known)
+
+    async def _tell(self, socket: WebSocket, session: str, known: dict[str, Any]) -> None:
+        you = bool(self.holder and self.holder["session"] == session)
+        control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
+        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms}, control]
+        frames.append({"t": "actions", "actions": self.actions[-50:]})
+        if self.progress:
+            frames.append({"t": "progress", **self.progress})
+        for frame in frames:
+            await socket.send_text(json.dumps(frame))
+
+    @contextlib.asynccontextmanager
+    async def _run_ticks(self, app: Starlette) -> AsyncIterator[None]:
+        self._loop = asyncio.get_running_loop()
+        task = asyncio.create_task(self._ticks())
+        with contextlib.suppress(asyncio.CancelledError):
+            yield
+        task.cancel()
+
+    async def _ticks(self) -> None:
+        count = 0
+        while True:
+            await asyncio.sleep(TICK_S)
+            count += 1
+            frames = []
+            if self.measuring:
+                self._last_tick_s = time.time()
+                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": self._row(time.time() - self.start_s)})
+            if count % 3 == 0:
+                now = time.time()
+                age = now - self._last_tick_s if self._last_tick_s else None
+                frames.append({"t": "beat", "server_s": now, "tick_age_s": age})
+            if count % 5 == 0 and self.measuring:
+                frames.append(_prediction(time.time() - self.start_s))
+            for socket, _ in [] if self.silent else list(self._sessions.values()):
+                for frame in frames:
+                    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+                        await socket.send_text(json.dumps(frame))
+
+    def _row(self, time_s: float) -> list[float]:
+        row = weld_row(time_s)
+        row[1] += self.depth_offset_mm
+        return row
+
+    async def _socket(self, socket: WebSocket) -> None:
+        await socket.accept()
+        if socket.query_params.get("build") != self.build:
+            await socket.send_text(json.dumps({"t": "stale", "build": self.build}))
+            await socket.close(4001)
+            return
+        session = f"s{id(socket) % 10_000}"
+        known: dict[str, Any] = {}
+        await socket.send_text(json.dumps(self._hello(session)))
+        now_s = time.time() - self.start_s
+        for newest in range(0, 600, 60):
+            times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
+            rows = [[round(value, 4) for value in weld_row(time_s)] for time_s in times if time_s > 0.0]
+            await socket.send_text(json.dumps({"t": "history", "rows": rows}))
+        await self._tell(socket, session, known)
+        self._sessions[session] = (socket, known)
+        try:
+            while True:
+                request = json.loads(await socket.receive_text())
+                self.requests.append(request)
+                outcome, message = self._answer(request, session, known)
+                answer = {"t": "answer", "id": request["id"], "outcome": outcome, "message": message}
+                await socket.send_text(json.dumps(answer))
+                await self._push()
+        except WebSocketDisconnect:
+            pass
+        finally:
+            self._sessions.pop(session, None)
+
+    def _answer(self, request: dict[str, Any], session: str, known: dict[str, Any]) -> tuple[str, str]:
+        what = request["do"]
+        if what in self.refusals:
+            return "refused", self.refusals[what]
+        if what == "login":
+            if request["token"] != TOKEN:
+                return "refused", "wrong token"
+            known["name"] = request["name"]
+            return "done", ""
+        if not known:
+            return "refused", "log in first"
+        act: Callable[[], None] = {
+            "take_control": lambda: setattr(self, "holder", {"name": known["name"], "session": session}),
+            "release_control": lambda: setattr(self, "holder", None),
+            "safe_stop": lambda: self.state.update(actual_mode="safe_stop", target_mode="safe_stop", reason="operator"),
+            "switch": lambda: self.state.update(
+                target_controller=request["controller"], actual_controller=request["controller"]
+            ),
+        }.get(what, lambda: None)
+        act()
+        self.actions.append(
+            {"server_s": time.time(), "who": known["name"], "action": what, "outcome": "done", "message": ""}
+        )
+        return "done", ""
+
+    def _hello(self, session: str) -> dict[str, Any]:
+        channels = {"depth": {"unit": "mm", "min": -1, "max": 1}, "temperature": {"unit": "degC", "min": -50, "max": 50}}
+        return {
+            "t": "hello",
+            "build": self.build,
+            "source": "live",
+            "server_s": time.time(),
+            "session": session,
+            "commands": True,
+            "emulator": self.emulator,
+            "columns": COLUMNS,
+            "limits": LIMITS,
+            "reference": {
+                "depth_mm": [1.5, 4.0],
+                "temperature_c": [750, 950],
+                "rate_depth_mm_per_s": 0.02,
+                "rate_temperature_c_per_s": 1.0,
+            },
+            "disturbances": {"channels": channels, "shapes": ["step", "ramp", "sine", "pulse", "none"]},
+            "faults": {"sensors": channels, "kinds": ["freeze", "dropout", "bias", "none"]},
+        }
+
+    async def _index(self, request: Request) -> Response:
+        text = (PAGE / "index.html").read_text(encoding="utf-8")
+        text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
+        return Response(text, media_type="text/html")
+
+    async def _bags(self, request: Request) -> Response:
+        infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]
+        return JSONResponse({"build": BUILD, "limits": LIMITS, "bags": infos})
+
+    async def _bag(self, request: Request) -> Response:
+        bag = self.bags[request.path_params["n"]]
+        return JSONResponse({"columns": [*COLUMNS, "mode", "controller"], "rows": bag["rows"]})
+
+
+def sample_alarms(now_s: float) -> list[dict[str, Any]]:
+    """Alarms of all priorities and states."""
+    return [
+        _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
+        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15),
+        _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
+        _alarm("force_high:warn", "Force near the limit of the drive", "medium", "cleared", now_s - 90),
+    ]
+
+
+def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict[str, Any]:
+    """A recorded weld as the server tells it, with its rows."""
+    rows = []
+    for i in range(int(duration_s / TICK_S)):
+        row = weld_row(i * TICK_S)
+        row[1] += shift_mm
+        rows.append([*(round(value, 4) for value in row), "auto", "nmpc" if i * TICK_S > 60.0 else "decentral"])
+    kpis = [("depth IAE", "mm s", 1.2 + n), ("temperature IAE", "°C s", 80.0 - n), ("missed ticks", "", 0.0)]
+    return {
+        "n": n,
+        "name": f"weld_{n}",
+        "duration_s": duration_s,
+        "start_s": 1_790_000_000.0,
+        "controllers": ["decentral", "nmpc"],
+        "phases": [_phase("start", 0.0, 60.0), _phase("joint_line", 60.0, 240.0)],
+        "events": [{"time_s": 60.0, "text": "swap to nmpc"}, {"time_s": 120.0, "text": "disturbance depth +0.1 mm"}],
+        "kpis": [{"name": name, "unit": unit, "value": value} for name, unit, value in kpis],
+        "problems": [] if n == 0 else ["3 ticks without a command"],
+        "rows": rows,
+    }
+
+
+def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, first_out: bool = False) -> dict[str, Any]:
+    return {
+        "id": name,
+        "text": text,
+        "advice": "Check the sensor, then swap the controller or stop.",
+        "priority": priority,
+        "state": state,
+        "first_out": first_out,
+        "raised_s": raised_s,
+        "changed_s": raised_s,
+    }
+
+
+def _phase(name: str, begin_s: float, end_s: float) -> dict[str, Any]:
+    error = {"mean": 0.1, "sigma": 0.3, "low": -1.0, "high": 0.9}
+    return {"name": name, "begin_s": begin_s, "end_s": end_s, "temperature_error_c": error, "depth_error_mm": None}
+
+
+def _state() -> dict[str, Any]:
+    health = {"ready": True, "healthy": True, "inhibited": False, "reason": "", "latency_max_ms": 31.0}
+    counts = {"missed": 0, "late": 1, "rejected": 0}
+    return {
+        "known": True,
+        "target_controller": "nmpc",
+        "actual_controller": "nmpc",
+        "target_mode": "auto",
+        "actual_mode": "auto",
+        "reason": "nmpc is ready",
+        "requested_by": "operator",
+        "since_s": time.time() - 300.0,
+        "controllers": [
+            {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
+            {"name": "decentral", "latency_ms": 2.0, **health, **counts},
+        ],
+        "interlocks": [],
+        "parts": [
+            {"name": name, "level": "ok", "text": "running"} for name in ("arbiter", "process", "recorder", "plant")
+        ],
+    }
+
+
+def _prediction(time_s: float) -> dict[str, Any]:
+    times = [time_s + 0.4 * i for i in range(20)]
+    rows = [weld_row(one) for one in times]
+    named = {name: [row[COLUMNS.index(name)] for row in rows] for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")}
+    return {"t": "prediction", "controller": "nmpc", "time_s": times, **named}
+
+
+def _secured(app: Starlette) -> Any:
+    """The headers that the real server sends: the page must live with them."""
+
+    async def wrapped(scope: Any, receive: Any, send: Any) -> None:
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] += [(b"content-security-policy", _CSP.encode()), (b"cache-control", b"no-cache")]
+            await send(message)
+
+        await app(scope, receive, with_headers)
+
+    return wrapped
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[1:]
+    recorded = [sample_bag(0), sample_bag(1, shift_mm=0.02)] if "--bag" in arguments else None
+    server = FakeHmi("bag" if recorded else "live", 8089, recorded).start()
+    if "--alarms" in arguments:
+        server.alarms = sample_alarms(time.time())
+    print(server.url, flush=True)
+    threading.Event().wait()

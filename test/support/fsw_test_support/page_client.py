@@ -1,0 +1,92 @@
+"""An operator's page that is no browser."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any
+from urllib.request import urlopen
+
+from websockets.sync.client import connect
+
+PATIENCE_S = 30.0
+Frame = dict[str, Any]
+
+
+def build_of(url: str) -> str:
+    """The build of the page that a server serves."""
+    with urlopen(url, timeout=PATIENCE_S) as response:
+        found = re.search(r'name="build" content="(\w+)"', response.read().decode())
+    assert found is not None
+    return found[1]
+
+
+class Page:
+    """An open page: keeps the newest frame of each kind.
+
+    Parameters
+    ----------
+    url : str
+        Of the server.
+    build : str, optional
+        By default that of the server.
+    options
+        Of the websocket.
+    """
+
+    def __init__(self, url: str, build: str | None = None, **options: Any) -> None:
+        given = {"origin": url.rstrip("/"), "max_size": None, "compression": None} | options
+        self._connection = connect(f"{url.replace('http', 'ws')}ws?build={build or build_of(url)}", **given)
+        self.socket = self._connection.__enter__()
+        self.frames: dict[str, Frame] = {}
+        self._count = 0
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.__exit__(None, None, None)
+
+    def receive(self) -> Frame:
+        """The next frame."""
+        frame: Frame = json.loads(self.socket.recv(PATIENCE_S))
+        self.frames[frame["t"]] = frame
+        return frame
+
+    def until(self, kind: str, condition: Callable[[Frame], Any] = lambda frame: True) -> Frame:
+        """The next frame of a kind for which a condition holds."""
+        while True:
+            frame = self.receive()
+            if frame["t"] == kind and condition(frame):
+                return frame
+
+    def seen(self, kind: str, condition: Callable[[Frame], Any] = lambda frame: True) -> Frame:
+        """The newest frame of a kind if a condition holds for it, else the next for which it does."""
+        if kind in self.frames and condition(self.frames[kind]):
+            return self.frames[kind]
+        return self.until(kind, condition)
+
+    def send(self, do: str, **content: Any) -> int:
+        """Send a request; returns its number."""
+        self._count += 1
+        self.socket.send(json.dumps({"id": self._count, "do": do, **content}))
+        return self._count
+
+    def ask(self, do: str, **content: Any) -> Frame:
+        """Send a request and wait for its answer."""
+        number = self.send(do, **content)
+        return self.until("answer", lambda frame: frame["id"] == number)
+
+    def command(self, token: str, name: str = "anna") -> Page:
+        """Log in and take control, whoever has it."""
+        assert self.ask("login", token=token, name=name)["outcome"] == "done"
+        holder = self.frames["control"]["holder"]
+        assert self.ask("take_control", **{"from": holder and holder["session"]})["outcome"] == "done"
+        return self
+
+    def value(self, column: str) -> float | None:
+        """A value of the newest tick."""
+        columns = self.frames["hello"]["columns"]
+        number: float | None = self.frames["tick"]["row"][columns.index(column)]
+        return number
