@@ -192,6 +192,8 @@ class FakeHmi:
             await socket.send_text(json.dumps({"t": "stale", "build": self.build}))
             await socket.close(4001)
             return
+        while self.silent:
+            await asyncio.sleep(TICK_S)
         session = f"s{id(socket) % 10_000}"
         known: dict[str, Any] = {}
         await socket.send_text(json.dumps(self._hello(session)))

@@ -80,7 +80,7 @@ class BagPage {
   #phases() {
     const error = (one) => (one ? `${fixed(one.mean, 2)} ± ${fixed(one.sigma, 2)}` : NONE);
     const rows = this.welds.flatMap((weld) =>
-      weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
+      weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, (this.welds.length > 1 ? `${weld.name}: ` : "") + words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
     );
     const head = el("tr", {}, ...["phase", "from", "error °C", "error mm"].map((text) => el("th", { scope: "col" }, text)));
     const made = panel("phases", "Phases, mean error ± σ", scroll("Phases", el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
