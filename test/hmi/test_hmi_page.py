@@ -209,7 +209,7 @@ def test_everything_fits_the_screen_and_the_finger(fake, open_page, size):
     assert page.evaluate("[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight]") == [True, True]
     boxes = page.evaluate("[...document.querySelectorAll('button')].filter((b) => b.checkVisibility()).map((b) => [b.textContent, b.getBoundingClientRect()])")
     assert boxes and all(box["height"] >= 44 and box["width"] >= 44 for _, box in boxes)
-    cut = "[...document.querySelectorAll('.panel')].filter((p) => p.checkVisibility() && p.scrollWidth > p.clientWidth + 1).map((p) => p.id)"
+    cut = "[...document.querySelectorAll('.panel')].filter((p) => p.checkVisibility() && (p.scrollWidth > p.clientWidth + 1 || p.scrollHeight > p.clientHeight + 1)).map((p) => p.id)"
     assert page.evaluate(cut) == []
 
 

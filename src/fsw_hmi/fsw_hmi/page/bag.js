@@ -134,7 +134,7 @@ class BagPage {
   }
 }
 
-const scroll = (label, ...children) => el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": label }, ...children);
+const scroll = (label, ...children) => el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": `List: ${label.toLowerCase()}` }, ...children);
 
 /** Columns by name; those of the second weld carry `#1`, all on one time axis. */
 function overlaid(welds, limits) {
