@@ -80,13 +80,13 @@ def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts:
         views = load(bags, lambda path: print(f"reading {path}", flush=True))
         listening = listen(host, port)
     except (BagError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"run_hmi.py: {error}", file=sys.stderr)
         return 2
     for view in views:
         for problem in view.summary["problems"]:
             print(f"note: {problem}", file=sys.stderr)
     app = application(BagPage(files, views).routes(), [host, *allow_hosts])
-    print(f"the page is at {address(listening)}", flush=True)
+    print(f"operator's page: {address(listening)}", flush=True)
     # uvicorn ends well and then raises the signal again
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with contextlib.suppress(KeyboardInterrupt):
