@@ -70,7 +70,7 @@ class BagPage {
     const rows = names.map((name) => {
       const found = this.welds.map((weld) => weld.kpis.find((one) => one.name === name));
       const unit = found.find(Boolean).unit;
-      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
+      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit.replace("degC", "°C")}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
     });
     const table = el("table", { className: "figures" }, el("thead", {}, head), el("tbody", {}, ...rows));
     const problems = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
