@@ -168,6 +168,20 @@ def test_set_points_show_from_to_and_ramp_before_they_are_sent(fake, open_page):
     assert fake.requests[-1]["do"] == "set_reference" and fake.requests[-1]["temperature_c"] == 826.4
 
 
+def test_mode_by_hand_asks_for_force_and_speed(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    press(page, "Mode")
+    expect(page.get_by_label("Force in manual")).to_be_hidden()
+    page.get_by_label("manual", exact=False).first.check()
+    page.get_by_label("Force in manual").fill("80")
+    page.get_by_label("Speed in manual").fill("410")
+    press(page, "Change mode")
+    expect(page.locator("dialog")).to_have_count(0)
+    sent = fake.requests[-1]
+    assert (sent["mode"], sent["force_kn"], sent["speed_rpm"]) == ("manual", 80, 410)
+
+
 def test_swap_shows_why_it_is_refused(fake, open_page):
     fake.refusals["switch"] = "decentral is not ready: no set-points"
     page = ready(open_page(fake.url))
