@@ -24,16 +24,13 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from fsw_hmi.frames import COLUMNS
 from fsw_test_support.machine import free_port
 
 PAGE = Path(__file__).resolve().parents[3] / "src/fsw_hmi/fsw_hmi/page"
 BUILD = "test"
 TOKEN = "token"
 TICK_S = 0.1
-COLUMNS = (
-    "time_s depth_mm temperature_c torque_nm force_kn speed_rpm power_kw reference_depth_mm reference_temperature_c"
-    " command_force_kn command_speed_rpm latency_ms solve_ms"
-).split()
 LIMITS = {
     "depth_mm": {
         "quality": [-0.2, 0.2],
@@ -114,7 +111,9 @@ class FakeHmi:
             ],
             lifespan=self._run_ticks,
         )
-        self._server = uvicorn.Server(uvicorn.Config(_secured(app), port=self.port, log_level="warning", ws="websockets-sansio"))
+        self._server = uvicorn.Server(
+            uvicorn.Config(_secured(app), port=self.port, log_level="warning", ws="websockets-sansio")
+        )
         self._thread = threading.Thread(target=self._server.run, daemon=True)
 
     @property
@@ -169,7 +168,9 @@ class FakeHmi:
             frames = []
             if self.measuring:
                 self._last_tick_s = time.time()
-                frames.append({"t": "tick", "server_s": self._last_tick_s, "row": self._row(time.time() - self.start_s)})
+                frames.append(
+                    {"t": "tick", "server_s": self._last_tick_s, "row": self._row(time.time() - self.start_s)}
+                )
             if count % 3 == 0:
                 now = time.time()
                 age = now - self._last_tick_s if self._last_tick_s else None
@@ -192,6 +193,8 @@ class FakeHmi:
             await socket.send_text(json.dumps({"t": "stale", "build": self.build}))
             await socket.close(4001)
             return
+        while self.silent:
+            await asyncio.sleep(TICK_S)
         session = f"s{id(socket) % 10_000}"
         known: dict[str, Any] = {}
         await socket.send_text(json.dumps(self._hello(session)))
@@ -241,7 +244,10 @@ class FakeHmi:
         return "done", ""
 
     def _hello(self, session: str) -> dict[str, Any]:
-        channels = {"depth": {"unit": "mm", "min": -1, "max": 1}, "temperature": {"unit": "degC", "min": -50, "max": 50}}
+        channels = {
+            "depth": {"unit": "mm", "min": -1, "max": 1},
+            "temperature": {"unit": "degC", "min": -50, "max": 50},
+        }
         return {
             "t": "hello",
             "build": self.build,
@@ -352,7 +358,10 @@ def _state() -> dict[str, Any]:
 def _prediction(time_s: float) -> dict[str, Any]:
     times = [time_s + 0.4 * i for i in range(20)]
     rows = [weld_row(one) for one in times]
-    named = {name: [row[COLUMNS.index(name)] for row in rows] for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")}
+    named = {
+        name: [row[COLUMNS.index(name)] for row in rows]
+        for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")
+    }
     return {"t": "prediction", "controller": "nmpc", "time_s": times, **named}
 
 

@@ -18,7 +18,7 @@ export class Alarms {
     this.all = el("button", { type: "button", onclick: () => acknowledge(this.waiting) }, "Acknowledge all");
     this.root = panel("alarms", "Alarms ", el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "List of alarms" }, this.list));
     this.root.firstChild.append(this.count);
-    this.root.insertBefore(this.all, this.list.parentNode);
+    this.root.firstChild.after(this.all);
     this.update([]);
   }
 

@@ -70,7 +70,7 @@ class BagPage {
     const rows = names.map((name) => {
       const found = this.welds.map((weld) => weld.kpis.find((one) => one.name === name));
       const unit = found.find(Boolean).unit;
-      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
+      return el("tr", {}, el("th", { scope: "row" }, `${name}${unit ? ` [${unit.replace("degC", "°C")}]` : ""}`), ...found.map((one) => el("td", {}, one ? String(one.value).replace("-", "−") : NONE)));
     });
     const table = el("table", { className: "figures" }, el("thead", {}, head), el("tbody", {}, ...rows));
     const problems = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
@@ -80,7 +80,7 @@ class BagPage {
   #phases() {
     const error = (one) => (one ? `${fixed(one.mean, 2)} ± ${fixed(one.sigma, 2)}` : NONE);
     const rows = this.welds.flatMap((weld) =>
-      weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
+      weld.phases.map((one) => el("tr", {}, el("th", { scope: "row" }, (this.welds.length > 1 ? `${weld.name}: ` : "") + words(one.name)), el("td", {}, span(one.begin_s)), el("td", {}, error(one.temperature_error_c)), el("td", {}, error(one.depth_error_mm)))),
     );
     const head = el("tr", {}, ...["phase", "from", "error °C", "error mm"].map((text) => el("th", { scope: "col" }, text)));
     const made = panel("phases", "Phases, mean error ± σ", scroll("Phases", el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows))));
@@ -134,7 +134,7 @@ class BagPage {
   }
 }
 
-const scroll = (label, ...children) => el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": label }, ...children);
+const scroll = (label, ...children) => el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": `List: ${label.toLowerCase()}` }, ...children);
 
 /** Columns by name; those of the second weld carry `#1`, all on one time axis. */
 function overlaid(welds, limits) {

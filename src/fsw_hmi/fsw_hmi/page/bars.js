@@ -101,7 +101,7 @@ class Bar {
   }
 
   #mark(kind) {
-    const mark = el("div", { className: `mark ${kind}` });
+    const mark = el("div", { className: `mark ${kind}`, hidden: true });
     this.scale.append(mark);
     return mark;
   }

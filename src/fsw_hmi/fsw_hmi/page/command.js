@@ -2,6 +2,7 @@
 import { el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
+import { words } from "./format.js";
 import { setPoints } from "./set_points.js";
 
 const MODES = [
@@ -146,9 +147,15 @@ export class Commands {
     openForm({
       title: "Change the mode",
       fields: [mode, force, speed],
-      summary: () => `${state?.actual_mode ?? "unknown"} → ${mode.value}${by()}`,
+      summary: () => {
+        for (const field of [force, speed]) field.root.hidden = field.input.disabled = mode.value !== "manual";
+        return `${words(state?.actual_mode) || "unknown"} → ${words(mode.value)}${by()}`;
+      },
       confirm: "Change mode",
-      run: () => this.ask(`Mode ${mode.value}`, "mode", { mode: mode.value, force_kn: force.value, speed_rpm: speed.value }),
+      run: () => {
+        const byHand = mode.value === "manual" ? { force_kn: force.value, speed_rpm: speed.value } : {};
+        return this.ask(`Mode ${words(mode.value)}`, "mode", { mode: mode.value, ...byHand });
+      },
     });
   }
 

@@ -73,14 +73,14 @@ export class LiveTrends {
   }
 
   #label(time) {
-    const back = this.store.newest - time;
+    const back = this.drawn.now - time;
     if (Math.abs(back / this.#window.every_s - Math.round(back / this.#window.every_s)) > 1e-6) return clock(time + this.#toServerS);
     if (back < 0.5) return "now";
     return this.#window.length_s > 60 ? `−${Math.round(back / 60)} min` : `−${Math.round(back)} s`;
   }
 
   #overlay(u, key) {
-    drawTime(u, this.store.newest, "#5a6268");
+    drawTime(u, this.drawn?.now, "#5a6268");
     const ahead = this.#ahead();
     if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key]);
   }

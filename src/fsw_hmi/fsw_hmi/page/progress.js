@@ -7,7 +7,7 @@ const TURN = 2 * Math.PI * RADIUS;
 
 export class Progress {
   constructor() {
-    this.path = svg("circle", { cx: 26, cy: 26, r: RADIUS, class: "path" });
+    this.path = svg("circle", { cx: 26, cy: 26, r: RADIUS, class: "path", "stroke-dasharray": "0 200" });
     this.tool = svg("circle", { cx: 26, cy: 26 - RADIUS, r: 4.5, class: "tool" });
     const ring = svg("svg", { viewBox: "0 0 52 52", class: "ring", "aria-hidden": "true" }, svg("circle", { cx: 26, cy: 26, r: RADIUS, class: "whole" }), this.path, this.tool);
     this.phase = el("strong", {}, "No programme");

@@ -50,7 +50,7 @@ export class Status {
   }
 
   connection({ kind, text }) {
-    setText(this.link, kind === "live" ? "server time, UTC" : text.toLowerCase());
+    setText(this.link, kind === "live" ? "server time, UTC" : "last server time");
     if (kind === "live") return;
     this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "" });
   }

@@ -1,0 +1,33 @@
+"""A browser for the tests of the page."""
+
+import pytest
+
+from fsw_test_support.browser import CHROMIUM, chromium
+
+
+@pytest.fixture(scope="session")
+def browser():
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is missing (apt install chromium)")
+    with chromium() as made:
+        yield made
+
+
+@pytest.fixture
+def open_page(browser):
+    """Function that opens an address at a size; errors of the page's scripts and policies fail the test."""
+    errors, contexts = [], []
+
+    def opened(url, width=1280, height=800):
+        contexts.append(browser.new_context(viewport={"width": width, "height": height}))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(15_000)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda line: errors.append(line.text) if "Content Security Policy" in line.text else None)
+        page.goto(url)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert not errors
