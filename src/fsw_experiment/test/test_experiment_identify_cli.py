@@ -75,6 +75,9 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         capsys, "identify", golden, "--out", out, "--validate", str(tmp_path / "nothing there")
     )
     assert "nowhere" in error_of(capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere"))
+    unwritable = str(Path(golden) / "metadata.yaml" / "folder")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", f"{unwritable}/model.yaml")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", out, "--report", unwritable)
     assert not Path(out).exists()
 
 
