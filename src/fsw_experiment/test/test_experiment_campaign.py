@@ -120,7 +120,7 @@ def test_unreadable_campaign_is_one_line(tmp_path, capsys, content, words):
 
 def test_a_folder_that_cannot_be_written(small, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(CampaignError, match="cannot write to folder .*Not a directory"):
+    with pytest.raises(CampaignError, match=r"cannot write to folder .*Not a directory"):
         Dataset(tmp_path / "file" / "out", small[0])
 
 

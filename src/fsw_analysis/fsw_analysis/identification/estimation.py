@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fsw_analysis.identification.problem import NOISE_FLOOR, OUTLIER, WALK, WALKS, Problem, Shift
+from fsw_analysis.identification.problem import HEAT, NOISE_FLOOR, OUTLIER, WALK, WALKS, Problem, Shift
 from fsw_analysis.identification.simulation import CANDIDATES, OUTPUTS, START, hats, knots
 from fsw_analysis.identification.statistics import long_run_factor
 from fsw_analysis.identification.weld_data import IdentificationError, Segment
@@ -36,8 +37,14 @@ _MOST_SHIFTS = 12
 _REAL_SHIFT = 5.0
 #: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
 _CLIP = 5.0
-#: length of a stretch, and the median residual, in standard deviations, from which on it is left out
-_STRETCH_TICKS, _ASTRAY = 200, 0.7
+#: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
+_WINDOW_TICKS, _ASTRAY = 30, 5.0
+#: and those whose variance is so many times that of the noise
+_RESTLESS = 3.0
+#: how often windows are looked for, and the share of an output from which on the model is to blame, not a disturbance
+_ROUNDS, _LARGEST_SHARE_ASTRAY = 4, 0.4
+#: up to this share it is a disturbance, and not the wrong start
+_SHARE_OF_DISTURBANCE = 0.25
 #: relative standard deviation with which a parameter that is kept nominal is reckoned with
 _KEPT_DEVIATION = 0.2
 #: as ``LARGEST_DEVIATION``, but at the nominal parameters, before anything is known
@@ -149,34 +156,64 @@ def identify(
     best: Problem | None = None
     lowest = np.inf
     for factors in _STARTS:
-        # without the weakly told parameters first: the valley that they open is long and curved
-        well_told = tuple(name for name in free if name not in _KEPT_FIRST)
         scaled = start.scaled(**{name: of for name, of in factors.items() if name in free})
-        tried = Problem(segments, scaled, well_told)
-        tried.solve(tell)
-        tried.free = free
-        cost = tried.solve(tell)
+        tried, cost = _from(scaled, segments, free, tell)
         if cost < lowest:
             lowest, best = cost, tried
-        if (tried.noise < _AS_GOOD * first.noise).all():
-            break  # what remains is the sensors' noise: no start can lead to less
+        astray = np.concatenate([_astray(one, first.noise) for one in tried.last[1]]).mean(axis=0)
+        if (tried.noise < _AS_GOOD * first.noise).all() or (astray < _SHARE_OF_DISTURBANCE).all():
+            break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
-    for best.fixed_walk in (True, False):
-        if not best.fixed_walk:
-            best.solve(tell)
-        while found := _shifts(best):
-            best.shifts += found
-            best.sizes = np.concatenate([best.sizes, np.zeros(len(found))])
-            best.solve(tell)
     while (left := _select(best, best.free, unknown, LARGEST_DEVIATION)) != best.free:
         kept = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = replace(best.parameters, **kept), left
         best.solve(tell)
-    notes = _leave_out(best, tell)
+    notes = _leave_out(best, first.noise, tell)
     _drop_small_shifts(best)
     best.reject = True
     cost = best.solve(tell)
     return _fit(best, unknown | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes, cost)
+
+
+def _from(
+    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], tell: Callable[[], None]
+) -> tuple[Problem, float]:
+    """Solution from a start, with shifts and slow disturbances; and its cost.
+
+    Shifts are found in the residuals of a model that they have bent; so once more from the start, with what was found.
+    """
+    problem, cost = _solved(start, segments, free, [], tell)
+    if problem.shifts:
+        known = list(zip(problem.shifts, problem.sizes, strict=True))
+        again, lower = _solved(start, segments, free, known, tell)
+        if lower < cost:
+            return again, lower
+    return problem, cost
+
+
+def _solved(
+    start: ModelParameters,
+    segments: Sequence[Segment],
+    free: tuple[str, ...],
+    known: Sequence[tuple[Shift, float]],
+    tell: Callable[[], None],
+) -> tuple[Problem, float]:
+    """Solution from a start with known shifts, and others that are found."""
+    # without the weakly told parameters first: the valley that they open is long and curved
+    problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
+    problem.shifts = [shift for shift, _ in known]
+    problem.sizes = np.array([size for _, size in known])
+    problem.solve(tell)
+    problem.free = free
+    cost = problem.solve(tell)
+    for problem.fixed_walk in (True, False):
+        if not problem.fixed_walk:
+            cost = problem.solve(tell)
+        while found := _shifts(problem):
+            problem.shifts += found
+            problem.sizes = np.concatenate([problem.sizes, np.zeros(len(found))])
+            cost = problem.solve(tell)
+    return problem, cost
 
 
 def validate(segments: Sequence[Segment], parameters: ModelParameters) -> Fit:
@@ -284,6 +321,8 @@ def _shifts(problem: Problem) -> list[Shift]:
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
             if size[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
                 found.append(shift)
+                if output == OUTPUTS.index("torque_nm"):
+                    found.append(Shift(i, HEAT, tick))
     return found
 
 
@@ -299,34 +338,62 @@ def _drop_small_shifts(problem: Problem) -> None:
     problem.sizes = problem.sizes[large]
 
 
-def _leave_out(problem: Problem, tell: Callable[[], None]) -> list[str]:
-    """Leave out stretches in which an output goes its own way; returns what was left out."""
-    _, residuals, _ = problem.last
-    notes: list[str] = []
-    for i, one in enumerate(residuals):
-        segment = problem.segments[i]
-        measured = segment.measured.copy()
-        for output, name in enumerate(OUTPUTS):
-            stretches = np.array_split(np.arange(segment.n_ticks), max(1, round(segment.n_ticks / _STRETCH_TICKS)))
-            means = [np.abs(_median(one[part, output] / problem.noise[output])) for part in stretches]
-            astray = [part for part, mean in zip(stretches, means, strict=True) if mean > _ASTRAY]
-            if len(astray) > len(stretches) / 3:
-                notes.append(f"{name}: the model does not follow it in {len(astray)} of {len(stretches)} stretches; "
-                             "do not trust what depends on it")  # fmt: skip
-                continue
-            for part in astray:
-                measured[part, output] = np.nan
-                begin, end = segment.time_s[part[0]], segment.time_s[part[-1]] + TICK_S
-                notes.append(f"{name}: {begin:.0f} to {end:.0f} s left out: the model does not follow it")
-        problem.segments[i] = replace(segment, measured=measured)
-    if notes:
+def _leave_out(problem: Problem, noise: FloatArray, tell: Callable[[], None]) -> list[str]:
+    """Leave out windows in which an output goes its own way; returns what was left out.
+
+    ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
+    """
+    left = [np.zeros(one.measured.shape, dtype=bool) for one in problem.segments]
+    followed = np.ones(len(OUTPUTS), dtype=bool)
+    share = np.zeros(len(OUTPUTS))
+    for _ in range(_ROUNDS):
+        found = [_astray(one, noise) for one in problem.last[1]]
+        new = [one & ~before for one, before in zip(found, left, strict=True)]
+        share = np.mean(np.concatenate([one | before for one, before in zip(found, left, strict=True)]), axis=0)
+        followed &= share < _LARGEST_SHARE_ASTRAY
+        if not any((one & followed).any() for one in new):
+            break
+        for i, one in enumerate(new):
+            left[i] |= one & followed
+            segment = problem.segments[i]
+            problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
         problem.solve(tell)
+    notes = [
+        f"{name}: the model does not follow it in {100 * share[output]:.0f} % of the time; do not trust what depends "
+        "on it"
+        for output, name in enumerate(OUTPUTS)
+        if not followed[output]
+    ]
+    for segment, of in zip(problem.segments, left, strict=True):
+        for output, name in enumerate(OUTPUTS):
+            edges = np.flatnonzero(np.diff(of[:, output], prepend=False, append=False))
+            for begin, end in edges.reshape(-1, 2):
+                begin_s, end_s = segment.time_s[begin], segment.time_s[end - 1] + TICK_S
+                notes.append(
+                    f"{name}: disturbed at {begin_s:.0f} to {end_s:.0f} s, left out: the model does not follow it there"
+                )
     return notes
 
 
-def _median(values: FloatArray) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if values.size else 0.0
+def _astray(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Samples in windows whose mean or variance is not that of noise, and in the windows beside them; same shape."""
+    parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
+    found = np.zeros(residuals.shape, dtype=bool)
+    for output in range(residuals.shape[1]):
+        sizes, squares = np.zeros(len(parts)), np.zeros(len(parts))
+        for i, part in enumerate(parts):
+            values = residuals[part[0] : part[0] + _WINDOW_TICKS, output]
+            values = np.clip(values[np.isfinite(values)] / noise[output], -_CLIP, _CLIP)
+            if values.size:
+                sizes[i] = abs(values.mean()) * np.sqrt(values.size)
+                squares[i] = np.mean(values**2)
+        # coloured noise has larger means everywhere
+        strange = sizes > _ASTRAY * max(1.0, float(np.median(sizes)) / 0.6745)
+        strange |= squares > _RESTLESS * max(1.0, float(np.median(squares)))
+        for part, one in zip(parts, strange, strict=True):
+            if one:
+                found[max(int(part[0]) - _WINDOW_TICKS, 0) : part[0] + 2 * _WINDOW_TICKS, output] = True
+    return found
 
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:

@@ -29,6 +29,8 @@ NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
 OUTLIER = 5.0
 _HUBER = 3.0
+#: the output that disturbs the process when it is disturbed, and the part of that which does not show
+_TORQUE, HEAT = 2, 3
 _LARGEST_MOVE = 0.3
 #: largest factor on the size of a random walk in one iteration
 _WALK_STEP = 4.0
@@ -46,7 +48,8 @@ class Shift:
     Attributes
     ----------
     segment, output : int
-        Where, ``output`` in the order of ``OUTPUTS``.
+        Where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the torque, beyond what the
+        torque by itself would give (all of it, less, when the sensor is wrong).
     tick : int
         First row of the segment that is shifted.
     """
@@ -105,20 +108,34 @@ class Problem:
             weights = hats(segment.n_ticks)
             k = weights.shape[1]
             n_process = len(START) + 2 * k
-            course = simulate(self.parameters, segment, nuisance[:n_process])
             own = [j for j, shift in enumerate(self.shifts) if shift.segment == i]
+            steps = np.zeros((segment.n_ticks, len(own)))
+            for column, j in enumerate(own):
+                steps[self.shifts[j].tick :, column] = 1.0
+            # what disturbs the torque disturbs the power
+            of_torque = [column for column, j in enumerate(own) if self.shifts[j].output >= _TORQUE]
+            shapes = np.hstack([weights, steps[:, of_torque]])
+            sizes = self.sizes[own]
+            added = np.concatenate([nuisance[n_process + _TORQUE * k :], sizes[of_torque]])
+            shows = [True] * k + [self.shifts[own[column]].output == _TORQUE for column in of_torque]
+            course = simulate(self.parameters, segment, nuisance[:n_process], shapes, added, shows)
             n = len(self.free)
             of = np.zeros((segment.n_ticks, 3, n + nuisance.size + len(own)))
             of[:, :, :n] = course.by_candidate[:, :, chosen] * scale
-            of[:, :, n : n + n_process] = course.by_nuisance
-            shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
-            for output in range(3):
+            of[:, :, n : n + n_process] = course.by_nuisance[:, :, :n_process]
+            shown = course.outputs
+            for output in range(_TORQUE):
                 begin = n + n_process + output * k
                 of[:, output, begin : begin + k] = weights
+                shown[:, output] += weights @ nuisance[begin - n : begin - n + k]
+            of[:, :, n + nuisance.size - k : n + nuisance.size] = course.by_nuisance[:, :, n_process : n_process + k]
             for column, j in enumerate(own):
-                shift = self.shifts[j]
-                shown[shift.tick :, shift.output] += self.sizes[j]
-                of[shift.tick :, shift.output, n + nuisance.size + column] = 1.0
+                if column in of_torque:
+                    slope = course.by_nuisance[:, :, n_process + k + of_torque.index(column)]
+                    of[:, :, n + nuisance.size + column] = slope
+                else:
+                    shown[:, self.shifts[j].output] += steps[:, column] * sizes[column]
+                    of[:, self.shifts[j].output, n + nuisance.size + column] = steps[:, column]
             predicted.append(shown)
             residuals.append(segment.measured - shown)
             slopes.append(of)

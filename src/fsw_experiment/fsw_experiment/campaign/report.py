@@ -182,8 +182,8 @@ def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[_
     if not rows:
         return []
     words = (
-        "Share of the welds that ended and kept a limit, in percent, with Wilson's interval (95 %); the limits that are "
-        "not the campaign's own are of figures of merit, and were chosen for the report."
+        "Share of the welds that ended and kept a limit, in percent, with Wilson's interval (95 %). Limits that are "
+        "not the campaign's own are limits of figures of merit, chosen for the report."
     )
     rows.append(["all of these", *(_share(results, all_met, label) for label in results.labels)])
     return [words, _Table(("limit", *results.labels), rows)]
@@ -197,11 +197,12 @@ def _share(results: Results, good: NDArray[np.bool_], label: str) -> str:
 def _meaning(results: Results) -> str:
     correlation, share = results.chance
     return (
-        "Of the ranks of each figure. Left, Spearman's rank correlation with a parameter: 1 or -1 where it alone orders "
-        f"the welds; chance stays within ±{correlation:.2f} (95 %, {results.complete.size} plants; grey). Right, Sobol's "
-        "first-order index (from 75 plants on): the share of the variance that goes with the parameter alone, in whatever "
-        f"direction; chance stays below {share:.3f}. Where it is much above the square of the correlation, the figure is best at a middle "
-        "value. What 'together' lacks of 1 is due to parameters acting together, and to noise."
+        "Of the ranks of each figure. Left, Spearman's rank correlation with a parameter: 1 or -1 where it alone "
+        f"orders the welds; chance stays within ±{correlation:.2f} (95 %, {results.complete.size} plants; grey). "
+        "Right, Sobol's first-order index (from 75 plants on): the share of the variance that goes with the parameter "
+        f"alone, in whatever direction; chance stays below {share:.3f}. Where it is much above the square of the "
+        "correlation, the figure is best at a middle value. What 'together' lacks of 1 is due to parameters acting "
+        "together, and to noise."
     )
 
 

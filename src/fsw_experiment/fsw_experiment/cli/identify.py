@@ -121,6 +121,11 @@ def _design(arguments: argparse.Namespace) -> int:
         f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
         f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
     )
+    if arguments.open_loop:
+        print(
+            "open loop: nothing holds depth and temperature; on a process unlike the model they drift far beyond these "
+            "bounds. Weld it only with the model of this machine (--model), and watch it; else weld the closed-loop one"
+        )
     if arguments.out is not None:
         write(arguments.out, found.scenario)
         print(f"written: {arguments.out}")
