@@ -149,17 +149,16 @@ def identify(
     """
     start = start or ModelParameters()
     tell = _Progress(progress)
-    free, unknown = tuple(name for name in CANDIDATES if name not in STRUCTURAL), dict[str, str]()
+    free, unknown = CANDIDATES, dict[str, str]()
     first = Problem(segments, start, free)
     first.noise = _sensor_noise(segments)
     free = _select(first, free, unknown, _LARGEST_AT_START)
     best: Problem | None = None
-    lowest = np.inf
     for factors in _STARTS:
         scaled = start.scaled(**{name: of for name, of in factors.items() if name in free})
-        tried, cost = _from(scaled, segments, free, tell)
-        if cost < lowest:
-            lowest, best = cost, tried
+        tried = _from(scaled, segments, free, tell)
+        if best is None or tried.evidence() < best.evidence():
+            best = tried
         astray = np.concatenate([_astray(one, first.noise) for one in tried.last[1]]).mean(axis=0)
         if (tried.noise < _AS_GOOD * first.noise).all() or (astray < _SHARE_OF_DISTURBANCE).all():
             break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
@@ -177,18 +176,16 @@ def identify(
 
 def _from(
     start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], tell: Callable[[], None]
-) -> tuple[Problem, float]:
-    """Solution from a start, with shifts and slow disturbances; and its cost.
+) -> Problem:
+    """Solution from a start, with shifts and slow disturbances.
 
     Shifts are found in the residuals of a model that they have bent; so once more from the start, with what was found.
     """
-    problem, cost = _solved(start, segments, free, [], tell)
-    if problem.shifts:
-        known = list(zip(problem.shifts, problem.sizes, strict=True))
-        again, lower = _solved(start, segments, free, known, tell)
-        if lower < cost:
-            return again, lower
-    return problem, cost
+    problem = _solved(start, segments, free, [], tell)
+    if not problem.shifts:
+        return problem
+    again = _solved(start, segments, free, list(zip(problem.shifts, problem.sizes, strict=True)), tell)
+    return min(problem, again, key=Problem.evidence)
 
 
 def _solved(
@@ -197,7 +194,7 @@ def _solved(
     free: tuple[str, ...],
     known: Sequence[tuple[Shift, float]],
     tell: Callable[[], None],
-) -> tuple[Problem, float]:
+) -> Problem:
     """Solution from a start with known shifts, and others that are found."""
     # without the weakly told parameters first: the valley that they open is long and curved
     problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
@@ -205,15 +202,15 @@ def _solved(
     problem.sizes = np.array([size for _, size in known])
     problem.solve(tell)
     problem.free = free
-    cost = problem.solve(tell)
+    problem.solve(tell)
     for problem.fixed_walk in (True, False):
         if not problem.fixed_walk:
-            cost = problem.solve(tell)
+            problem.solve(tell)
         while found := _shifts(problem):
             problem.shifts += found
             problem.sizes = np.concatenate([problem.sizes, np.zeros(len(found))])
-            cost = problem.solve(tell)
-    return problem, cost
+            problem.solve(tell)
+    return problem
 
 
 def validate(segments: Sequence[Segment], parameters: ModelParameters) -> Fit:
@@ -239,7 +236,7 @@ def expected_deviations(
     noise : (3,) array
         Standard deviations of the sensors in the order of ``OUTPUTS``.
     """
-    problem = Problem(segments, parameters, [name for name in CANDIDATES if name not in STRUCTURAL])
+    problem = Problem(segments, parameters, CANDIDATES)
     problem.noise, problem.walk = noise, WALK[0]
     _, residuals, slopes = problem.evaluate()
     information, _ = problem.normal([0.0 * one for one in residuals], slopes)

@@ -112,26 +112,23 @@ class Problem:
             steps = np.zeros((segment.n_ticks, len(own)))
             for column, j in enumerate(own):
                 steps[self.shifts[j].tick :, column] = 1.0
-            # what disturbs the torque disturbs the power
+            # a shift of the torque heats as well
             of_torque = [column for column, j in enumerate(own) if self.shifts[j].output >= _TORQUE]
-            shapes = np.hstack([weights, steps[:, of_torque]])
-            sizes = self.sizes[own]
-            added = np.concatenate([nuisance[n_process + _TORQUE * k :], sizes[of_torque]])
-            shows = [True] * k + [self.shifts[own[column]].output == _TORQUE for column in of_torque]
-            course = simulate(self.parameters, segment, nuisance[:n_process], shapes, added, shows)
+            sizes, shows = self.sizes[own], [self.shifts[own[column]].output == _TORQUE for column in of_torque]
+            course = simulate(
+                self.parameters, segment, nuisance[:n_process], steps[:, of_torque], sizes[of_torque], shows
+            )
             n = len(self.free)
             of = np.zeros((segment.n_ticks, 3, n + nuisance.size + len(own)))
             of[:, :, :n] = course.by_candidate[:, :, chosen] * scale
             of[:, :, n : n + n_process] = course.by_nuisance[:, :, :n_process]
-            shown = course.outputs
-            for output in range(_TORQUE):
+            shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
+            for output in range(3):
                 begin = n + n_process + output * k
                 of[:, output, begin : begin + k] = weights
-                shown[:, output] += weights @ nuisance[begin - n : begin - n + k]
-            of[:, :, n + nuisance.size - k : n + nuisance.size] = course.by_nuisance[:, :, n_process : n_process + k]
             for column, j in enumerate(own):
                 if column in of_torque:
-                    slope = course.by_nuisance[:, :, n_process + k + of_torque.index(column)]
+                    slope = course.by_nuisance[:, :, n_process + of_torque.index(column)]
                     of[:, :, n + nuisance.size + column] = slope
                 else:
                     shown[:, self.shifts[j].output] += steps[:, column] * sizes[column]
@@ -225,6 +222,20 @@ class Problem:
         wanted = np.sqrt(squares / np.maximum(told, 1e-3))
         wanted = np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP)
         return np.asarray(np.clip(wanted, WALK[0], WALK[2]))
+
+    def evidence(self) -> float:
+        """Minus twice the logarithm of the evidence at the last solution, but for a constant.
+
+        Other than the cost it can be compared between solutions with walks of other sizes.
+        """
+        _, residuals, slopes = self.last
+        information, _ = self.normal(residuals, slopes)
+        prior, state = self.prior(self.walk), self.state()
+        increments = sum(knots(segment.n_ticks) - 1 for segment in self.segments)
+        samples = np.isfinite(np.concatenate(residuals)).sum(axis=0)
+        found = self.cost(residuals) + 2.0 * float(samples @ np.log(self.noise)) + float(state @ prior @ state)
+        found += 2.0 * increments * float(np.log(self.walk).sum())
+        return found + float(np.linalg.slogdet(information + prior)[1])
 
     def move(self, by: FloatArray) -> None:
         """Change all unknowns."""

@@ -22,7 +22,7 @@ from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
 
 #: what a weld may tell; the rest of the model is the point of linearisation, the fast pole and the friction
-CANDIDATES = (
+CANDIDATES: tuple[str, ...] = (
     "thermal_gain_c_per_kw",
     "copper_lag_s",
     "tool_lag_s",
@@ -35,9 +35,6 @@ CANDIDATES = (
     "sliding_friction",
     "sticking_stress_pa",
     "contact_slope",
-    "geometry_factor",
-    "contact_radius_m",
-    "geometry_offset_m3",
     "spindle_inertia_kgm2",
 )
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
