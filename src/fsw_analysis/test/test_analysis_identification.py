@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_analysis.identification import estimation, model_file, report, statistics, summary
+from fsw_analysis.identification import disturbed, estimation, model_file, report, statistics, summary
 from fsw_analysis.identification.friction import from_air
 from fsw_analysis.identification.problem import HEAT
 from fsw_analysis.identification.simulation import CANDIDATES, START, knots, simulate
@@ -168,17 +168,17 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
     generator = np.random.default_rng(4)
     noise = np.array([0.002, 0.1, 2.0])
     clean = noise * generator.standard_normal((20_000, 3))
-    assert not estimation._astray(clean, noise).any()
+    assert not disturbed.astray(clean, noise).any()
     ticks = np.arange(200)
     swinging, kinked, coloured = clean[:3000].copy(), clean[:3000].copy(), clean[:3000].copy()
     swinging[600:800, 0] += 0.02 * np.sin(ticks / 3.0)
     kinked[600:800, 1] += 0.5 * (1.0 - np.abs(ticks - 100) / 100.0)
     coloured[:, 2] = np.convolve(clean[:3000, 2], np.ones(8), "same")
     for residuals, output in ((swinging, 0), (kinked, 1)):
-        found = estimation._astray(residuals, noise)
+        found = disturbed.astray(residuals, noise)
         assert found[650:750, output].all() and not found[900:, output].any() and not found[:500, output].any()
         assert found.any(axis=0).sum() == 1
-    assert estimation._astray(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
+    assert disturbed.astray(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
 
 
 @pytest.mark.slow
