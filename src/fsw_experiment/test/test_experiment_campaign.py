@@ -289,6 +289,7 @@ def test_reports(folder, tmp_path, capsys):
     assert "every change settles" in html and "while the depth is stepped" not in html  # quick has no such figures
     page = tmp_path / "page.md"
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
+    assert "The median IAE depth is least with `" in page.read_text()
     figures = {path.name for path in tmp_path.glob("*.png")}
     assert figures == {"page_outside.png", "page_parameters.png", "page_ratios.png"}
     assert all(f"]({name})" in page.read_text() for name in figures)

@@ -130,10 +130,36 @@ def _head(results: Results) -> list[_Block]:
     rows = [(one.path, _words(one)) for one in campaign.distributions]
     return [
         campaign.description,
+        *_findings(results),
         words,
         *([_Table(("parameter", "distribution"), rows)] if rows else []),
         *_versions(results.texts("versions")),
     ]
+
+
+def _findings(results: Results) -> list[str]:
+    """Which controller is best in what, in a sentence each; nothing with one controller."""
+    first, *others = results.labels
+    if not others:
+        return []
+    found = []
+    if results.campaign.limits:
+        shares = {label: results.share(results.inside, label)[0] for label in results.labels}
+        best = max(shares, key=lambda label: shares[label])
+        of_best, total, *_ = results.share(results.inside, best)
+        found.append(f"`{best}` is most often inside all limits, in {100 * of_best / total:.1f} % of the welds.")
+    for key in MAIN:
+        medians = {label: float(np.median(results.numbers(key, label))) for label in results.labels}
+        best = min(medians, key=lambda label: medians[label])
+        sentence = f"The median {ROWS[key][0]} is least with `{best}`"
+        if best == first:
+            second = min(others, key=lambda label: medians[label])
+            above = 100 * np.mean(results.ratio(key, second) > 1.0)
+            found.append(f"{sentence}; `{second}`, the next one, is worse on {above:.0f} % of the plants.")
+        else:
+            below = 100 * np.mean(results.ratio(key, best) < 1.0)
+            found.append(f"{sentence}, which is better than `{first}` on {below:.0f} % of the plants.")
+    return [" ".join(found)]
 
 
 def _versions(versions: NDArray[np.str_]) -> list[str]:
