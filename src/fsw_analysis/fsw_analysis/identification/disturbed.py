@@ -20,6 +20,8 @@ _MOST_SHIFTS = 12
 _REAL_SHIFT = 5.0
 #: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
 _CLIP = 5.0
+#: and to this many where windows are looked for, so that the edge of a shift is none
+_EDGE = 3.0
 #: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
 _WINDOW_TICKS, _ASTRAY = 30, 5.0
 #: and those whose variance is so many times that of the noise
@@ -49,7 +51,8 @@ def shifts(problem: Problem) -> list[Shift]:
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
             if size[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
                 found.append(shift)
-                if output == OUTPUTS.index("torque_nm"):
+                heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
+                if output == OUTPUTS.index("torque_nm") and not heating:
                     found.append(Shift(i, HEAT, tick))
     return found
 
@@ -111,7 +114,7 @@ def astray(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
         sizes, squares = np.zeros(len(parts)), np.zeros(len(parts))
         for i, part in enumerate(parts):
             values = residuals[part[0] : part[0] + _WINDOW_TICKS, output]
-            values = np.clip(values[np.isfinite(values)] / noise[output], -_CLIP, _CLIP)
+            values = np.clip(values[np.isfinite(values)] / noise[output], -_EDGE, _EDGE)
             if values.size:
                 sizes[i] = abs(values.mean()) * np.sqrt(values.size)
                 squares[i] = np.mean(values**2)

@@ -16,6 +16,8 @@ from fsw_model import STEP_S, ModelParameters
 _PRIOR_LOG = 2.0
 #: prior standard deviations of ``START``
 _START_PRIOR = np.array([1.0, 0.3, 20.0, 20.0, 500.0, 20.0])
+#: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
+_SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
 #: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
 #: prior standard deviations of the disturbances at the beginning; a constant one of an output cannot be told
@@ -189,6 +191,8 @@ class Problem:
                 block[0, 0] += _OFFSET_PRIOR[which] ** -2
                 prior[column : column + n, column : column + n] = block
                 column += n
+        at = column + np.arange(len(self.shifts))
+        prior[at, at] = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2
         return prior
 
     def normal(self, residuals: Sequence[FloatArray], slopes: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
