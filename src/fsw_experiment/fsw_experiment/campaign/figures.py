@@ -71,7 +71,7 @@ def ratios(results: Results) -> bytes | None:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3)
         if i == 0:
-            axes.legend(fontsize="small")
+            axes.legend(fontsize="small", loc="lower right")
 
     return _panels(len(keys), draw)
 
