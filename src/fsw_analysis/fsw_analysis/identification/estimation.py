@@ -31,6 +31,8 @@ _LEVEL = "sliding_friction"
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: up to this share it is a disturbance, and not the wrong start
 _SHARE_OF_DISTURBANCE = 0.25
+#: iterations between two searches for shifts
+_FEW = 6
 #: relative standard deviation with which a parameter that is kept nominal is reckoned with
 _KEPT_DEVIATION = 0.2
 #: as ``LARGEST_DEVIATION``, but at the nominal parameters, before anything is known
@@ -195,7 +197,7 @@ def _solved(
         while found := shifts(problem):
             problem.shifts += found
             problem.sizes = np.concatenate([problem.sizes, np.zeros(len(found))])
-            problem.solve(tell)
+            problem.solve(tell, _FEW)
     return problem
 
 
