@@ -1,10 +1,14 @@
 #!/usr/bin/env python3
 """How well model parameters are identified: random plants, one closed-loop weld of five minutes each.
 
+Once without disturbances, and once with a random one of the process or a sensor in each weld: how often is a parameter
+then off by more than three of its standard deviations, and how often without a word about a disturbance?
+
 usage: identification.py [--quick] [--json FILE]
 """
 
 import os
+import random
 import statistics
 import sys
 import time
@@ -20,15 +24,17 @@ if __name__ == "__main__":
 
     ensure()
 
+import yaml
 from report import parser, save, show
 
 from fsw_analysis.identification.estimation import identify
+from fsw_analysis.identification.summary import Summary, told_disturbances
 from fsw_analysis.identification.weld_data import prepare
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import RANDOM, random_factors
 from fsw_experiment.controllers import make
-from fsw_experiment.scenario_file import load
+from fsw_experiment.scenario_file import content_of, parse, text_of
 from fsw_model import nominal
 from fsw_plant.config import specs
 
@@ -45,13 +51,52 @@ AIMS = {
 #: factors on the paper's parameters: those of the comparison of controllers, and others that are estimated
 SPANS = RANDOM | {"model.depth_pole_slow_s": (0.8, 1.25), "model.motor_lag_s": (0.7, 1.4)}
 _95 = 1.96
+#: a relative error that matters
+GROSS = 0.1
+#: a parameter that is off by more standard deviations is biased
+BIASED = 3.0
+#: smallest and largest amplitudes of disturbances, and of sensor faults (a drift: per second)
+AMPLITUDES = {
+    "depth": ("mm", 0.02, 0.1),
+    "temperature": ("c", 1.0, 5.0),
+    "axial_force": ("kn", 0.3, 1.5),
+    "torque": ("nm", 10.0, 60.0),
+}
+FAULTS = {"depth": ("mm", 0.02, 0.1), "thermocouple": ("c", 1.0, 5.0)}
+
+
+def disturbance(index):
+    """A random event of the scenario's kind: disturbance of any shape, or fault of a sensor."""
+    generator = random.Random(index)
+    at_s = round(generator.uniform(30.0, 200.0), 1)
+    sign = generator.choice((-1.0, 1.0))
+    if generator.random() < 0.2:
+        sensor = generator.choice(list(FAULTS))
+        unit, low, high = FAULTS[sensor]
+        kind = generator.choice(("bias", "drift"))
+        duration_s = round(generator.uniform(20.0, 80.0), 1)
+        size = sign * generator.uniform(low, high) / (1.0 if kind == "bias" else duration_s)
+        return {"at_s": at_s, "fault": {"sensor": sensor, "kind": kind, f"magnitude_{unit}": size,
+                                        "duration_s": duration_s}}  # fmt: skip
+    channel = generator.choice(("depth", "depth", "temperature", "axial_force", "torque"))
+    unit, low, high = AMPLITUDES[channel]
+    entry = {"channel": channel, "shape": generator.choice(("step", "ramp", "sine", "pulse"))}
+    entry[f"amplitude_{unit}"] = sign * generator.uniform(low, high)
+    if entry["shape"] != "step":
+        entry["duration_s"] = round(generator.uniform(5.0, 80.0), 1)
+    if entry["shape"] == "sine":
+        entry["period_s"] = round(generator.uniform(10.0, 90.0), 1)
+    return {"at_s": at_s, "disturbance": entry}
 
 
 def one(job):
     """Weld and identify one plant: relative error and standard deviation of every parameter, seconds, excursions."""
-    index, factors = job
+    index, factors, event = job
     overrides = [f"plant.seed={index + 1}", *(f"plant.{name}={factor!r}" for name, factor in factors.items())]
-    scenario = load("identify_closed_loop", overrides)
+    content = content_of(text_of("identify_closed_loop"))
+    if event is not None:
+        content["events"] = sorted([*content["events"], event], key=lambda one: one["at_s"])
+    scenario = parse(yaml.safe_dump(content), "identify_closed_loop", overrides)
     signals = ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
     began = time.process_time()
     fit = identify(prepare(signals, specs()["actuators.lag_s"].default).segments)
@@ -60,21 +105,50 @@ def one(job):
     errors = {name: getattr(fit.parameters, name) / getattr(truth, name) - 1.0 for name in fit.free}
     deviations = {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
     moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
-    return errors, deviations, seconds, moved, len(fit.notes) + len(fit.shifts)
+    return errors, deviations, seconds, moved, told_disturbances(Summary("", fit))
+
+
+def identified(name, jobs):
+    """Results of all jobs, on all cores."""
+    runs, pool = [], ProcessPoolExecutor(os.cpu_count())
+    try:
+        for run in pool.map(one, jobs):
+            runs.append(run)
+            print(f"{name}: plant {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print(f"interrupted: of {len(runs)} plants only", file=sys.stderr)
+    pool.shutdown(cancel_futures=True)
+    return runs
+
+
+def of_disturbed(drawn):
+    """How many disturbed welds bias a parameter, and how many without a word."""
+    events = [disturbance(index) for index in range(len(drawn))]
+    runs = identified("disturbed", [(i, drawn[i], events[i]) for i in range(len(drawn))])
+    biased, silent, gross, largest = 0, 0, 0, []
+    for (errors, deviations, *_, told), event in zip(runs, events, strict=False):
+        off = {name: abs(errors[name]) / deviations[name] for name in AIMS if name in errors}
+        worst = max(off, key=off.get)
+        largest.append(max(abs(errors[name]) for name in AIMS if name in errors))
+        biased += off[worst] > BIASED
+        silent += off[worst] > BIASED and not told
+        gross += largest[-1] > GROSS and not told
+        print(f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, {worst:<22} {event} {told}", file=sys.stderr)
+    return {
+        "disturbed_welds": len(runs),
+        "disturbed_told": sum(bool(told) for *_, told in runs),
+        "disturbed_biased_percent": 100.0 * biased / len(runs),
+        "disturbed_biased_and_not_told_percent": 100.0 * silent / len(runs),
+        "disturbed_off_by_10_percent_and_not_told_percent": 100.0 * gross / len(runs),
+        "disturbed_largest_error_median_percent": 100.0 * statistics.median(largest),
+    }
 
 
 def main():
     """Measure, print a table, write JSON."""
-    arguments = parser(__doc__, "8 plants instead of 100").parse_args()
+    arguments = parser(__doc__, "8 plants instead of 100, and of 60 that are disturbed").parse_args()
     drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    runs, pool = [], ProcessPoolExecutor(os.cpu_count())
-    try:
-        for run in pool.map(one, enumerate(drawn)):
-            runs.append(run)
-            print(f"plant {len(runs)} of {len(drawn)}", file=sys.stderr, flush=True)
-    except KeyboardInterrupt:
-        print(f"interrupted: of {len(runs)} plants only", file=sys.stderr)
-    pool.shutdown(cancel_futures=True)
+    runs = identified("undisturbed", [(i, factors, None) for i, factors in enumerate(drawn)])
     result = {"plants": len(runs), "cpus": os.cpu_count()}
     names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
     inside = []
@@ -95,7 +169,8 @@ def main():
     result["cpu_s_largest"] = max(seconds for _, _, seconds, _, _ in runs)
     result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _ in runs)
     result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _ in runs)
-    result["false_alarms"] = sum(count for *_, count in runs)
+    result["false_alarms"] = sum(bool(told) for *_, told in runs)
+    result |= of_disturbed(drawn[: 8 if arguments.quick else 60])
     show(result)
     for name, aim in AIMS.items():
         found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))

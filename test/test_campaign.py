@@ -165,10 +165,11 @@ def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
     assert found(tmp_path / "out") == expected
 
 
-def test_no_scheduler_is_one_line(monkeypatch):
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "foo://host:1"])
+def test_no_scheduler_is_one_line(monkeypatch, address):
     monkeypatch.setattr(engine, "PATIENCE_S", 0.5)
     with pytest.raises(CampaignError, match="no scheduler answers"):
-        engine.connect("tcp://127.0.0.1:1", None).__enter__()
+        engine.connect(address, None).__enter__()
 
 
 def test_simulate_records_a_bag_of_the_same_weld(tmp_path):

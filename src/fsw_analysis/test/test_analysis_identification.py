@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_analysis.identification import estimation, model_file, report, statistics, summary
+from fsw_analysis.identification import disturbed, estimation, model_file, report, statistics, summary
 from fsw_analysis.identification.friction import from_air
+from fsw_analysis.identification.problem import HEAT
 from fsw_analysis.identification.simulation import CANDIDATES, START, knots, simulate
 from fsw_analysis.identification.weld_data import IdentificationError, Segment, prepare
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
@@ -116,6 +117,19 @@ def test_slopes_are_those_of_the_simulation() -> None:
         assert np.abs(course.by_nuisance[:, :, i] - expected).max() < 1e-4 * np.abs(expected).max(), i
 
 
+def test_a_torque_shows_and_heats() -> None:
+    segment = only(weld(OTHER, 40.0, noise=0.0))
+    nuisance, step = at_rest(OTHER, segment), np.zeros((segment.n_ticks, 1))
+    step[100:] = 1.0
+    course, usual = simulate(OTHER, segment, nuisance, step, [30.0]), simulate(OTHER, segment, nuisance)
+    by = course.outputs - usual.outputs
+    assert by[120, 2] == pytest.approx(30.0, abs=0.5) and not by[:100].any()
+    heat_c = 30.0 * segment.speed_rpm[150] * np.pi / 30000.0 * OTHER.thermal_gain_c_per_kw
+    assert 0.1 * heat_c < by[-1, 1] < heat_c
+    more, less = (simulate(OTHER, segment, nuisance, step, [30.0 + e]).outputs for e in (1e-3, -1e-3))
+    assert np.abs(course.by_nuisance[:, :, -1:][..., 0] - (more - less) / 2e-3).max() < 1e-4
+
+
 @pytest.mark.slow
 def test_estimate_with_its_deviations() -> None:
     fit = estimation.identify([only(weld())])
@@ -142,9 +156,29 @@ def test_shifts_are_told_and_do_not_bias() -> None:
     signals.torque_nm[400:600] += 15.0
     fit = estimation.identify([only(signals)])
     found = {(shift.output, shift.tick): size for shift, size, _ in fit.shifts}
-    assert found == pytest.approx({(0, 700): 0.05, (2, 400): 15.0, (2, 600): -15.0}, rel=0.1)
+    shown = {(0, 700): 0.05, (2, 400): 15.0, (2, 600): -15.0}
+    # a shift of the sensor alone does not heat
+    assert found == pytest.approx(shown | {(HEAT, 400): -15.0, (HEAT, 600): 15.0}, rel=0.2)
     assert max(map(abs, scores(fit).values())) < 4.0
-    assert sum("shifts by" in line for line in summary.remarks(summary.Summary("weld", fit))) == 3
+    lines = summary.told_disturbances(summary.Summary("weld", fit))
+    assert sum("shifts by" in line for line in lines) == 3 and sum("heats like" in line for line in lines) == 2
+
+
+def test_windows_in_which_an_output_goes_its_own_way() -> None:
+    generator = np.random.default_rng(4)
+    noise = np.array([0.002, 0.1, 2.0])
+    clean = noise * generator.standard_normal((20_000, 3))
+    assert not disturbed.astray(clean, noise).any()
+    ticks = np.arange(200)
+    swinging, kinked, coloured = clean[:3000].copy(), clean[:3000].copy(), clean[:3000].copy()
+    swinging[600:800, 0] += 0.02 * np.sin(ticks / 3.0)
+    kinked[600:800, 1] += 0.5 * (1.0 - np.abs(ticks - 100) / 100.0)
+    coloured[:, 2] = np.convolve(clean[:3000, 2], np.ones(8), "same")
+    for residuals, output in ((swinging, 0), (kinked, 1)):
+        found = disturbed.astray(residuals, noise)
+        assert found[650:750, output].all() and not found[900:, output].any() and not found[:500, output].any()
+        assert found.any(axis=0).sum() == 1
+    assert disturbed.astray(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
 
 
 @pytest.mark.slow

@@ -28,7 +28,9 @@ def answer(
         return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
     if refused is not None:
         return Proposal(applied, healthy=False, reason=f"command is {refused.words}", diagnosis=proposal.diagnosis)
-    needed = [name for name in measurement.invalid_sensors() if name not in controller.tolerated_sensors]
-    if proposal.healthy and needed:
-        return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
+    m = measurement
+    if proposal.healthy and not (m.depth_valid and m.torque_valid and m.temperature_valid):
+        needed = [name for name in m.invalid_sensors() if name not in controller.tolerated_sensors]
+        if needed:
+            return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
     return proposal

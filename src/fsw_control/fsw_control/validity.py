@@ -100,18 +100,20 @@ class Frozen:
 
     def update(self, value: float, samples: int) -> bool:
         """Take the next sample; return whether the sensor is frozen, after a run of ``samples`` at least (0: never)."""
-        if abs(value - self._last) <= _ROUNDING * abs(value):
+        last = self._last
+        if abs(value - last) <= _ROUNDING * abs(value):
             self._run += 1
             return self._is_frozen(samples)
         # A run of equal samples is remembered only once it has ended, and not if it was a freeze:
         # a freeze must not teach that standing still is normal.
-        if self._run and not self._is_frozen(samples):
-            for _ in range(min(self._run, _MEMORY)):
-                self._equal += (1.0 - self._equal) * self._weight()
-        self._run = 0
-        rising = value > self._last
-        if not math.isnan(self._last):
-            weight = self._weight()
+        if self._run:
+            if not self._is_frozen(samples):
+                for _ in range(min(self._run, _MEMORY)):
+                    self._equal += (1.0 - self._equal) * self._weight()
+            self._run = 0
+        rising = value > last
+        if last == last:  # not the first sample
+            weight = self._weight() if self._count < _MEMORY else 1.0 / _MEMORY
             self._equal -= self._equal * weight
             self._reversed += ((rising != self._rising) - self._reversed) * weight
         self._rising, self._last = rising, value
@@ -157,7 +159,10 @@ class SensorValidity:
                 fault = "out of range"
             elif frozen:
                 fault = "frozen"
-            elif self._jumps(time_s, value):
+            elif not (
+                self._valid
+                and abs(value - self._good) <= limits.max_rate * max(time_s - self._good_s, _LEAST_ELAPSED_S)
+            ) and self._jumps(time_s, value):
                 fault = "too fast" if self._valid else "recovering"
             else:
                 self._agreeing = 0
@@ -171,12 +176,10 @@ class SensorValidity:
         return Reading(math.nan, False, fault)
 
     def _jumps(self, time_s: float, value: float) -> bool:
-        """Whether a change is too fast, until enough samples in a row agree that it is real."""
-        largest_rate, elapsed_s = self.limits.max_rate, time_s - self._good_s
-        if self._valid and abs(value - self._good) <= largest_rate * max(elapsed_s, _LEAST_ELAPSED_S):
-            return False
+        """Whether a value far from the last good one is a jump, until enough samples in a row agree that it is real."""
         if not math.isfinite(self._good):  # the first sample
             return False
+        largest_rate = self.limits.max_rate
         elapsed_s = max(time_s - self._candidate_s, _LEAST_ELAPSED_S)
         agrees = self._agreeing and abs(value - self._candidate) <= largest_rate * elapsed_s
         self._agreeing = self._agreeing + 1 if agrees else 1
@@ -213,8 +216,8 @@ class SensorGuard:
 
         ``values`` has the samples by sensor (mm, N m, degC), ``drives`` the force and speed that the drives report.
         """
-        depth, torque, temperature = (one.update(time_s, values.get(name)) for name, one in self._sensors.items())
-        readings = (depth, torque, temperature)
+        readings = [one.update(time_s, values.get(name)) for name, one in self._sensors.items()]
+        depth, torque, temperature = readings
         held: tuple[str, ...] = ()
         for name, reading in zip(SENSORS, readings, strict=True):
             self.reasons[name] = reading.reason

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import fields, replace
 from math import nan
 from operator import attrgetter
@@ -32,7 +33,7 @@ from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.timeline import announced, references, switches
 from fsw_model import STEP_S
-from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantEvent, PlantSchedule, Truth
 from fsw_plant.events import Fault
 
 #: ticks between two reports of progress
@@ -41,7 +42,8 @@ _PROGRESS_TICKS = 100
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
     """The plant that a scenario sets up, with its disturbances and faults."""
-    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule.from_yaml(scenario.text, scenario.name))
+    events = (deepcopy(event) for event in scenario.events if isinstance(event, PlantEvent))  # faults have a memory
+    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule(events))
 
 
 def start_reference(scenario: Scenario) -> Reference:
@@ -134,11 +136,12 @@ class ClosedLoop:
             if plan is not None:
                 reference = replace(reference, coming=plan.after(tick * TICK_NS))
             _, stamp_ns, *sent, drives = plant.measure()
-            values = {}
-            for sensor, samples in zip(SENSORS, sent, strict=True):
-                for sample in samples:
-                    if sample.stamp_ns == stamp_ns:
-                        values[sensor] = sample.value
+            values = {
+                sensor: sample.value
+                for sensor, samples in zip(SENSORS, sent, strict=True)
+                for sample in samples
+                if sample.stamp_ns == stamp_ns
+            }
             measurement = guard.measure(stamp_ns * 1e-9, values, drives)
             answers = {}
             for name, controller in self._controllers.items():

@@ -1,6 +1,9 @@
 """Campaigns without Dask: files, points, rows, datasets, reports."""
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,11 +12,11 @@ import yaml
 pa = pytest.importorskip("pyarrow")
 
 from fsw_analysis.kpi import compute  # noqa: E402
-from fsw_experiment.campaign import dataset, definition, report  # noqa: E402
+from fsw_experiment.campaign import dataset, definition, report, software  # noqa: E402
 from fsw_experiment.campaign.dataset import TIMES, Dataset  # noqa: E402
 from fsw_experiment.campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
 from fsw_experiment.campaign.errors import CampaignError  # noqa: E402
-from fsw_experiment.campaign.statistics import Results, arguments  # noqa: E402
+from fsw_experiment.campaign.statistics import Results, arguments, first_order  # noqa: E402
 from fsw_experiment.campaign.welds import run_batch, run_weld  # noqa: E402
 from fsw_experiment.cli.main import main  # noqa: E402
 from fsw_experiment.closed_loop import ClosedLoop  # noqa: E402
@@ -60,8 +63,9 @@ def one(path, **entry):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"colour": "red"}, "unknown key colour"),
+        ({"colour": "red"}, "campaign.yaml: campaign has unknown key colour"),
         ({"welds": 0}, "welds = 0 is outside"),
+        ({"welds": -3}, "campaign.yaml: welds = -3 is outside"),
         ({"welds": 1.5}, "not a whole number"),
         ({"scenario": "nothing"}, "cannot read scenario nothing"),
         ({"scenario": "open_loop_force_steps"}, "open-loop"),
@@ -95,6 +99,29 @@ def test_bad_campaign_is_one_line_that_says_what(tmp_path, capsys, changes, word
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and words in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"name: [a", "campaign.yaml, line 1, column 9: not valid YAML"),
+        (b"\xff\xfe", "not a text file in UTF-8"),
+        (b"", "a campaign is a mapping"),
+    ],
+)
+def test_unreadable_campaign_is_one_line(tmp_path, capsys, content, words):
+    file = tmp_path / "campaign.yaml"
+    file.write_bytes(content)
+    assert main(["campaign", str(file), "--out", str(tmp_path / "out")]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and words in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written(small, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(CampaignError, match=r"cannot write to folder .*Not a directory"):
+        Dataset(tmp_path / "file" / "out", small[0])
 
 
 def test_shipped_campaigns_are_valid():
@@ -228,7 +255,7 @@ def test_statistics_of_a_campaign(folder):
     results = Results(made, table, folder)
     assert results.labels == ["decentral:tight", "mine"]
     assert results.complete.tolist() == [0, 1, 3]
-    good, total, low, high = results.share("mine")
+    good, total, low, high = results.share(results.inside, "mine")
     p, z2 = good / total, 1.959963984540054**2  # Wilson's formula
     centre, spread = p + z2 / (2 * total), (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5
     assert (low, high) == pytest.approx(((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total)))
@@ -237,7 +264,8 @@ def test_statistics_of_a_campaign(folder):
     assert ratio == pytest.approx(
         results.numbers("iae_depth_mm_s", "mine") / results.numbers("iae_depth_mm_s", results.labels[0])
     )
-    assert set(results.correlations("iae_depth_mm_s", "mine")) == set(SMALL["distributions"])
+    assert set(results.sensitivities("iae_depth_mm_s", "mine")) == set(SMALL["distributions"])
+    assert results.meets({"iae_depth_mm_s": (0.0, 1e9)}).sum() == 6
     worst = results.worst()
     assert [row["index"] for row, _ in worst[:2]] == [2, 2] and worst[0][1] == "diverged: lost"
 
@@ -258,14 +286,77 @@ def test_reports(folder, tmp_path, capsys):
     assert main(["campaign", "report", str(folder)]) == 0
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
+    assert "every change settles" in html and "while the depth is stepped" not in html  # quick has no such figures
     page = tmp_path / "page.md"
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
+    assert "The median IAE depth is least with `" in page.read_text()
     figures = {path.name for path in tmp_path.glob("*.png")}
     assert figures == {"page_outside.png", "page_parameters.png", "page_ratios.png"}
     assert all(f"]({name})" in page.read_text() for name in figures)
     capsys.readouterr()
     report.write(folder, tmp_path / "again.md")
     assert (tmp_path / "again.md").read_text() == page.read_text().replace("page_", "again_")
+
+
+def test_mixed_versions_are_told(small, tmp_path):
+    made, rows = small
+    with Dataset(tmp_path / "mixed", made) as written:
+        written.write([row | {"versions": "new" if row["index"] else "old"} for row in rows])
+    page = report.write(tmp_path / "mixed", tmp_path / "page.md").read_text()
+    assert "Mixed versions: 6 welds by new; 2 welds by old." in page
+
+
+def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("- words: hardly any error\n  limits: {iae_depth_mm_s: {max: 1.0e-9}}\n")
+    page = tmp_path / "page.md"
+    assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 0
+    (row,) = [line for line in page.read_text().splitlines() if "hardly any error" in line]
+    assert row.count("| 0.0 [0.0, ") == 2
+    capsys.readouterr()
+    for text, words in (
+        ("- words: a\n  limits: {colour: {max: 1.0}}", "limits.yaml: [0].limits.colour is no figure"),
+        ("- limits: {}", "lacks words"),
+        ("a: 1", "not a list"),
+        ("[", "not valid YAML"),
+    ):
+        limits.write_text(text)
+        assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 1
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1 and words in error
+
+
+def test_first_order_index_of_known_functions():
+    generator = np.random.default_rng(1)
+    x, other = generator.uniform(-1.0, 1.0, (2, 4000))
+    assert first_order(x, x) == pytest.approx(1.0, abs=0.01)
+    assert first_order(x, x**2) == pytest.approx(1.0, abs=0.03)  # whose rank correlation is 0
+    assert first_order(x, x + other) == pytest.approx(0.5, abs=0.03)
+    assert first_order(other, x) == pytest.approx(0.0, abs=0.01)
+    assert np.isnan(first_order(x[:60], x[:60]))
+
+
+def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
+    program = (
+        "import sys; from fsw_experiment.campaign import definition, welds;"
+        "made = definition.read({'name': 'a', 'scenario': {'name': 's', 'duration_s': 1.0}, 'welds': 1,"
+        "'controllers': ['decentral', 'nmpc:default']});"
+        "rows = welds.run_batch(made.text, [(0, made.parameters(0), ['decentral', 'nmpc:default'])]);"
+        "assert [row['status'] for row in rows] == ['ok', 'ok'], rows;"
+        "print(*(module.__file__ for name, module in sys.modules.items() if name.startswith('fsw_')))"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    of_campaigns = {"__init__.py", "errors.py", "software.py"}
+    assert {path for path in found if Path(path).name not in of_campaigns} <= set(map(str, software.sources()))
+
+
+def test_code_decides_the_versions(tmp_path, monkeypatch):
+    file = tmp_path / "model.py"
+    monkeypatch.setattr(software, "sources", lambda: [file])
+    file.write_text("a = 1")
+    before = software.digest()
+    file.write_text("a = 2")
+    assert software.digest() != before
 
 
 @pytest.mark.parametrize(
@@ -280,6 +371,7 @@ def test_reports(folder, tmp_path, capsys):
         ["campaign", "report"],
         ["campaign", "report", "/nowhere"],
         ["campaign", "report", "/nowhere", "--welds", "3"],
+        ["campaign", "model_uncertainty", "--limits", "limits.yaml"],
     ],
 )
 def test_wrong_arguments_are_one_line(wrong, capsys):

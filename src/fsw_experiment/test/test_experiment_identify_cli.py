@@ -75,6 +75,9 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         capsys, "identify", golden, "--out", out, "--validate", str(tmp_path / "nothing there")
     )
     assert "nowhere" in error_of(capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere"))
+    unwritable = str(Path(golden) / "metadata.yaml" / "folder")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", f"{unwritable}/model.yaml")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", out, "--report", unwritable)
     assert not Path(out).exists()
 
 
@@ -105,7 +108,10 @@ def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     )
     out = tmp_path / "experiment.yaml"
     assert main(["identify", "--design", "--duration", "90", "--out", str(out)]) == 0
-    assert "thermal_gain_c_per_kw" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "thermal_gain_c_per_kw" in told and "open loop" not in told
+    assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
+    assert "on a process unlike the model they drift far beyond" in capsys.readouterr().out
     scenario = scenario_file.load(str(out))
     assert scenario.duration_s == 90.0 and scenario.events
 

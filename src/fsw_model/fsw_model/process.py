@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite, pi
 from struct import Struct
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -167,7 +167,7 @@ class ProcessModel:
             )
         state.x = tuple(result[:6])
         power.popleft()
-        power.append(cast(Power, tuple(result[6:10])))
+        power.append((result[6], result[7], result[8], result[9]))
 
     def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
         """Outputs in a state under given inputs."""

@@ -151,7 +151,7 @@ class PlantEmulator:
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
         self._sensors = [NoisySensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
-        self._last_shown: dict[str, float] = {}
+        self._last_shown: list[float] = []
 
     @property
     def time_s(self) -> float:
@@ -165,29 +165,31 @@ class PlantEmulator:
         """
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
-        for event in self.schedule.due(self.time_s):
-            self._begin(event)
+        if self.schedule.events:
+            for event in self.schedule.due(self.time_s):
+                self._begin(event)
         stamp = self.tick * TICK_NS if stamp_ns is None else stamp_ns
         outputs, above_rpm = self._outputs, self._acting.speed_rpm - weld.SPEED_RPM
+        drop_nm_per_rpm = self.config.values["sensors.torque_drop_nm_per_rpm"]
         shown = (
             outputs.depth_mm + self._disturbance("depth"),
-            outputs.motor_torque_nm
-            + self._inertia_torque_nm
-            - self.config["sensors.torque_drop_nm_per_rpm"] * above_rpm,
+            outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm_per_rpm * above_rpm,
             outputs.temperature_c + self._disturbance("temperature"),
         )
+        values = [sensor.read(value) for sensor, value in zip(self._sensors, shown, strict=True)]
         depth, torque, temperature = [
-            self._sent(name, Sample(stamp, sensor.read(value)))
-            for name, sensor, value in zip(SENSORS, self._sensors, shown, strict=True)
+            self._sent(i, Sample(stamp, value)) if self.faults else (Sample(stamp, value),)
+            for i, value in enumerate(values)
         ]
+        self._last_shown = values
         self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
         return self._reading
 
-    def _sent(self, sensor: str, sample: Sample) -> tuple[Sample, ...]:
-        """What a sensor sends of its sample."""
-        last = self._last_shown.get(sensor)
-        self._last_shown[sensor] = sample.value
-        fault = self.faults.get(sensor) if self.faults else None
+    def _sent(self, index: int, sample: Sample) -> tuple[Sample, ...]:
+        """What a sensor, the ``index``-th of ``SENSORS``, sends of its sample."""
+        sensor = SENSORS[index]
+        last = self._last_shown[index] if self._last_shown else None
+        fault = self.faults.get(sensor)
         if fault is None:
             return (sample,)
         if fault.over(self.time_s):
@@ -253,7 +255,8 @@ class PlantEmulator:
         end = Command(self._force.position + by.force_kn, self._speed.position + by.speed_rpm)
         try:
             self._model.step(self._state, mean_kn + by.force_kn, mean_rpm + by.speed_rpm)
-            self._add_torque(self._disturbance("torque"))
+            if self.disturbances:
+                self._add_torque(self._disturbance("torque"))
             self._outputs = self._model.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"

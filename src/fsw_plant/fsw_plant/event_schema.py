@@ -74,19 +74,22 @@ class Place:
         The place in it, e.g. ``events[2].fault``.
     failure : type
         Of the errors.
+    whole : str
+        What the file as a whole is called.
     """
 
     where: str
     path: str = ""
     failure: type[ValueError] = DisturbanceError
+    whole: str = "scenario"
 
     def inside(self, name: str) -> Place:
         """A place one step further in."""
-        return Place(self.where, f"{self.path}.{name}" if self.path else name, self.failure)
+        return Place(self.where, f"{self.path}.{name}" if self.path else name, self.failure, self.whole)
 
     def error(self, problem: str) -> ValueError:
         """The error to raise when something is wrong here."""
-        return self.failure(f"{self.where}: {self.path or 'scenario'} {problem}")
+        return self.failure(f"{self.where}: {self.path or self.whole} {problem}")
 
     def yaml(self, text: str) -> Any:
         """Content of YAML text, in which no key is given twice."""

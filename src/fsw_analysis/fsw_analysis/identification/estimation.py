@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fsw_analysis.identification.disturbed import astray, drop_small_shifts, leave_out, shifts
 from fsw_analysis.identification.problem import NOISE_FLOOR, OUTLIER, WALK, WALKS, Problem, Shift
 from fsw_analysis.identification.simulation import CANDIDATES, OUTPUTS, START, hats, knots
 from fsw_analysis.identification.statistics import long_run_factor
 from fsw_analysis.identification.weld_data import IdentificationError, Segment
 from fsw_analysis.weld_signals import FloatArray
-from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters
 
 #: a parameter with a larger relative standard deviation is one that the data cannot tell
@@ -29,15 +29,10 @@ _WHY_STRUCTURAL = "(19)-(22) have six coefficients, welds show three: the torque
 _LEVEL = "sliding_friction"
 #: which are kept nominal first, where several cannot be told apart
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
-#: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
-_SHIFT_TICKS, _SHIFT = 30, 9.0
-_MOST_SHIFTS = 12
-#: a shift of fewer standard deviations is dropped in the end
-_REAL_SHIFT = 5.0
-#: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
-_CLIP = 5.0
-#: length of a stretch, and the median residual, in standard deviations, from which on it is left out
-_STRETCH_TICKS, _ASTRAY = 200, 0.7
+#: up to this share it is a disturbance, and not the wrong start
+_SHARE_OF_DISTURBANCE = 0.25
+#: iterations between two searches for shifts
+_FEW = 6
 #: relative standard deviation with which a parameter that is kept nominal is reckoned with
 _KEPT_DEVIATION = 0.2
 #: as ``LARGEST_DEVIATION``, but at the nominal parameters, before anything is known
@@ -142,41 +137,68 @@ def identify(
     """
     start = start or ModelParameters()
     tell = _Progress(progress)
-    free, unknown = tuple(name for name in CANDIDATES if name not in STRUCTURAL), dict[str, str]()
+    free, unknown = CANDIDATES, dict[str, str]()
     first = Problem(segments, start, free)
     first.noise = _sensor_noise(segments)
     free = _select(first, free, unknown, _LARGEST_AT_START)
     best: Problem | None = None
-    lowest = np.inf
     for factors in _STARTS:
-        # without the weakly told parameters first: the valley that they open is long and curved
-        well_told = tuple(name for name in free if name not in _KEPT_FIRST)
         scaled = start.scaled(**{name: of for name, of in factors.items() if name in free})
-        tried = Problem(segments, scaled, well_told)
-        tried.solve(tell)
-        tried.free = free
-        cost = tried.solve(tell)
-        if cost < lowest:
-            lowest, best = cost, tried
-        if (tried.noise < _AS_GOOD * first.noise).all():
-            break  # what remains is the sensors' noise: no start can lead to less
+        tried = _from(scaled, segments, free, tell)
+        if best is None or tried.evidence() < best.evidence():
+            best = tried
+        share = np.concatenate([astray(one, first.noise) for one in tried.last[1]]).mean(axis=0)
+        if (tried.noise < _AS_GOOD * first.noise).all() or (share < _SHARE_OF_DISTURBANCE).all():
+            break  # what remains is the sensors' noise, or a disturbance: no start can lead to less
     assert best is not None
-    for best.fixed_walk in (True, False):
-        if not best.fixed_walk:
-            best.solve(tell)
-        while found := _shifts(best):
-            best.shifts += found
-            best.sizes = np.concatenate([best.sizes, np.zeros(len(found))])
-            best.solve(tell)
     while (left := _select(best, best.free, unknown, LARGEST_DEVIATION)) != best.free:
         kept = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = replace(best.parameters, **kept), left
         best.solve(tell)
-    notes = _leave_out(best, tell)
-    _drop_small_shifts(best)
+    notes = leave_out(best, first.noise, tell)
+    drop_small_shifts(best)
     best.reject = True
     cost = best.solve(tell)
     return _fit(best, unknown | dict.fromkeys(STRUCTURAL, _WHY_STRUCTURAL), notes, cost)
+
+
+def _from(
+    start: ModelParameters, segments: Sequence[Segment], free: tuple[str, ...], tell: Callable[[], None]
+) -> Problem:
+    """Solution from a start, with shifts and slow disturbances.
+
+    Shifts are found in the residuals of a model that they have bent; so once more from the start, with what was found.
+    """
+    problem = _solved(start, segments, free, [], tell)
+    if not problem.shifts:
+        return problem
+    again = _solved(start, segments, free, list(zip(problem.shifts, problem.sizes, strict=True)), tell)
+    return min(problem, again, key=Problem.evidence)
+
+
+def _solved(
+    start: ModelParameters,
+    segments: Sequence[Segment],
+    free: tuple[str, ...],
+    known: Sequence[tuple[Shift, float]],
+    tell: Callable[[], None],
+) -> Problem:
+    """Solution from a start with known shifts, and others that are found."""
+    # without the weakly told parameters first: the valley that they open is long and curved
+    problem = Problem(segments, start, [name for name in free if name not in _KEPT_FIRST])
+    problem.shifts = [shift for shift, _ in known]
+    problem.sizes = np.array([size for _, size in known])
+    problem.solve(tell)
+    problem.free = free
+    problem.solve(tell)
+    for problem.fixed_walk in (True, False):
+        if not problem.fixed_walk:
+            problem.solve(tell)
+        while found := shifts(problem):
+            problem.shifts += found
+            problem.sizes = np.concatenate([problem.sizes, np.zeros(len(found))])
+            problem.solve(tell, _FEW)
+    return problem
 
 
 def validate(segments: Sequence[Segment], parameters: ModelParameters) -> Fit:
@@ -202,7 +224,7 @@ def expected_deviations(
     noise : (3,) array
         Standard deviations of the sensors in the order of ``OUTPUTS``.
     """
-    problem = Problem(segments, parameters, [name for name in CANDIDATES if name not in STRUCTURAL])
+    problem = Problem(segments, parameters, CANDIDATES)
     problem.noise, problem.walk = noise, WALK[0]
     _, residuals, slopes = problem.evaluate()
     information, _ = problem.normal([0.0 * one for one in residuals], slopes)
@@ -261,72 +283,6 @@ def _select(problem: Problem, free: Sequence[str], unknown: dict[str, str], larg
         if len(left) > 1 and correlation.max() > _CORRELATED:
             unknown[name] += f", together with {free[left[int(correlation.argmax())]]}"
         del left[worst]
-
-
-def _shifts(problem: Problem) -> list[Shift]:
-    """The largest shift in the residuals of each output of each segment, where there is one."""
-    _, residuals, _ = problem.last
-    found: list[Shift] = []
-    for i, one in enumerate(residuals):
-        known = np.isfinite(one)
-        limited = np.nan_to_num(np.clip(one / problem.noise, -_CLIP, _CLIP))
-        sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(of, axis=0)]) for of in (limited, known))
-        at = np.arange(1, len(one))
-        low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(one))
-        n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
-        with np.errstate(all="ignore"):
-            difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
-            size = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
-        size[(n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2)] = 0.0
-        for output in range(3):
-            tick = int(at[np.argmax(size[:, output])])
-            shift = Shift(i, output, tick)
-            near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
-            if size[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
-                found.append(shift)
-    return found
-
-
-def _drop_small_shifts(problem: Problem) -> None:
-    """Forget shifts that turned out to be none, e.g. the end of a stretch that is left out."""
-    if not problem.shifts:
-        return
-    _, residuals, slopes = problem.last
-    information, _ = problem.normal(residuals, slopes)
-    deviation = np.sqrt(np.diag(np.linalg.pinv(information + problem.prior(problem.walk))))[-len(problem.shifts) :]
-    large = np.abs(problem.sizes) > _REAL_SHIFT * deviation
-    problem.shifts = [shift for shift, real in zip(problem.shifts, large, strict=True) if real]
-    problem.sizes = problem.sizes[large]
-
-
-def _leave_out(problem: Problem, tell: Callable[[], None]) -> list[str]:
-    """Leave out stretches in which an output goes its own way; returns what was left out."""
-    _, residuals, _ = problem.last
-    notes: list[str] = []
-    for i, one in enumerate(residuals):
-        segment = problem.segments[i]
-        measured = segment.measured.copy()
-        for output, name in enumerate(OUTPUTS):
-            stretches = np.array_split(np.arange(segment.n_ticks), max(1, round(segment.n_ticks / _STRETCH_TICKS)))
-            means = [np.abs(_median(one[part, output] / problem.noise[output])) for part in stretches]
-            astray = [part for part, mean in zip(stretches, means, strict=True) if mean > _ASTRAY]
-            if len(astray) > len(stretches) / 3:
-                notes.append(f"{name}: the model does not follow it in {len(astray)} of {len(stretches)} stretches; "
-                             "do not trust what depends on it")  # fmt: skip
-                continue
-            for part in astray:
-                measured[part, output] = np.nan
-                begin, end = segment.time_s[part[0]], segment.time_s[part[-1]] + TICK_S
-                notes.append(f"{name}: {begin:.0f} to {end:.0f} s left out: the model does not follow it")
-        problem.segments[i] = replace(segment, measured=measured)
-    if notes:
-        problem.solve(tell)
-    return notes
-
-
-def _median(values: FloatArray) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if values.size else 0.0
 
 
 def _by_kept(problem: Problem, kept: Sequence[str], covariance: FloatArray) -> FloatArray:

@@ -16,6 +16,8 @@ from fsw_model import STEP_S, ModelParameters
 _PRIOR_LOG = 2.0
 #: prior standard deviations of ``START``
 _START_PRIOR = np.array([1.0, 0.3, 20.0, 20.0, 500.0, 20.0])
+#: prior standard deviations of shifts of ``OUTPUTS``, and of ``HEAT``
+_SHIFT_PRIOR = np.array([1.0, 100.0, 500.0, 100.0])
 #: slow disturbances: of force [kN] and power [kW], which act on the process, and of what is shown of the outputs
 WALKS = ("force [kN]", "power [kW]", "depth [mm]", "temperature [°C]", "torque [N·m]")
 #: prior standard deviations of the disturbances at the beginning; a constant one of an output cannot be told
@@ -29,6 +31,8 @@ NOISE_FLOOR = np.array([1e-4, 5e-3, 0.1])
 #: residuals beyond this many standard deviations are left out, at the end
 OUTLIER = 5.0
 _HUBER = 3.0
+#: the output that disturbs the process when it is disturbed, and the part of that which does not show
+_TORQUE, HEAT = 2, 3
 _LARGEST_MOVE = 0.3
 #: largest factor on the size of a random walk in one iteration
 _WALK_STEP = 4.0
@@ -46,7 +50,8 @@ class Shift:
     Attributes
     ----------
     segment, output : int
-        Where, ``output`` in the order of ``OUTPUTS``.
+        Where, ``output`` in the order of ``OUTPUTS``; ``HEAT``: of the heat of a shift of the torque, beyond what the
+        torque by itself would give (all of it, less, when the sensor is wrong).
     tick : int
         First row of the segment that is shifted.
     """
@@ -105,20 +110,31 @@ class Problem:
             weights = hats(segment.n_ticks)
             k = weights.shape[1]
             n_process = len(START) + 2 * k
-            course = simulate(self.parameters, segment, nuisance[:n_process])
             own = [j for j, shift in enumerate(self.shifts) if shift.segment == i]
+            steps = np.zeros((segment.n_ticks, len(own)))
+            for column, j in enumerate(own):
+                steps[self.shifts[j].tick :, column] = 1.0
+            # a shift of the torque heats as well
+            of_torque = [column for column, j in enumerate(own) if self.shifts[j].output >= _TORQUE]
+            sizes, shows = self.sizes[own], [self.shifts[own[column]].output == _TORQUE for column in of_torque]
+            course = simulate(
+                self.parameters, segment, nuisance[:n_process], steps[:, of_torque], sizes[of_torque], shows
+            )
             n = len(self.free)
             of = np.zeros((segment.n_ticks, 3, n + nuisance.size + len(own)))
             of[:, :, :n] = course.by_candidate[:, :, chosen] * scale
-            of[:, :, n : n + n_process] = course.by_nuisance
+            of[:, :, n : n + n_process] = course.by_nuisance[:, :, :n_process]
             shown = course.outputs + weights @ nuisance[n_process:].reshape(3, k).T
             for output in range(3):
                 begin = n + n_process + output * k
                 of[:, output, begin : begin + k] = weights
             for column, j in enumerate(own):
-                shift = self.shifts[j]
-                shown[shift.tick :, shift.output] += self.sizes[j]
-                of[shift.tick :, shift.output, n + nuisance.size + column] = 1.0
+                if column in of_torque:
+                    slope = course.by_nuisance[:, :, n_process + of_torque.index(column)]
+                    of[:, :, n + nuisance.size + column] = slope
+                else:
+                    shown[:, self.shifts[j].output] += steps[:, column] * sizes[column]
+                    of[:, self.shifts[j].output, n + nuisance.size + column] = steps[:, column]
             predicted.append(shown)
             residuals.append(segment.measured - shown)
             slopes.append(of)
@@ -175,6 +191,8 @@ class Problem:
                 block[0, 0] += _OFFSET_PRIOR[which] ** -2
                 prior[column : column + n, column : column + n] = block
                 column += n
+        at = column + np.arange(len(self.shifts))
+        prior[at, at] = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2
         return prior
 
     def normal(self, residuals: Sequence[FloatArray], slopes: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -208,6 +226,20 @@ class Problem:
         wanted = np.sqrt(squares / np.maximum(told, 1e-3))
         wanted = np.clip(wanted, self.walk / _WALK_STEP, self.walk * _WALK_STEP)
         return np.asarray(np.clip(wanted, WALK[0], WALK[2]))
+
+    def evidence(self) -> float:
+        """Minus twice the logarithm of the evidence at the last solution, but for a constant.
+
+        Other than the cost it can be compared between solutions with walks of other sizes.
+        """
+        _, residuals, slopes = self.last
+        information, _ = self.normal(residuals, slopes)
+        prior, state = self.prior(self.walk), self.state()
+        increments = sum(knots(segment.n_ticks) - 1 for segment in self.segments)
+        samples = np.isfinite(np.concatenate(residuals)).sum(axis=0)
+        found = self.cost(residuals) + 2.0 * float(samples @ np.log(self.noise)) + float(state @ prior @ state)
+        found += 2.0 * increments * float(np.log(self.walk).sum())
+        return found + float(np.linalg.slogdet(information + prior)[1])
 
     def move(self, by: FloatArray) -> None:
         """Change all unknowns."""

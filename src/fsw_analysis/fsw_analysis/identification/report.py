@@ -86,7 +86,7 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
         axes[3].plot(time_s, segment.force_kn, color=COLOURS[1])
         axes[4].plot(time_s, segment.speed_rpm, color=COLOURS[1])
     for shift, _, _ in fit.shifts:
-        axes[shift.output].axvline(TICK_S * shift.tick, color=COLOURS[4], linestyle="--")
+        axes[min(shift.output, 2)].axvline(TICK_S * shift.tick, color=COLOURS[4], linestyle="--")
     titles = [f"{name}, {what}: fit {judgement.fit_percent[i]:.1f} %" for i, name in enumerate(NAMES)]
     for axis, title in zip(axes, [*titles, "force [kN]", "speed [rpm]"], strict=True):
         axis.set_title(title, loc="left", fontsize=10.0)

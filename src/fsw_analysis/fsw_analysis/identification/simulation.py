@@ -22,7 +22,7 @@ from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
 
 #: what a weld may tell; the rest of the model is the point of linearisation, the fast pole and the friction
-CANDIDATES = (
+CANDIDATES: tuple[str, ...] = (
     "thermal_gain_c_per_kw",
     "copper_lag_s",
     "tool_lag_s",
@@ -35,9 +35,6 @@ CANDIDATES = (
     "sliding_friction",
     "sticking_stress_pa",
     "contact_slope",
-    "geometry_factor",
-    "contact_radius_m",
-    "geometry_offset_m3",
     "spindle_inertia_kgm2",
 )
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
@@ -134,7 +131,7 @@ class Course:
     by_candidate : (n, 3, len(CANDIDATES)) array
         Derivatives by the parameters.
     by_nuisance : (n, 3, m) array
-        Derivatives by ``START`` and by the knots of the disturbances of force [kN], then of power [kW].
+        Derivatives by ``START``, by the knots of the disturbances of force [kN], then of power [kW], and by ``added``.
     """
 
     outputs: FloatArray
@@ -154,7 +151,14 @@ def hats(n_ticks: int) -> FloatArray:
     return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(n)))
 
 
-def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Course:
+def simulate(
+    p: ModelParameters,
+    segment: Segment,
+    nuisance: FloatArray,
+    shapes: FloatArray | None = None,
+    added: Any = (),
+    shows: Any = True,
+) -> Course:
     """Simulate a segment along its recorded inputs.
 
     Parameters
@@ -163,6 +167,12 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     segment : Segment
     nuisance : (m,) array
         ``START`` of the segment, and its knots of the disturbances of force [kN], then of power [kW].
+    shapes : (n, s) array, optional
+        Courses of torques that the copper exerts beside those of the model: they show, and they heat.
+    added : (s,) array
+        Sizes of the courses [N m].
+    shows : (s,) array of bool
+        Whether a course shows in the torque; otherwise it heats only.
     """
     n, n_start = segment.n_ticks, len(START)
     weights = hats(n)
@@ -170,8 +180,12 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     disturbance = np.column_stack(
         [weights @ nuisance[n_start : n_start + n_knots], weights @ nuisance[n_start + n_knots :]]
     )
+    shapes = np.zeros((n, 0)) if shapes is None else shapes
+    torque_nm, shown_shapes = shapes @ np.asarray(added, dtype=float), shapes * shows
+    kw_per_nm = 1e-3 * RAD_PER_S_PER_RPM * segment.speed_rpm  # (24)
+    heat_kw = kw_per_nm[:, None] * shapes
     values = np.array([getattr(p, name) for name in _ALL])
-    n_candidates, n_columns = len(CANDIDATES), len(CANDIDATES) + len(nuisance)
+    n_candidates, n_columns = len(CANDIDATES), len(CANDIDATES) + len(nuisance) + shapes.shape[1]
     begin = n_candidates + n_start
     step, _ = _functions()
     whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
@@ -214,8 +228,10 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
         w = weights[k, i : i + 2]
         ahead[:, begin + i : begin + i + 2] += by_disturbance[:, :1] * w
         ahead[:, begin + n_knots + i : begin + n_knots + i + 2] += by_disturbance[:, 1:] * w
-        states[k + 1], power[k + whole + 1] = result[:N_STATES], result[N_STATES:]
+        states[k + 1] = result[:N_STATES]
+        power[k + whole + 1] = result[N_STATES:] + kw_per_nm[k] * torque_nm[k]
         slopes[k + 1], power_slopes[k + whole + 1] = ahead[:N_STATES], ahead[N_STATES:]
+        power_slopes[k + whole + 1, :, begin + 2 * n_knots :] += heat_kw[k]
 
     before = np.maximum(np.arange(n) - 1, 0)
     mapped = _mapped(n)(
@@ -227,4 +243,6 @@ def simulate(p: ModelParameters, segment: Segment, nuisance: FloatArray) -> Cour
     direct = mapped[2].full().reshape(3, n, n_candidates).transpose(1, 0, 2)
     total = by_state @ slopes
     total[:, :, :n_candidates] += direct
+    shown[:, 2] += shown_shapes @ np.asarray(added, dtype=float)
+    total[:, 2, begin + 2 * n_knots :] += shown_shapes
     return Course(shown, total[:, :, :n_candidates], total[:, :, n_candidates:])

@@ -9,7 +9,7 @@ import numpy as np
 
 from fsw_analysis.identification.estimation import Fit
 from fsw_analysis.identification.model_file import operating_point
-from fsw_analysis.identification.problem import WALKS
+from fsw_analysis.identification.problem import HEAT, WALKS
 from fsw_analysis.identification.simulation import OUTPUTS
 from fsw_analysis.identification.statistics import Judgement, judge
 from fsw_model import ModelParameters
@@ -80,6 +80,30 @@ def output_rows(result: Summary) -> list[list[str]]:
     return rows
 
 
+def told_disturbances(result: Summary) -> list[str]:
+    """What the data have of disturbances and sensor faults, one line each."""
+    fit = result.fit
+    lines = []
+    for shift, size, std in fit.shifts:
+        at_s = fit.segments[shift.segment].time_s[shift.tick]
+        if shift.output == HEAT:
+            lines.append(
+                f"torque_nm: its shift at {at_s:.1f} s heats like one larger by {size:+.3g} (std {std:.1g}); if "
+                "nothing of it heats, the sensor was wrong"
+            )
+            continue
+        lines.append(
+            f"{OUTPUTS[shift.output]}: disturbed at {at_s:.1f} s, shifts by {size:+.3g} (std {std:.1g}; a disturbance "
+            "or a sensor fault); estimated along"
+        )
+    lines += fit.notes
+    for which, name in enumerate(WALKS):
+        largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
+        if largest > _TOLD[which]:
+            lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
+    return lines
+
+
 def remarks(result: Summary) -> list[str]:
     """Everything that a reader has to know besides the tables."""
     fit = result.fit
@@ -87,22 +111,12 @@ def remarks(result: Summary) -> list[str]:
     for name, why in fit.unknown.items():
         reasons.setdefault(why, []).append(name)
     lines = [f"{', '.join(names)}: not told by the data, kept nominal: {why}" for why, names in reasons.items()]
-    for shift, size, std in fit.shifts:
-        at_s = fit.segments[shift.segment].time_s[shift.tick]
-        lines.append(
-            f"{OUTPUTS[shift.output]}: shifts by {size:+.3g} (std {std:.1g}) at {at_s:.1f} s (a disturbance or a "
-            "sensor fault); estimated along, so that it does not bias the model"
-        )
-    lines += [*result.notes, *fit.notes]
+    lines += [*result.notes, *told_disturbances(result)]
     correlation = fit.correlation
     for i, name in enumerate(fit.free):
         for j in range(i):
             if abs(correlation[i, j]) > _CORRELATED:
                 lines.append(f"{fit.free[j]} and {name}: correlation {correlation[i, j]:+.2f}")
-    for which, name in enumerate(WALKS):
-        largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
-        if largest > _TOLD[which]:
-            lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
     for i, name in enumerate(NAMES):
         auto, cross = result.judgement.outside(i)
         if max(auto, cross) > _WHITE:

@@ -19,7 +19,8 @@ from fsw_analysis.kpi_table import ROWS
 from fsw_experiment.campaign import definition
 from fsw_experiment.campaign.definition import Campaign
 from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.welds import Row, versions
+from fsw_experiment.campaign.software import versions
+from fsw_experiment.campaign.welds import Row
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"

@@ -176,7 +176,7 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
 
 def read(content: Any, where: str = "campaign") -> Campaign:
     """Read a campaign from the content of a file, its scenario included; errors as :func:`load`."""
-    at = Place(where, failure=CampaignError)
+    at = Place(where, failure=CampaignError, whole="campaign")
     if not isinstance(content, dict):
         raise CampaignError(f"{where}: a campaign is a mapping with {', '.join(_KEYS)}; see the shipped ones")
     at.keys(content, _KEYS, required=("name", "scenario", "controllers", "welds"))

@@ -12,10 +12,12 @@ from typing import Any
 
 from dask import config
 from distributed import Client, KilledWorker, LocalCluster, as_completed
+from distributed.comm import get_address_host_port
 
 from fsw_experiment.campaign.dataset import Dataset
 from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.welds import ERROR, Row, run_batch, versions
+from fsw_experiment.campaign.software import versions
+from fsw_experiment.campaign.welds import ERROR, Row, run_batch
 
 #: time in which a scheduler and its first worker have to answer
 PATIENCE_S = 10.0
@@ -71,6 +73,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
                 yield client
             return
         try:
+            get_address_host_port(scheduler)  # a client that fails on a wrong one prints a traceback when it is deleted
             client = Client(scheduler, timeout=f"{PATIENCE_S}s", set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
             told = " ".join(str(error).split()) or type(error).__name__

@@ -71,7 +71,7 @@ def ratios(results: Results) -> bytes | None:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3)
         if i == 0:
-            axes.legend(fontsize="small")
+            axes.legend(fontsize="small", loc="lower right")
 
     return _panels(len(keys), draw)
 
@@ -99,22 +99,28 @@ def times_outside(results: Results) -> bytes | None:
     return _panels(len(limits), draw) if limits else None
 
 
-def correlations(results: Results) -> bytes | None:
-    """Rank correlations between parameters and the main figures; None where no parameter is a number."""
+def sensitivities(results: Results) -> bytes | None:
+    """Rank correlations and first-order indices of the main figures; None where no parameter is a number."""
     cases = [(key, label) for key in MAIN for label in results.labels]
-    found = [results.correlations(key, label) for key, label in cases]
+    found = [results.sensitivities(key, label) for key, label in cases]
     if not found[0]:
         return None
-    values = np.array([list(one.values()) for one in found]).T
-    figure = Figure(figsize=(3.0 + 0.75 * len(cases), 1.8 + 0.32 * len(values)), dpi=_DPI, layout="constrained")
-    axes = figure.add_subplot()
-    image = axes.imshow(values, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
-    axes.set_xticks(range(len(cases)), [f"{ROWS[key][0]}, {label}" for key, label in cases], rotation=35, ha="right")
-    axes.set_yticks(range(len(values)), [name.removeprefix("plant.") for name in found[0]])
-    axes.tick_params(labelsize="small")
-    for (row, column), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            shade = "white" if abs(value) > 0.6 else "black"
-            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade)
-    figure.colorbar(image, label="rank correlation")
+    values = np.array([list(one.values()) for one in found]).T  # (2, parameters, cases)
+    names = [name.removeprefix("plant.") for name in found[0]]
+    figure = Figure(figsize=(3.6 + 1.15 * len(cases), 1.8 + 0.34 * len(names)), dpi=_DPI, layout="constrained")
+    bounds = results.chance
+    titles = ("rank correlation", "share of the variance (first-order index)")
+    rows = (names, [*names, "together"])
+    panels = [values[0], np.vstack([values[1], values[1].sum(axis=0)])]
+    for i, (axes, panel) in enumerate(zip(figure.subplots(1, 2), panels, strict=True)):
+        axes.imshow(panel, cmap="RdBu_r" if i == 0 else "Reds", vmin=-1.0 if i == 0 else 0.0, vmax=1.0, aspect="auto")
+        labels = [f"{ROWS[key][0]}, {label}" for key, label in cases]
+        axes.set_xticks(range(len(cases)), labels, rotation=35, ha="right")
+        axes.set_yticks(range(len(panel)), rows[i])
+        axes.tick_params(labelsize="small")
+        axes.set_title(titles[i], fontsize="medium")
+        for (row, column), value in np.ndenumerate(panel):
+            if np.isfinite(value):
+                shade = "white" if abs(value) > 0.6 else "black" if abs(value) > bounds[i] else "0.7"
+                axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=shade)
     return _png(figure)

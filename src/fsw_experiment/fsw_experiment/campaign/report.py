@@ -9,13 +9,15 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment.campaign import figures
+from fsw_experiment.campaign import figures, quality
 from fsw_experiment.campaign.dataset import load
 from fsw_experiment.campaign.definition import Limit
 from fsw_experiment.campaign.distributions import Distribution
 from fsw_experiment.campaign.errors import CampaignError
+from fsw_experiment.campaign.quality import Requirement
 from fsw_experiment.campaign.statistics import MAIN, Results
 from fsw_experiment.campaign.welds import DIVERGED, ERROR, OK
 
@@ -48,7 +50,7 @@ _Block = str | _Table | _Figure | _Code
 _Section = tuple[str, list[_Block]]
 
 
-def write(folder: Path, target: Path) -> Path:
+def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     """Write the report on the welds in a campaign's folder; returns its path.
 
     Parameters
@@ -57,18 +59,21 @@ def write(folder: Path, target: Path) -> Path:
         Of the campaign; it may still be running.
     target : Path
         Name ends in ``.html`` or ``.md``.
+    limits : Path, optional
+        File of further limits, see :mod:`fsw_experiment.campaign.quality`; the shipped ones by default.
 
     Raises
     ------
     CampaignError
-        If the folder is no campaign's or has too few welds, or the report cannot be written.
+        If the folder is no campaign's or has too few welds, the limits cannot be read, or the report not be written.
     """
     if target.suffix not in (".html", ".md"):
         raise CampaignError(f"{target}: the name of a report ends in .html or .md")
     results = Results(*load(folder), folder)
     if not results.complete.size:
         raise CampaignError(f"{folder} has no weld yet that all controllers have run; go on with --resume")
-    sections = _sections(results)
+    requirements = quality.read(limits, results.columns)
+    sections = _sections(results, requirements)
     title = f"Campaign {results.campaign.name}"
     text = _markdown(title, sections, target) if target.suffix == ".md" else _html(title, sections)
     try:
@@ -88,15 +93,17 @@ def _beside(target: Path, figure: _Figure) -> Path:
     return target.with_name(f"{target.stem}_{figure.name}.png")
 
 
-def _sections(results: Results) -> list[_Section]:
+def _sections(results: Results, requirements: Sequence[Requirement]) -> list[_Section]:
     campaign = results.campaign
     ratios, outside = figures.ratios(results), figures.times_outside(results)
-    correlations = figures.correlations(results)
+    sensitivities = figures.sensitivities(results)
     found: list[_Section] = [("", _head(results))]
     if campaign.limits:
         found.append(("Welds inside the limits", _inside(results)))
         if outside:
             found[-1][1].append(_Figure("outside", "Time outside the limits", outside))
+    if one_by_one := _one_by_one(results, requirements):
+        found.append(("Limits one by one", one_by_one))
     found.append(("Figures of merit", _figures_of_merit(results)))
     if ratios:
         words = (
@@ -104,11 +111,10 @@ def _sections(results: Results) -> list[_Section]:
             "[5 %, 95 %], and how often it is below 1."
         )
         found.append(("Ratios", [words, _ratios(results), _Figure("ratios", "Distributions of the ratios", ratios)]))
-    if correlations:
-        words = (
-            "Spearman's rank correlation between each parameter and a figure: 1 or -1 where it alone orders the welds."
+    if sensitivities:
+        found.append(
+            ("Which parameters matter", [_meaning(results), _Figure("parameters", "Sensitivities", sensitivities)])
         )
-        found.append(("Which parameters matter", [words, _Figure("parameters", "Rank correlations", correlations)]))
     found.append(("The worst welds", _worst(results)))
     return found
 
@@ -116,21 +122,53 @@ def _sections(results: Results) -> list[_Section]:
 def _head(results: Results) -> list[_Block]:
     campaign, index = results.campaign, results.table["index"].to_numpy()
     complete = "" if results.complete.size == campaign.welds else f" ({np.unique(index).size} are there so far)"
-    versions = sorted(set(results.texts("versions")))
     words = (
         f"Scenario `{campaign.scenario['name']}`, {campaign.welds} welds{complete} with each controller, sampler "
         f"{campaign.sampler.replace('_', ' ')}, seed {campaign.seed}, digest {campaign.digest}. A weld has the same "
         "plant and the same sensor noise under all controllers. Errors are those of the true outputs, without noise."
     )
     rows = [(one.path, _words(one)) for one in campaign.distributions]
-    mixed = ["The welds were computed by several versions: their figures may differ in the last digits."]
     return [
         campaign.description,
+        *_findings(results),
         words,
         *([_Table(("parameter", "distribution"), rows)] if rows else []),
-        f"Versions: {'; '.join(versions)}.",
-        *(mixed if len(versions) > 1 else []),
+        *_versions(results.texts("versions")),
     ]
+
+
+def _findings(results: Results) -> list[str]:
+    """Which controller is best in what, in a sentence each; nothing with one controller."""
+    first, *others = results.labels
+    if not others:
+        return []
+    found = []
+    if results.campaign.limits:
+        shares = {label: results.share(results.inside, label)[0] for label in results.labels}
+        best = max(shares, key=lambda label: shares[label])
+        of_best, total, *_ = results.share(results.inside, best)
+        found.append(f"`{best}` is most often inside all limits, in {100 * of_best / total:.1f} % of the welds.")
+    for key in MAIN:
+        medians = {label: float(np.median(results.numbers(key, label))) for label in results.labels}
+        best = min(medians, key=lambda label: medians[label])
+        sentence = f"The median {ROWS[key][0]} is least with `{best}`"
+        if best == first:
+            second = min(others, key=lambda label: medians[label])
+            above = 100 * np.mean(results.ratio(key, second) > 1.0)
+            found.append(f"{sentence}; `{second}`, the next one, is worse on {above:.0f} % of the plants.")
+        else:
+            below = 100 * np.mean(results.ratio(key, best) < 1.0)
+            found.append(f"{sentence}, which is better than `{first}` on {below:.0f} % of the plants.")
+    return [" ".join(found)]
+
+
+def _versions(versions: NDArray[np.str_]) -> list[str]:
+    """Software that computed the welds; with a warning where it was not one."""
+    found, counts = np.unique(versions, return_counts=True)
+    if found.size == 1:
+        return [f"Versions: {found[0]}."]
+    listed = "; ".join(f"{count} welds by {one}" for one, count in zip(found, counts, strict=True))
+    return [f"Mixed versions: {listed}. Welds of different software are not to be compared: differences may be its."]
 
 
 def _words(one: Distribution) -> str:
@@ -150,12 +188,48 @@ def _inside(results: Results) -> list[_Block]:
     status, rows = results.texts("status"), []
     for label in results.labels:
         own = results.controller == label
-        good, total, low, high = results.share(label)
+        good, total, low, high = results.share(results.inside, label)
         counts = [str(int(np.sum(status[own] == word))) for word in (OK, DIVERGED, ERROR)]
         rows.append([label, *counts, str(good), f"{100 * good / total:.2f}", f"{100 * low:.2f} to {100 * high:.2f}"])
     header = ("", "ended", "diverged", "error", "inside", "share [%]", "Wilson interval, 95 % [%]")
     words = f"A weld is inside while it keeps {'; '.join(map(_limit, results.campaign.limits))}."
     return [words, _Table(header, rows)]
+
+
+def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[_Block]:
+    """Share of the welds that keep each limit of the campaign, and each further one, alone."""
+    own = [(_limit(one), {f"outside_{one.signal}_s": (0.0, one.at_most_s)}) for one in results.campaign.limits]
+    rows, all_met = [], results.texts("status") == OK
+    for words, bounds in [*own, *((one.words, one.bounds) for one in requirements)]:
+        met = results.meets(bounds)
+        if met is not None:
+            all_met &= met
+            rows.append([words, *(_share(results, met, label) for label in results.labels)])
+    if not rows:
+        return []
+    words = (
+        "Share of the welds that ended and kept a limit, in percent, with Wilson's interval (95 %). Limits that are "
+        "not the campaign's own are limits of figures of merit, chosen for the report."
+    )
+    rows.append(["all of these", *(_share(results, all_met, label) for label in results.labels)])
+    return [words, _Table(("limit", *results.labels), rows)]
+
+
+def _share(results: Results, good: NDArray[np.bool_], label: str) -> str:
+    count, total, low, high = results.share(good, label)
+    return f"{100 * count / total:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def _meaning(results: Results) -> str:
+    correlation, share = results.chance
+    return (
+        "Of the ranks of each figure. Left, Spearman's rank correlation with a parameter: 1 or -1 where it alone "
+        f"orders the welds; chance stays within ±{correlation:.2f} (95 %, {results.complete.size} plants; grey). "
+        "Right, Sobol's first-order index (from 75 plants on): the share of the variance that goes with the parameter "
+        f"alone, in whatever direction; chance stays below {share:.3f}. Where it is much above the square of the "
+        "correlation, the figure is best at a middle value. What 'together' lacks of 1 is due to parameters acting "
+        "together, and to noise."
+    )
 
 
 def _figures_of_merit(results: Results) -> list[_Block]:

@@ -25,7 +25,32 @@ Vector = NDArray[np.float64]
 MAIN = ("iae_depth_mm_s", "iae_temperature_c_s")
 #: of the intervals of shares
 _CONFIDENCE = 0.95
+_95 = 1.96
 WORST = 10
+#: welds that a group of like parameter values needs, and the most groups
+_GROUP, _MOST_GROUPS = 25, 16
+
+
+def wilson(good: int, total: int) -> tuple[float, float]:
+    """Wilson interval (95 %) of a share."""
+    from scipy.stats import binomtest
+
+    interval = binomtest(good, total).proportion_ci(_CONFIDENCE, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def first_order(parameter: Vector, values: Vector) -> float:
+    """Sobol's first-order index: the share of the variance of ``values`` that their mean over like parameters has.
+
+    NaN with too few of them. Groups of equally many welds, less what chance alone gives.
+    """
+    n = values.size
+    groups = min(n // _GROUP, _MOST_GROUPS)
+    if groups < 3 or np.ptp(values) == 0.0:
+        return float("nan")
+    means = [float(part.mean()) for part in np.array_split(values[np.argsort(parameter, kind="stable")], groups)]
+    chance = (groups - 1) / (n - 1)
+    return float((np.var(means) / np.var(values) - chance) / (1.0 - chance))
 
 
 @dataclass(frozen=True)
@@ -69,14 +94,31 @@ class Results:
         found = self.table[column].cast(pa.float64()).to_numpy()[chosen]
         return np.asarray(found, dtype=np.float64)
 
-    def share(self, label: str) -> tuple[int, int, float, float]:
-        """Welds inside all limits, all welds, and the Wilson interval (95 %) of the share."""
-        from scipy.stats import binomtest
+    @property
+    def columns(self) -> list[str]:
+        """Columns with figures, on which limits may be set."""
+        parameters = {one.path for one in self.campaign.distributions}
+        return [one.name for one in self.table.schema if pa.types.is_floating(one.type) and one.name not in parameters]
 
-        inside = self.table["inside"].to_numpy(zero_copy_only=False)[self.controller == label].astype(bool)
-        good, total = int(inside.sum()), int(inside.size)
-        interval = binomtest(good, total).proportion_ci(_CONFIDENCE, method="wilson")
-        return good, total, float(interval.low), float(interval.high)
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether each row is inside all limits of the campaign."""
+        return np.asarray(self.table["inside"].to_numpy(zero_copy_only=False), dtype=bool)
+
+    def meets(self, bounds: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_] | None:
+        """Whether each row ended with figures within bounds, by column; None where no row has one of the figures."""
+        found = self.texts("status") == OK
+        for column, (low, high) in bounds.items():
+            values = self.table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
+            if not np.isfinite(values).any():
+                return None
+            found &= (values >= low) & (values <= high)
+        return np.asarray(found)
+
+    def share(self, good: NDArray[np.bool_], label: str) -> tuple[int, int, float, float]:
+        """How many rows of a controller are good, how many there are, and the Wilson interval (95 %) of the share."""
+        own = good[self.controller == label]
+        return int(own.sum()), int(own.size), *wilson(int(own.sum()), int(own.size))
 
     def ratio(self, column: str, label: str) -> Vector:
         """Ratios of a figure to that of the first controller on the same plants, where both are above 0."""
@@ -89,20 +131,32 @@ class Results:
         """Figures of merit that exist in this campaign."""
         return [key for key in ROWS if np.isfinite(self.numbers(key, self.labels[0])).any()]
 
-    def correlations(self, column: str, label: str) -> dict[str, float]:
-        """Spearman's rank correlation of a figure with each parameter that is a number; NaN where one is constant."""
-        from scipy.stats import spearmanr
+    def sensitivities(self, column: str, label: str) -> dict[str, tuple[float, float]]:
+        """Of the ranks of a figure, by parameter that is a number: Spearman's correlation, and the first-order index.
+
+        NaN where one of the two is constant.
+        """
+        from scipy.stats import rankdata, spearmanr
 
         values = self.numbers(column, label)
         known = np.isfinite(values)
+        ranks = rankdata(values[known])
         found = {}
         for one in self.campaign.distributions:
             if isinstance(one.extremes[0], str):
                 continue
             parameter = self.numbers(one.path, label)[known]
-            varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(values[known]) > 0.0
-            found[one.path] = float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
+            varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(ranks) > 0.0
+            correlation = float(spearmanr(parameter, ranks).statistic) if varies else float("nan")
+            found[one.path] = correlation, first_order(parameter, ranks) if varies else float("nan")
         return found
+
+    @property
+    def chance(self) -> tuple[float, float]:
+        """What correlations and first-order indices of no meaning stay below, 95 times in 100."""
+        n = max(self.complete.size, 4)
+        groups = max(min(n // _GROUP, _MOST_GROUPS), 3)
+        return min(_95 / (n - 1) ** 0.5, 1.0), _95 * (2.0 * (groups - 1)) ** 0.5 / n
 
     def worst(self) -> list[tuple[dict[str, Any], str]]:
         """The worst welds and why: first those that did not end, then by ``MAIN`` over their controller's median."""

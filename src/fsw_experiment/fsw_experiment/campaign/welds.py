@@ -7,8 +7,6 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
-from platform import python_version
 from typing import Any
 
 import numpy as np
@@ -19,26 +17,12 @@ from fsw_control.contract import Controller
 from fsw_control.weld import TICK_S
 from fsw_experiment.campaign import definition
 from fsw_experiment.campaign.definition import ERRORS, Campaign, Entrant
+from fsw_experiment.campaign.software import versions
 from fsw_experiment.closed_loop import ClosedLoop
 
 Row = dict[str, Any]
 #: what a weld can come to
 OK, DIVERGED, ERROR = "ok", "diverged", "error"
-
-
-@lru_cache(maxsize=1)
-def versions() -> str:
-    """The software that decides the results: packages, and digests of the controllers' C sources."""
-    from fsw_decentral.kernel_build import LIBRARY as DECENTRAL
-    from fsw_nmpc.kernel_build import LIBRARY as NMPC
-
-    try:
-        own = version("fsw-control")
-    except PackageNotFoundError:  # imported from the source tree
-        own = "source"
-    found = {"fsw_control": own, "nmpc": NMPC.source_id(), "decentral": DECENTRAL.source_id()}
-    found |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
-    return ", ".join(f"{name} {value}" for name, value in found.items())
 
 
 @lru_cache(maxsize=2)

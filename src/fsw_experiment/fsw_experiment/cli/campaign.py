@@ -19,7 +19,7 @@ def add_command(commands: Any) -> None:
     parser = commands.add_parser(
         "campaign",
         usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
-        "       %(prog)s report DIR [--out FILE]",
+        "       %(prog)s report DIR [--out FILE] [--limits FILE]",
         help="run many welds with random parameters on Dask; report on them",
         description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
         "'report', write a report on the welds in such a folder.",
@@ -38,6 +38,9 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--scheduler", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://host:8786, instead of processes started here"
     )
+    parser.add_argument(
+        "--limits", type=Path, metavar="FILE", help="after report: limits on figures of merit (YAML) instead of its own"
+    )
     parser.set_defaults(run=run)
 
 
@@ -50,6 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"campaign: {error}; install the packages in requirements/campaign.lock") from None
     if arguments.file == _REPORT:
         return _report(arguments)
+    if arguments.limits is not None:
+        raise CommandError("campaign: --limits is for a report; the limits of a campaign are in its file")
     if arguments.folder is not None:
         raise CommandError(f"campaign: {arguments.folder} is one argument too many; the folder is given by --out")
     if arguments.resume and arguments.out is None:
@@ -80,8 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace) -> int:
     wrong = [name for name in ("welds", "workers", "scheduler", "resume") if getattr(arguments, name)]
     if arguments.folder is None or wrong:
-        raise CommandError("campaign report: needs the folder of a campaign, and takes no option but --out")
+        raise CommandError(
+            "campaign report: needs the folder of a campaign, and takes no options but --out and --limits"
+        )
     from fsw_experiment.campaign import report
 
-    print(report.write(arguments.folder, arguments.out or arguments.folder / "report.html"))
+    target = arguments.out or arguments.folder / "report.html"
+    print(report.write(arguments.folder, target, arguments.limits))
     return 0

@@ -64,6 +64,11 @@ def _run(arguments: argparse.Namespace) -> int:
     folder: Path | None = arguments.report
     if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise CommandError(f"{folder} exists and is no empty folder; nothing is overwritten, choose another --report")
+    for made in [arguments.out.parent, *([folder] if folder is not None else [])]:
+        try:
+            made.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CommandError(f"identify: cannot make folder {made}: {error.strerror}") from None
     from fsw_analysis.identification import estimation, model_file, summary
     from fsw_analysis.identification.weld_data import IdentificationError
 
@@ -83,13 +88,12 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"identify: {error}") from None
     sources = ", ".join(weld.name for weld in welds)
     result = summary.Summary(sources, fit, validation, tuple(note for weld in welds for note in weld.notes), air)
-    write(arguments.out, model_file.text(fit, sources, air))
     print(summary.text(result), end="")
+    write(arguments.out, model_file.text(fit, sources, air))
     files = [arguments.out]
     if arguments.report is not None:
         from fsw_analysis.identification import report
 
-        arguments.report.mkdir(parents=True, exist_ok=True)
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
     return 0
@@ -117,6 +121,11 @@ def _design(arguments: argparse.Namespace) -> int:
         f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
         f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
     )
+    if arguments.open_loop:
+        print(
+            "open loop: nothing holds depth and temperature; on a process unlike the model they drift far beyond these "
+            "bounds. Weld it only with the model of this machine (--model), and watch it; else weld the closed-loop one"
+        )
     if arguments.out is not None:
         write(arguments.out, found.scenario)
         print(f"written: {arguments.out}")

@@ -1,0 +1,127 @@
+"""Sudden disturbances in the residuals: shifts, which are estimated along, and windows that are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_analysis.identification.problem import HEAT, Problem, Shift
+from fsw_analysis.identification.simulation import OUTPUTS
+from fsw_analysis.weld_signals import FloatArray
+from fsw_control.weld import TICK_S
+
+#: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
+_SHIFT_TICKS, _SHIFT = 30, 9.0
+_MOST_SHIFTS = 12
+#: a shift of fewer standard deviations is dropped in the end
+_REAL_SHIFT = 5.0
+#: residuals are limited to this many standard deviations where shifts are looked for, so that a spike is none
+_CLIP = 5.0
+#: and to this many where windows are looked for, so that the edge of a shift is none
+_EDGE = 3.0
+#: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
+_WINDOW_TICKS, _ASTRAY = 30, 5.0
+#: and those whose variance is so many times that of the noise
+_RESTLESS = 3.0
+#: how often windows are looked for, and the share of an output from which on the model is to blame, not a disturbance
+_ROUNDS, _LARGEST_SHARE_ASTRAY = 4, 0.4
+
+
+def shifts(problem: Problem) -> list[Shift]:
+    """The largest shift in the residuals of each output of each segment, where there is one."""
+    _, residuals, _ = problem.last
+    found: list[Shift] = []
+    for i, one in enumerate(residuals):
+        known = np.isfinite(one)
+        limited = np.nan_to_num(np.clip(one / problem.noise, -_CLIP, _CLIP))
+        sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(of, axis=0)]) for of in (limited, known))
+        at = np.arange(1, len(one))
+        low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(one))
+        n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
+        with np.errstate(all="ignore"):
+            difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
+            size = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
+        size[(n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2)] = 0.0
+        for output in range(3):
+            tick = int(at[np.argmax(size[:, output])])
+            shift = Shift(i, output, tick)
+            near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
+            if size[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
+                found.append(shift)
+                heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
+                if output == OUTPUTS.index("torque_nm") and not heating:
+                    found.append(Shift(i, HEAT, tick))
+    return found
+
+
+def drop_small_shifts(problem: Problem) -> None:
+    """Forget shifts that turned out to be none, e.g. the end of a stretch that is left out."""
+    if not problem.shifts:
+        return
+    _, residuals, slopes = problem.last
+    information, _ = problem.normal(residuals, slopes)
+    deviation = np.sqrt(np.diag(np.linalg.pinv(information + problem.prior(problem.walk))))[-len(problem.shifts) :]
+    large = np.abs(problem.sizes) > _REAL_SHIFT * deviation
+    problem.shifts = [shift for shift, real in zip(problem.shifts, large, strict=True) if real]
+    problem.sizes = problem.sizes[large]
+
+
+def leave_out(problem: Problem, noise: FloatArray, tell: Callable[[], None]) -> list[str]:
+    """Leave out windows in which an output goes its own way; returns what was left out.
+
+    ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
+    """
+    left = [np.zeros(one.measured.shape, dtype=bool) for one in problem.segments]
+    followed = np.ones(len(OUTPUTS), dtype=bool)
+    share = np.zeros(len(OUTPUTS))
+    for _ in range(_ROUNDS):
+        found = [astray(one, noise) for one in problem.last[1]]
+        new = [one & ~before for one, before in zip(found, left, strict=True)]
+        share = np.mean(np.concatenate([one | before for one, before in zip(found, left, strict=True)]), axis=0)
+        followed &= share < _LARGEST_SHARE_ASTRAY
+        if not any((one & followed).any() for one in new):
+            break
+        for i, one in enumerate(new):
+            left[i] |= one & followed
+            segment = problem.segments[i]
+            problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
+        problem.solve(tell)
+    notes = [
+        f"{name}: the model does not follow it in {100 * share[output]:.0f} % of the time; do not trust what depends "
+        "on it"
+        for output, name in enumerate(OUTPUTS)
+        if not followed[output]
+    ]
+    for segment, of in zip(problem.segments, left, strict=True):
+        for output, name in enumerate(OUTPUTS):
+            edges = np.flatnonzero(np.diff(of[:, output], prepend=False, append=False))
+            for begin, end in edges.reshape(-1, 2):
+                begin_s, end_s = segment.time_s[begin], segment.time_s[end - 1] + TICK_S
+                notes.append(
+                    f"{name}: disturbed at {begin_s:.0f} to {end_s:.0f} s, left out: the model does not follow it there"
+                )
+    return notes
+
+
+def astray(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Samples in windows whose mean or variance is not that of noise, and in the windows beside them; same shape."""
+    parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
+    found = np.zeros(residuals.shape, dtype=bool)
+    for output in range(residuals.shape[1]):
+        sizes, squares = np.zeros(len(parts)), np.zeros(len(parts))
+        for i, part in enumerate(parts):
+            values = residuals[part[0] : part[0] + _WINDOW_TICKS, output]
+            values = np.clip(values[np.isfinite(values)] / noise[output], -_EDGE, _EDGE)
+            if values.size:
+                sizes[i] = abs(values.mean()) * np.sqrt(values.size)
+                squares[i] = np.mean(values**2)
+        # coloured noise has larger means everywhere
+        strange = sizes > _ASTRAY * max(1.0, float(np.median(sizes)) / 0.6745)
+        strange |= squares > _RESTLESS * max(1.0, float(np.median(squares)))
+        for part, one in zip(parts, strange, strict=True):
+            if one:
+                found[max(int(part[0]) - _WINDOW_TICKS, 0) : part[0] + 2 * _WINDOW_TICKS, output] = True
+    return found
