@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 if __name__ == "__main__":
     from _bootstrap import ensure
 
-    ensure()
+    ensure(extras=("hmi",))
 
 import numpy as np
 from report import Figures, parser, save, show
@@ -77,12 +77,13 @@ class Memory:
 
 
 def weld(scenario: str, folder: Path) -> Figures:
-    """Run a scenario in real time; both controllers run, the NMPC commands, a second supervisor stands by."""
+    """Run a scenario in real time: both controllers, the NMPC commands, a standby supervisor, and the page."""
     chosen = load(scenario, ["controller=nmpc"])
     graph = WeldGraph(chosen, folder, ("decentral",), realtime=True, standby=True)
     with ExitStack() as stack:
         bar = stack.enter_context(ProgressBar(scenario))
         launcher = stack.enter_context(Launcher(folder / "log", stack.enter_context(free_domain())))
+        launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
         memory = Memory(launcher, bar)
         took_s = graph.run(launcher, memory)
     signals = load_weld(graph.bag)
