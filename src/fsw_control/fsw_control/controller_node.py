@@ -149,7 +149,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
         reference = self._references.at(tick.stamp_ns)
-        if reference is not None and (coming := self._plan.after(tick.stamp_ns)):
+        if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
         begin = time.perf_counter()
         proposal = answer(self._controller, measurement, reference, self._applied.before(tick.stamp_ns), dt_s)

@@ -13,6 +13,8 @@ from fsw_control.units import NANOSECONDS
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 #: most coming set-points that a controller is given
 MOST_COMING = 8
+#: longest tread of a stair by which a ramp or sine is announced
+STAIR_S = 1.05
 
 
 class _Issued(NamedTuple):
@@ -76,13 +78,35 @@ class ReferenceQueue:
 
 
 class ReferencePlan:
-    """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference."""
+    """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference.
+
+    A plan is believed only as long as it comes true: while the set-points in force are not those that it has for the
+    present, because an operator has set others or the plan is of another weld, there are no coming ones.
+    """
 
     def __init__(self, planned: Sequence[tuple[int, Reference]] = ()) -> None:
         self._stamps = [stamp_ns for stamp_ns, _ in planned]
         self._coming = [Coming(stamp_ns / NANOSECONDS, one.depth_mm, one.temperature_c) for stamp_ns, one in planned]
 
-    def after(self, tick_ns: int) -> tuple[Coming, ...]:
-        """The next ones after a tick."""
+    def after(self, tick_ns: int, present: Reference) -> tuple[Coming, ...]:
+        """The next ones after a tick at which ``present`` holds."""
         first = bisect_right(self._stamps, tick_ns)
+        if first and not self._has_come(first - 1, present):
+            return ()
         return tuple(self._coming[first : first + MOST_COMING])
+
+    def _has_come(self, index: int, present: Reference) -> bool:
+        """Whether ``present`` is what is planned, or near it while the plan is the stair of a ramp or sine."""
+        planned = self._coming[index]
+        near = [one for one in self._coming[max(index - 1, 0) : index + 2] if abs(one.at_s - planned.at_s) <= STAIR_S]
+        return all(
+            _within(getattr(present, name), [getattr(one, name) for one in near])
+            for name in ("depth_mm", "temperature_c")
+        )
+
+
+def _within(value: float, planned: Sequence[float]) -> bool:
+    """Whether a value lies among planned ones, or outside by no more than they differ."""
+    low, high = min(planned), max(planned)
+    slack = high - low + 1e-9
+    return low - slack <= value <= high + slack

@@ -104,8 +104,18 @@ def test_who_starts_later_follows_what_the_others_follow(stamps_s, random, start
 
 
 def test_a_plan_tells_what_comes_and_no_more_than_a_controller_takes():
-    plan = ReferencePlan([(10 * k * TICK_NS, Reference(2.66 + 0.01 * k, 816.4)) for k in range(1, 20)])
-    assert [round(one.at_s) for one in plan.after(0)] == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert plan.after(10 * TICK_NS)[0] == Coming(2.0, 2.68, 816.4)
-    assert [round(one.at_s) for one in plan.after(185 * TICK_NS)] == [19]
-    assert plan.after(190 * TICK_NS) == () == ReferencePlan().after(0)
+    steps = [Reference(2.66 + 0.01 * k, 816.4) for k in range(20)]
+    plan = ReferencePlan([(10 * k * TICK_NS, steps[k]) for k in range(1, 20)])
+    assert [round(one.at_s) for one in plan.after(0, steps[0])] == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert plan.after(10 * TICK_NS, steps[1])[0] == Coming(2.0, 2.68, 816.4)
+    assert [round(one.at_s) for one in plan.after(185 * TICK_NS, steps[18])] == [19]
+    assert plan.after(190 * TICK_NS, steps[19]) == () == ReferencePlan().after(0, steps[0])
+
+
+def test_a_plan_that_does_not_come_true_is_not_believed():
+    planned = [(50 * TICK_NS, Reference(2.66, 826.4)), (150 * TICK_NS, Reference(2.66, 836.4))]
+    plan = ReferencePlan(planned)
+    assert len(plan.after(40 * TICK_NS, Reference(2.7, 816.4))) == 2  # nothing of it is due yet
+    assert plan.after(50 * TICK_NS, Reference(2.66, 816.4)) == ()
+    assert plan.after(60 * TICK_NS, Reference(2.7, 826.4)) == ()
+    assert len(plan.after(60 * TICK_NS, planned[0][1])) == 1

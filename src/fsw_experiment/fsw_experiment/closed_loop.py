@@ -134,7 +134,7 @@ class ClosedLoop:
         for tick in range(1, scenario.n_ticks + 1):
             reference = changes.get(tick, reference)
             if plan is not None:
-                reference = replace(reference, coming=plan.after(tick * TICK_NS))
+                reference = replace(reference, coming=plan.after(tick * TICK_NS, reference))
             _, stamp_ns, *sent, drives = plant.measure()
             values = {
                 sensor: sample.value

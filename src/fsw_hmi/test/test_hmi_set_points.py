@@ -54,7 +54,7 @@ def test_stair_has_treads_of_a_second_and_never_leaves_the_ramp(start, goal):
     assert all(after - before == NANOSECONDS for (before, _), (after, _) in pairwise(plan))
     low, high = sorted((start.temperature_c, goal.temperature_c))
     assert all(low <= one.temperature_c <= high for _, one in plan)
-    assert ReferencePlan(plan).after(START_NS - 1)
+    assert ReferencePlan(plan).after(START_NS - 1, start)
 
 
 def test_set_points_by_hand_void_the_rest_of_a_ramp():
