@@ -124,6 +124,19 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
         assert "no 1 controllers listening for 3 s" in player.text()
 
 
+def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
+    with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
+        launcher.start("decentral", "fsw_decentral.decentral_node")
+        launcher.start("first", "fsw_experiment.scenario_node", ["quick"])
+        launcher.wait_for_text("first", "playing quick")
+        arguments = ["reference_tracking", "--ros-args", "-p", "silence_timeout_s:=3.0"]
+        second = launcher.start("second", "fsw_experiment.scenario_node", arguments)
+        second.process.wait(TIMEOUT_S)
+        assert second.process.returncode == 1
+        assert "another scenario player there for 3 s" in second.text()
+        assert "playing" not in second.text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -83,7 +83,7 @@ class ScenarioNode(Node):
         self._extra_subscriptions: list[Subscription] = []
 
     def _on_watch(self) -> None:
-        if not self._listening and self._controllers_listen():
+        if not self._listening and self._controllers_listen() and self._is_alone():
             self._begin()
         if self._programme is not None and self._programme.machine.state is State.ABORTED:
             self._programme.ask_safe_stop()
@@ -91,8 +91,12 @@ class ScenarioNode(Node):
                 self._programme.publish(self._stamp_ns)
                 self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}")
         if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
-            what = "no measurement on fsw/depth" if self._listening else f"no {self._controllers} controllers listening"
-            self._end(f"{what} for {self._silence_s:g} s; is the graph running, on the same domain?")
+            self._end(f"{self._missing()} for {self._silence_s:g} s; is the graph running, on the same domain?")
+
+    def _missing(self) -> str:
+        if self._listening:
+            return "no measurement on fsw/depth"
+        return f"no {self._controllers} controllers listening" if self._is_alone() else "another scenario player there"
 
     def _controllers_listen(self) -> bool:
         """Whether all that listen to set-points get them, and enough of these are controllers."""
@@ -102,6 +106,12 @@ class ScenarioNode(Node):
         proposals = [name for name, _ in self.get_topic_names_and_types() if name.endswith("/proposal")]
         proposing = {_node_of(info) for name in proposals for info in self.get_publishers_info_by_topic(name)}
         return len(proposing.intersection(map(_node_of, infos))) >= self._controllers
+
+    def _is_alone(self) -> bool:
+        """Whether no other player sets the points of this weld; one that was killed is seen until its lease ends."""
+        me = (self.get_namespace(), self.get_name())
+        senders = map(_node_of, self.get_publishers_info_by_topic(self._setpoints.topic_name))
+        return sum(sender == me for sender in senders) < 2
 
     def _begin(self) -> None:
         self._listening = True
