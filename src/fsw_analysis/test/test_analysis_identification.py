@@ -234,11 +234,13 @@ def test_samples_that_cannot_be_used_are_left_out() -> None:
 
 def test_a_long_weld_is_divided() -> None:
     whole = weld(seconds=40.0)
-    n = 8000
+    n = 10000
     names = ("depth_mm", "temperature_c", "torque_nm", "force_kn", "speed_rpm")
     long = signals_of({name: np.resize(getattr(whole, name), n) for name in names})
-    segments = prepare(long, 0.0).segments
-    assert len(segments) == 3 and sum(segment.n_ticks for segment in segments) == n
+    data = prepare(long, 0.0)
+    assert len(data.segments) == 3 and sum(segment.n_ticks for segment in data.segments) == n
+    assert any("17 min is long" in note for note in data.notes)
+    assert not any("is long" in note for note in prepare(whole, 0.0).notes)
 
 
 def test_a_hole_divides_the_weld() -> None:

@@ -13,6 +13,8 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
+#: a weld above this is told to be long [s]
+_LONG_S = 900.0
 #: a longer hole in the data ends a segment [s]
 _LONGEST_HOLE_S = 2.0
 #: longer ones are divided, because the disturbances of each are unknowns of their own
@@ -101,6 +103,11 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
+    if not in_air and row[-1] * TICK_S > _LONG_S:
+        notes.append(
+            f"{row[-1] * TICK_S / 60.0:.0f} min is long: takes minutes, and the accuracy was only measured on welds of "
+            "five minutes; better one or several of those (--design)"
+        )
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
     segments = []
     stretches = np.split(np.arange(row.size), cuts)
