@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,9 @@ def _run(arguments: argparse.Namespace) -> int:
             from fsw_analysis.identification.friction import from_air
 
             start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
+        for weld in welds:
+            for note in weld.notes:  # now, too, because the fit of a long weld takes minutes
+                print(f"{weld.name}: {note}", file=sys.stderr)
         with ProgressBar("identifying") as bar:
             fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
         validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
