@@ -28,7 +28,7 @@ def address(tmp_path):
         yield url, token
 
 
-def test_set_points_swap_and_safe_stop_by_clicking(address, open_page):
+def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, open_page):
     url, token = address
     page = open_page(url)
     page.set_default_timeout(PATIENCE_MS)
@@ -59,6 +59,20 @@ def test_set_points_swap_and_safe_stop_by_clicking(address, open_page):
     press("Swap")
     expect(form).to_have_count(0)
     expect(page.locator("#who strong")).to_have_text(f"{other} · auto")
+    press("Disturb")
+    expect(form.get_by_label("Period")).to_be_hidden()
+    form.get_by_label("Shape").select_option("sine")
+    form.get_by_label("Amplitude").fill("0.02")
+    expect(form.get_by_label("Duration")).to_be_hidden()
+    form.get_by_label("Period").fill("20")
+    shot(page, "graph_disturb")
+    press_in_form.click()
+    expect(form).to_have_count(0)
+    press("Fault")
+    form.get_by_label("Fault").select_option("bias")
+    form.get_by_label("Size").fill("0.01")
+    press("Set the fault")
+    expect(form).to_have_count(0)
     shot(page, "graph")
     page.locator("#safe-stop").click()
     expect(page.locator("#who strong")).to_have_text("safe stop")

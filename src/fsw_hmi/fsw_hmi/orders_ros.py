@@ -145,7 +145,7 @@ class Orders:
             return
         response = future.result()
         ok = response.success if isinstance(response, Trigger.Response) else response.ok
-        self._end(call, DONE if ok else REFUSED, str(response.message))
+        self._end(call, DONE if ok else REFUSED, str(response.message).removeprefix("refused: "))
 
     def _end(self, call: _Call, outcome: str, message: str) -> None:
         if call in self._calls:

@@ -54,7 +54,18 @@ function labelled(text, input, hint = "") {
 
 export function numberField(text, unit, value, low, high, step) {
   const input = el("input", { type: "number", required: true, min: low, max: high, step, value, inputMode: "decimal" });
-  return { root: labelled(text, input, `${low} to ${high} ${unit}`), input, get value() { return input.valueAsNumber; } };
+  const root = labelled(text, input, `${low} to ${high} ${unit}`);
+  return {
+    root,
+    input,
+    get value() { return input.valueAsNumber; },
+    /** Show the field or hide it, with the limits that hold now. */
+    use(shown, lowest = low, highest = high, inUnit = unit) {
+      root.hidden = !shown;
+      Object.assign(input, { min: lowest, max: highest, disabled: !shown });
+      root.querySelector(".detail").textContent = `${lowest} to ${highest} ${inUnit}`;
+    },
+  };
 }
 
 export function textField(text, options = {}) {
