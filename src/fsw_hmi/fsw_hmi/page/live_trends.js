@@ -7,7 +7,7 @@ import { drawLine, drawTime, liveLines, Trends, withQuality } from "./trends.js"
 const WINDOWS = [
   { name: "1 min", length_s: 60, ahead_s: 10, every_s: 10, redraw_ms: 200 },
   { name: "5 min", length_s: 300, ahead_s: 15, every_s: 60, redraw_ms: 250 },
-  { name: "45 min", length_s: 2700, ahead_s: 15, every_s: 300, redraw_ms: 1000 },
+  { name: "45 min", length_s: 2700, ahead_s: 15, every_s: 900, redraw_ms: 1000 },
 ];
 
 /** An older prediction says nothing about what comes. */
