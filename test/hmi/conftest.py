@@ -1,8 +1,13 @@
 """A browser for the tests of the page."""
 
 import pytest
+from playwright.sync_api import expect
 
 from fsw_test_support.browser import CHROMIUM, chromium
+
+#: for conditions that come at once on an idle machine
+PATIENCE_MS = 45_000
+expect.set_options(timeout=PATIENCE_MS)
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +26,7 @@ def open_page(browser):
     def opened(url, width=1280, height=800):
         contexts.append(browser.new_context(viewport={"width": width, "height": height}))
         page = contexts[-1].new_page()
-        page.set_default_timeout(15_000)
+        page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda line: errors.append(line.text) if "Content Security Policy" in line.text else None)
         page.goto(url)

@@ -39,7 +39,7 @@ def ready(page):
 
 def until(page, condition):
     """Wait until a script is true; Playwright's own way to wait needs eval, which the policy of the page forbids."""
-    end = time.monotonic() + 15.0
+    end = time.monotonic() + 45.0
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
         page.wait_for_timeout(20)

@@ -13,7 +13,6 @@ PARTS = {
     "supervisor": ("fsw_supervisor.supervisor_node", []),
     "plant": ("fsw_plant.plant_node", ["--ros-args", "-p", "wait_for_subscribers:=3"]),
 }
-PATIENCE_MS = 45_000
 
 
 @pytest.fixture
@@ -31,8 +30,6 @@ def address(tmp_path):
 def test_set_points_swap_disturbance_fault_and_safe_stop_by_clicking(address, open_page):
     url, token = address
     page = open_page(url)
-    page.set_default_timeout(PATIENCE_MS)
-    expect.set_options(timeout=PATIENCE_MS)
 
     def press(name):
         page.get_by_role("button", name=name, exact=True).click()
