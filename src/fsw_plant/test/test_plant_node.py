@@ -106,14 +106,16 @@ def test_dead_lockstep_ends_with_an_error(graph):
 def test_real_time_ticks_at_10_hz_with_one_stamp_per_tick(graph):
     peer = graph.start()
     begin = time.time_ns()
-    graph.until(lambda: len(peer.got["temperature"]) == 12)
-    took_s = (time.time_ns() - begin) * 1e-9
-    assert took_s > 0.5
+
+    def steps():
+        return [after - before for before, after in pairwise(peer.stamps("temperature"))]
+
+    graph.until(lambda: steps().count(TICK_NS) >= 6)  # a busy machine may force jumps, which are other steps
+    assert (time.time_ns() - begin) * 1e-9 > 0.5
     stamps = peer.stamps("temperature")
-    steps = [b - a for a, b in pairwise(stamps)]
-    assert steps.count(TICK_NS) >= 6  # a busy machine may force jumps, which are other steps
     for topic in SENSOR_TOPICS:
-        assert peer.stamps(topic)[:12] == stamps
+        graph.until(lambda topic=topic: len(peer.stamps(topic)) >= len(stamps))
+        assert peer.stamps(topic)[: len(stamps)] == stamps
     assert abs(stamps[0] - begin) < 10_000_000_000
     assert peer.got["clock"] == []
 
