@@ -24,6 +24,16 @@ class ExportError(Exception):
     """An export is not possible; the message says what, where and what to do."""
 
 
+def check_folder(out: Path, replace: bool = False) -> None:
+    """Refuse a folder that :func:`write_folder` could not write; ExportError says why."""
+    if not out.absolute().parent.is_dir():
+        raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
+    if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
+        again = "; --force deletes it" if (out / _MARK).exists() else ""
+        kind = "an earlier export" if again else "something else"
+        raise ExportError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
+
+
 def write_folder(
     sources: ControllerSources, vectors: Mapping[str, VectorRecorder], origin: str, out: Path, replace: bool = False
 ) -> str:
@@ -51,10 +61,8 @@ def write_folder(
     ExportError
         If the folder holds something else or cannot be written, or the example fails.
     """
-    if out.exists() and not (out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))):
-        again = "; --force deletes it" if (out / _MARK).exists() else ""
-        kind = "an earlier export" if again else "something else"
-        raise ExportError(f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}")
+    check_folder(out, replace)
+    out = out.absolute()  # the example is compiled in a folder of its own
     try:
         with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
             made = Path(scratch) / "export"

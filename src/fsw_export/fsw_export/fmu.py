@@ -56,6 +56,16 @@ def make(unit: str, values: Mapping[str, Any] | None = None, model: ModelParamet
     return UNITS[unit](values or {}, model or nominal())
 
 
+def check_file(out: Path, replace: bool = False) -> None:
+    """Refuse a file that :func:`write` could not write; ExportError says why."""
+    if out.suffix != ".fmu":
+        raise ExportError(f"{out}: end the name in .fmu")
+    if not out.absolute().parent.is_dir():
+        raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
+    if out.exists() and not (replace and out.is_file()):
+        raise ExportError(f"{out} exists already; nothing is overwritten without --force")
+
+
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:
     """Compile a unit for this machine and write its FMU.
 
@@ -74,10 +84,7 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
     ExportError
         If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
     """
-    if out.suffix != ".fmu":
-        raise ExportError(f"{out}: end the name in .fmu")
-    if out.exists() and not (replace and out.is_file()):
-        raise ExportError(f"{out} exists already; nothing is overwritten without --force")
+    check_file(out, replace)
     sources, guid = _sources(content)
     compiled = sorted(name for name in sources if name.endswith(".c"))
     with tempfile.TemporaryDirectory() as made:

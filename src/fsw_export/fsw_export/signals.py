@@ -52,6 +52,9 @@ _INPUTS = (
     Signal("reference_temperature_c", "real", "degC", "temperature set-point; NaN: unchanged"),
     Signal("dt_s", "real", "s", "time since the last tick, normally 0.1"),
 )
+_APPLIED = "5 applied command more than a move outside the bounds"
+_NMPC_REASONS = f"0 proposing, 1 waits for sensors, 2 waits for set-points, 3 no solution, 4 blind, {_APPLIED}"
+_DECENTRAL_REASONS = f"0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 samples beyond all range, {_APPLIED}"
 _COMMAND = (
     Signal("force_kn", "real", "kN", "proposed force set-point, within a move of the applied one"),
     Signal("speed_rpm", "real", "rpm", "proposed speed set-point, within a move of the applied one"),
@@ -73,7 +76,7 @@ NMPC_INPUTS = (
 )
 NMPC_OUTPUTS = (
     *_COMMAND,
-    Signal("reason", "int", "", "0 proposing, 1 waits for sensors, 2 waits for set-points, 3 no solution, 4 blind"),
+    Signal("reason", "int", "", _NMPC_REASONS),
     Signal("blind", "int", "", "sensors missing for too long: 1 depth + 2 torque + 4 temperature"),
     Signal(
         "fate", "int", "", "of the solve: 0 solved, 1 iteration cap, 2 not finite, 3 too fast, 4 out of bounds, 5 none"
@@ -98,7 +101,7 @@ DECENTRAL_INPUTS = (
 )
 DECENTRAL_OUTPUTS = (
     *_COMMAND,
-    Signal("reason", "int", "", "0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 samples beyond all range"),
+    Signal("reason", "int", "", _DECENTRAL_REASONS),
     Signal("active_limits", "int", "", "1 force min + 2 max + 4 speed min + 8 max + 16 force rate + 32 speed rate"),
     Signal("filtered_depth_mm", "real", "mm", "measured depth behind its filter", "depth_mm"),
     Signal("filtered_temperature_c", "real", "degC", "measured temperature behind its filter", "temperature_c"),

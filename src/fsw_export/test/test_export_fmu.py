@@ -1,5 +1,7 @@
 """FMUs: valid, with a state that can be restored, and with clear errors; the plant is the emulator."""
 
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from copy import copy
@@ -72,6 +74,15 @@ def test_page_shows_the_example() -> None:
     workspace = Path(__file__).resolve().parents[3]
     example = (workspace / "examples" / "fmu_loop.py").read_text(encoding="utf-8")
     assert f"```python\n{example}```\n" in (workspace / "docs" / "how-to" / "fmu.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", ["nmpc", "decentral"])
+def test_the_example_runs_with_each_controller(fmus: dict[str, Path], controller: str) -> None:
+    example = Path(__file__).resolve().parents[3] / "examples" / "fmu_loop.py"
+    ran = subprocess.run([sys.executable, example, fmus["plant"], fmus[controller]], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    assert float(ran.stdout.splitlines()[-1].split()[2]) == pytest.approx(2.76, abs=0.002)
 
 
 def test_units_are_those_of_the_project() -> None:
@@ -353,13 +364,13 @@ def test_controller_that_is_not_in_command_follows(fmus: dict[str, Path], runnin
 def test_whatever_comes_in_the_command_is_within_the_limits(fmus: dict[str, Path], running: Units, name: str) -> None:
     unit = running.start(fmus[name])
     random = np.random.default_rng(3)
-    junk = [float("nan"), float("inf"), -float("inf"), 1e300, -1.0, 0.0]
+    junk = [float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 1e12, 5e-324, -1.0, 0.0]
     for number in range(400):
         for input in unit.inputs:
             v = unit.variables[input]
             usual = float(v.start) if v.type == "Real" else v.start == "true"
             odd = random.choice(junk) if v.type == "Real" else bool(random.integers(2))
             unit.set(**{input: odd if random.random() < (0.02 if number < 200 else 0.3) else usual})
-        unit.set(applied_valid=False)
+        unit.set(applied_valid=bool(random.integers(2)))
         unit.fmu.doStep(0.1 * number, 0.1)
         assert 60.0 <= unit.get("force_kn") <= 95.0 and 300.0 <= unit.get("speed_rpm") <= 500.0

@@ -34,7 +34,11 @@ _LEVELS = {"warn": ("medium", "warning"), "trip": ("high", "tripped")}
 _TEXTS: dict[str, tuple[str, str, str]] = {
     "measurements": ("high", "No measurements: {why}", "Check plant or gateway; be ready to stop at the machine"),
     "supervisor": ("high", "No supervisor: nobody commands", "Start one; the drives hold, then go to safe values"),
-    "safe_stop": ("high", "Safe stop: {why}", "Remove the cause; mode auto goes on with the weld"),
+    "safe_stop": (
+        "high",
+        "Safe stop: {why}",
+        "Remove the cause, acknowledge; then mode auto goes on",
+    ),
     "hold": ("medium", "Command held: {why}", "Get a controller ready, or choose manual; a safe stop follows"),
     "failover": (
         "medium",

@@ -11,7 +11,7 @@ import numpy as np
 
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.bag_labels import labels
-from fsw_analysis.changes import cut_to_scenario, experiment_time_s
+from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import recorded_parameters
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
@@ -37,7 +37,7 @@ class BagView:
     columns : tuple of str
         Those of the live page, and ``mode`` and ``controller`` in words.
     rows : list of list
-        A row per tick, None where something is not known; the time is from the first tick.
+        A row per tick, None where something is not known; the time is the scenario's, its first tick at 0.1 s.
     limits : dict
         As on the live page, with the interlocks that the supervisor was recorded with.
     """
@@ -76,7 +76,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
     start_s = float(signals.stamp_ns[0]) * 1e-9
     summary = {
         "name": name,
-        "duration_s": round(signals.duration_s, 3),
+        "duration_s": round(float(signals.time_s[-1]), 3),
         "start_s": round(start_s, 3) if start_s > _SIMULATED_S else None,
         "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
         "phases": _phases(signals, name),
@@ -92,15 +92,14 @@ def _phases(signals: WeldSignals, name: str) -> list[dict[str, Any]]:
     spans = phase_kpi.recorded_spans(signals)
     if not spans:
         return []
-    first_s = float(experiment_time_s(signals)[0])
     figures = phase_kpi.compute(signals, name, spans)
     found = []
     for (phase, begin_s, end_s), one in zip(spans, figures, strict=False):
-        times = {"begin_s": max(begin_s - first_s, 0.0), "end_s": min(end_s - first_s, signals.duration_s)}
+        times = {"begin_s": begin_s, "end_s": end_s}
         found.append({"name": phase} | {key: round(float(value), 3) for key, value in times.items()} | _errors(one))
     return [
         *found,
-        {"name": "whole weld", "begin_s": 0.0, "end_s": round(signals.duration_s, 3)} | _errors(figures[-1]),
+        {"name": "whole weld", "begin_s": 0.0, "end_s": round(float(signals.time_s[-1]), 3)} | _errors(figures[-1]),
     ]
 
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 import hmac
 import json
 import secrets
-from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+from fsw_hmi import security, tokens
 from fsw_hmi.requests import Action, RequestError, SafeStop, read, word
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
-#: requests of a session in a second, and safe stops of their own
-_RATE_PER_S, _STOPS_PER_S = 10.0, 2.0
+#: requests of a session in a second; safe stops do not count
+_RATE_PER_S = 10.0
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-#: wrong tokens within the window after which nobody may try for as long
-_WRONG_TOKENS, _WINDOW_S = 5, 60.0
 _LONGEST_NAME = 40
 _MAX_ID = 2**53
 
@@ -44,15 +42,21 @@ class Session:
     """One open page."""
 
     id: str
+    client: str = ""  #: that limits count
+    local_stop: bool = False  #: whether it may stop without login
     name: str = ""  #: of the person, empty before the login
     offences: int = 0
     requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
-    stops: Bucket = field(default_factory=lambda: Bucket(_STOPS_PER_S))
 
     @property
     def who(self) -> str:
         """Name and session, for the record."""
-        return f"{self.name} ({self.id})"
+        return f"{self.name or 'on this computer'} ({self.id})"
+
+    @property
+    def may_stop(self) -> bool:
+        """Whether a safe stop is accepted."""
+        return self.local_stop or bool(self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,25 +94,28 @@ class ControlRoom:
     ----------
     token : str
         What a person must know to command.
+    local_stop : bool, optional
+        Whether pages on this computer may stop without login.
     """
 
-    def __init__(self, token: str) -> None:
+    def __init__(self, token: str, local_stop: bool = True) -> None:
         if not token:
             raise ValueError("the token is empty")
         self._token = token.encode()
         self._sessions: dict[str, Session] = {}
         self._holder = ""
-        self._wrong_s: deque[float] = deque()
-        self._shut_until_s = float("-inf")
+        self._local_stop = local_stop
+        self._wrong = tokens.WrongTokens()
 
     # ---------------------------------------------------------------- sessions
 
-    def join(self) -> Session:
-        """A page was opened."""
-        session = Session(secrets.token_hex(3))
-        while session.id in self._sessions:
-            session = Session(secrets.token_hex(3))
-        self._sessions[session.id] = session
+    def join(self, address: str = "") -> Session:
+        """A page was opened by a browser at this address."""
+        number = secrets.token_hex(3)
+        while number in self._sessions:
+            number = secrets.token_hex(3)
+        local_stop = self._local_stop and security.is_loopback(address)
+        self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
     def leave(self, session: Session) -> bool:
@@ -131,6 +138,7 @@ class ControlRoom:
             "holder": holder and {"name": holder.name, "session": holder.id},
             "you": holder is session,
             "authenticated": bool(session.name),
+            "may_stop": session.may_stop,
         }
 
     # ---------------------------------------------------------------- requests
@@ -142,8 +150,9 @@ class ControlRoom:
         if message is None or number is None:
             return self._offence(session, number, "the message is no request")
         do = message.get("do")
-        stop = do == "safe_stop" and bool(session.name)
-        if not (session.stops if stop else session.requests).take(now_s):
+        if do == "safe_stop" and session.may_stop:  # before every limit
+            return Verdict(number, action=SafeStop(), asked=str(SafeStop()))
+        if not session.requests.take(now_s):
             return self._offence(session, number, "too many requests in a second")
         if not isinstance(do, str):
             return self._offence(session, number, "the message names no request")
@@ -162,18 +171,12 @@ class ControlRoom:
         return Verdict(number, REFUSED, why, close=session.offences > _MOST_OFFENCES)
 
     def _login(self, session: Session, number: int, message: dict[str, Any], now_s: float) -> Verdict:
-        if now_s < self._shut_until_s:
-            return Verdict(number, REFUSED, "too many wrong tokens: wait a minute")
         token, name = message.get("token"), message.get("name")
         given = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
         if not hmac.compare_digest(given, self._token):
-            while self._wrong_s and self._wrong_s[0] <= now_s - _WINDOW_S:
-                self._wrong_s.popleft()
-            self._wrong_s.append(now_s)
-            if len(self._wrong_s) >= _WRONG_TOKENS:
-                self._wrong_s.clear()
-                self._shut_until_s = now_s + _WINDOW_S
-            return Verdict(number, REFUSED, "wrong token")
+            wait_s = self._wrong.add(session.client, given, now_s)
+            too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
+            return Verdict(number, REFUSED, f"wrong token{too_many}", close=bool(wait_s))
         name = name.strip() if isinstance(name, str) else ""
         if not (0 < len(name) <= _LONGEST_NAME and name.isprintable()):
             return Verdict(number, REFUSED, f"name: give one of at most {_LONGEST_NAME} characters")
@@ -202,7 +205,7 @@ class ControlRoom:
             action = read(message)
         except RequestError as error:
             return Verdict(number, REFUSED, str(error)[:200], asked=_name(message))
-        if not isinstance(action, SafeStop) and self.holder is not session:
+        if self.holder is not session:
             return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
         return Verdict(number, action=action, asked=str(action))
 

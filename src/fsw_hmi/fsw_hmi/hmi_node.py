@@ -70,11 +70,11 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
-        self._orders = Orders(self, self._watch.references)
+        self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
         self._page = LivePage(
             files,
-            ControlRoom(token),
+            ControlRoom(token, values["local_stop"]),
             self._deliver,
             request_timeout_s=values["request_timeout_s"],
             patience_s=values["patience_s"],
@@ -226,20 +226,16 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._show_alarms()
             self._flush()
             answer(DONE, f"{count} acknowledged")
-        elif isinstance(action, SetReference):
-            answer(*self._set_reference(action))
+        elif isinstance(action, SetReference) and self._programme_runs():
+            answer(REFUSED, "the programme of the weld runs and would override it: hold the programme first")
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _set_reference(self, action: SetReference) -> tuple[str, str]:
+    def _programme_runs(self) -> bool:
         watch = self._watch
-        running = watch.progress is not None and watch.progress["state"] == "running"
-        if running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
-            return REFUSED, "the programme of the weld runs and would override it: hold the programme first"
-        newest_ns = watch.view.newest_ns
-        return self._orders.send_set_points(
-            action, int(self.get_clock().now().nanoseconds) if newest_ns is None else newest_ns
-        )
+        progress = watch.progress
+        running = progress is not None and progress["state"] == "running" and not progress["left"]
+        return running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
         self._record(order, outcome, message)

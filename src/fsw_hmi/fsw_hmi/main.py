@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from fsw_control.node_arguments import NodeArguments, asks_for_help, parameter_help
 from fsw_control.parameters import defaults, load
 
 
@@ -40,6 +41,10 @@ def main(args: Sequence[str] | None = None) -> int:
     """Serve the page until Ctrl-C; ``args`` as ``sys.argv``. Returns the exit code."""
     argv = list(sys.argv if args is None else args)
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+    arguments = NodeArguments("fsw_hmi", "", load("fsw_hmi", "hmi.yaml"))
+    if asks_for_help(argv):
+        print(f"{parser().format_help()}\n{parameter_help(arguments.specs)}")
+        return 0
     parsed = parser().parse_args(argv[1:split])
     if parsed.bag:
         from fsw_hmi.bag_app import serve
@@ -48,7 +53,7 @@ def main(args: Sequence[str] | None = None) -> int:
     from fsw_control.node_main_ros import run
     from fsw_hmi.hmi_node import HmiNode
 
-    return run(HmiNode, [argv[0], *argv[split:], *_overrides(parsed)])
+    return run(HmiNode, [argv[0], *argv[split:], *_overrides(parsed)], arguments)
 
 
 def _overrides(parsed: argparse.Namespace) -> list[str]:

@@ -1,4 +1,4 @@
-"""Carries out what a person asked for: services and set-points, each with an answer in time."""
+"""Carries out what a person asked for by services, each with an answer in time."""
 
 from __future__ import annotations
 
@@ -11,24 +11,29 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.contract import Reference
-from fsw_control.references import ReferenceQueue
-from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_hmi import set_points
 from fsw_hmi.control_room import DONE, REFUSED, TIMED_OUT
-from fsw_hmi.requests import Action, ChangeMode, Disturb, Fail, Programme, SafeStop, SetReference, Switch
-from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_hmi.requests import (
+    AcknowledgeStop,
+    Action,
+    ChangeMode,
+    Disturb,
+    Fail,
+    Programme,
+    SafeStop,
+    SetReference,
+    Switch,
+)
+from fsw_msgs import srv
 from fsw_msgs.srv import SetDisturbance, SetFault, SetMode, SwitchController
 
 SAFE_STOP = "safe_stop"
-#: a safe stop that is not answered is asked for again
-_REPEAT_S = 0.5
+#: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
+#: is being started again must get it
+_REPEAT_S, _REPEAT_FOR_S = 0.5, 60.0
 
 Answer = Callable[[str, str], None]
 
@@ -45,28 +50,18 @@ class _Call:
     repeat: bool
     asked_s: float = 0.0
     future: Future | None = None
+    told: bool = False
 
 
 class Orders:
-    """Carries out actions; :meth:`look` is to be called often.
+    """Carries out actions; :meth:`look` is to be called often."""
 
-    The publishers of set-points do not exist before the first use: an operator's page that only looks is no source of
-    set-points.
-
-    Parameters
-    ----------
-    node : Node
-    references : ReferenceQueue
-        Set-points that are known.
-    """
-
-    def __init__(self, node: Node, references: ReferenceQueue) -> None:
-        self._node, self._references = node, references
+    def __init__(self, node: Node) -> None:
         self._calls: list[_Call] = []
-        self._set_points: Publisher | None = None
-        self._plans: Publisher | None = None
+        self._set_reference = node.create_client(srv.SetReference, "fsw/set_reference")
         self._switch = node.create_client(SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
+        self._acknowledge = node.create_client(Trigger, "fsw/acknowledge")
         self._weld = {verb: node.create_client(Trigger, f"fsw/weld/{verb}") for verb in ("hold", "resume", "abort")}
         self._disturb = node.create_client(SetDisturbance, "fsw/plant/set_disturbance")
         self._fail = node.create_client(SetFault, "fsw/plant/set_fault")
@@ -79,9 +74,12 @@ class Orders:
     # ---------------------------------------------------------------- services
 
     def carry_out(self, action: Action, answer: Answer, timeout_s: float) -> None:
-        """Begin an action of the graph's services; ``answer`` gets outcome and words, once."""
+        """Begin an action of the graph's services; ``answer`` gets outcome and words; of a safe stop
+        that is answered late twice."""
         if isinstance(action, SafeStop):
             self._ask_mode(SAFE_STOP, None, None, answer, timeout_s)
+        elif isinstance(action, AcknowledgeStop):
+            self._call(self._acknowledge, "supervisor", Trigger.Request(), answer, timeout_s)
         elif isinstance(action, ChangeMode):
             self._ask_mode(action.mode, action.force_kn, action.speed_rpm, answer, timeout_s)
         elif isinstance(action, Switch):
@@ -92,6 +90,11 @@ class Orders:
                 timeout=Duration(sec=seconds, nanosec=round((action.wait_s - seconds) * 1e9)),
             )
             self._call(self._switch, "supervisor", request, answer, timeout_s + action.wait_s)
+        elif isinstance(action, SetReference):
+            wanted = srv.SetReference.Request(
+                depth=units.m_from_mm(action.depth_mm), temperature=action.temperature_c, ramp=action.ramp
+            )
+            self._call(self._set_reference, "supervisor", wanted, answer, timeout_s)
         elif isinstance(action, Programme):
             self._call(self._weld[action.verb], "programme", Trigger.Request(), answer, timeout_s)
         elif isinstance(action, Disturb):
@@ -122,8 +125,13 @@ class Orders:
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
-                asked = f"the {call.offered_by} did not answer in time"
-                self._end(call, TIMED_OUT, asked if call.asked_s else f"there is no {call.offered_by} to ask")
+                asked = call.asked_s and f"the {call.offered_by} did not answer in time"
+                why = asked or f"there is no {call.offered_by} to ask"
+                if not call.repeat or call.told:
+                    self._end(call, TIMED_OUT, why)
+                else:
+                    call.told, call.due_s = True, now_s + _REPEAT_FOR_S
+                    call.answer(TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more")
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
                     self._ask(call, now_s)
@@ -158,39 +166,6 @@ class Orders:
         if call.future is not None:
             future, call.future = call.future, None
             call.client.remove_pending_request(future)
-
-    # ---------------------------------------------------------------- set-points
-
-    def send_set_points(self, action: SetReference, tick_ns: int) -> tuple[str, str]:
-        """Send set-points, ``tick_ns`` being the newest tick; returns outcome and words.
-
-        The first one holds at once and voids what was sent ahead before, here or elsewhere.
-        """
-        node, goal = self._node, Reference(action.depth_mm, action.temperature_c)
-        if not self._controllers_listen():
-            return REFUSED, "no controller listens to set-points"
-        start = self._references.at(tick_ns)
-        if action.ramp and start is None:
-            return REFUSED, "no set-points are in force that a ramp could begin at: send them without a ramp"
-        if self._set_points is None or self._plans is None:
-            self._set_points = node.create_publisher(WeldReference, "fsw/reference", LATCHED)
-            self._plans = node.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
-        if not action.ramp or start is None or start == goal:
-            self._plans.publish(convert.reference_plan_message([], tick_ns))
-            self._set_points.publish(convert.reference_message(goal, 0))
-            return DONE, f"set-points {goal.depth_mm:g} mm, {goal.temperature_c:g} degC sent"
-        self._plans.publish(convert.reference_plan_message(set_points.stair(start, goal, tick_ns), tick_ns))
-        self._set_points.publish(convert.reference_message(start, 0))
-        for stamp_ns, one in set_points.ramp(start, goal, tick_ns):
-            self._set_points.publish(convert.reference_message(one, stamp_ns))
-        return DONE, f"ramp over {set_points.duration_s(start, goal):.1f} s sent"
-
-    def _controllers_listen(self) -> bool:
-        """Whether anybody but this node does."""
-        topic = self._node.resolve_topic_name("fsw/reference")
-        own = (self._node.get_namespace(), self._node.get_name())
-        infos = self._node.get_subscriptions_info_by_topic(topic)
-        return any((info.node_namespace, info.node_name) != own for info in infos)
 
 
 def _disturbance(action: Disturb) -> SetDisturbance.Request:

@@ -19,6 +19,7 @@ NO_STATE: dict[str, Any] = {
     "since_s": None,
     "controllers": [],
     "interlocks": [],
+    "acknowledged": False,
 }
 
 
@@ -34,6 +35,7 @@ def state(message: SupervisorState) -> dict[str, Any]:
         "since_s": convert.stamp_ns(message.since) / NANOSECONDS,
         "controllers": [_controller(one) for one in message.controllers],
         "interlocks": list(message.interlocks),
+        "acknowledged": bool(message.acknowledged),
     }
 
 
@@ -60,6 +62,10 @@ def progress(message: WeldProgress) -> dict[str, Any]:
         "angle_deg": short(degrees(message.angle)),
         "length_mm": short(units.mm_from_m(message.length)),
         "time_left_s": short(message.time_left),
+        "depth_mm": short(units.mm_from_m(message.depth)),
+        "temperature_c": short(message.temperature),
+        "left": bool(message.left),
+        "way_back_s": short(message.way_back),
     }
 
 

@@ -51,6 +51,14 @@ class SafeStop(Action):
 
 
 @dataclass(frozen=True, slots=True)
+class AcknowledgeStop(Action):
+    """The safe stop has been seen, and may be left."""
+
+    def __str__(self) -> str:
+        return "acknowledge the safe stop"
+
+
+@dataclass(frozen=True, slots=True)
 class SetReference(Action):
     """New set-points, at once or as a ramp from those in force."""
 
@@ -152,6 +160,10 @@ def _safe_stop(_: Mapping[str, Any]) -> Action:
     return SafeStop()
 
 
+def _acknowledge_stop(_: Mapping[str, Any]) -> Action:
+    return AcknowledgeStop()
+
+
 def _set_reference(message: Mapping[str, Any]) -> Action:
     depth_mm = number(message, "depth_mm", REFERENCE_DEPTH_MM)
     temperature_c = number(message, "temperature_c", REFERENCE_TEMPERATURE_C)
@@ -227,6 +239,7 @@ def _checked(reader: Callable[[Any, Place, float], Any], entry: Mapping[str, Any
 
 _READERS: dict[str, Callable[[Mapping[str, Any]], Action]] = {
     "safe_stop": _safe_stop,
+    "acknowledge_stop": _acknowledge_stop,
     "set_reference": _set_reference,
     "switch": _switch,
     "mode": _mode,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -68,6 +69,26 @@ class Security:
         if any(origin.lower() not in (f"http://{host.lower()}", f"https://{host.lower()}") for origin in origins):
             return "the request comes from another page"
         return ""
+
+
+def client_of(address: str) -> str:
+    """Whom a limit counts: an IPv4 address, or the /64 network from which one computer takes its IPv6 addresses."""
+    found = _ip(address)
+    return str(IPv6Network((found, 64), strict=False)) if isinstance(found, IPv6Address) else str(found or address)
+
+
+def is_loopback(address: str) -> bool:
+    """Whether who has this address is on this computer."""
+    found = _ip(address)
+    return found is not None and found.is_loopback
+
+
+def _ip(address: str) -> IPv4Address | IPv6Address | None:
+    try:
+        found = ip_address(address.partition("%")[0])
+    except ValueError:
+        return None
+    return (found.ipv4_mapped or found) if isinstance(found, IPv6Address) else found
 
 
 def _hostname(host: str) -> str | None:

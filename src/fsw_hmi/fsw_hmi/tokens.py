@@ -2,13 +2,45 @@
 
 from __future__ import annotations
 
-import os
+import hashlib
 import secrets
-import stat
 from pathlib import Path
 
-_SHORTEST = 8
+from fsw_control.private_file import read_private
+
+#: 12 random digits last 15 years at 1000 trials a second
+_SHORTEST = 12
 _LONGEST_BYTES = 4096
+#: different wrong tokens of a client within the window after which each further one costs it a connection (chosen)
+_MOST_WRONG, _WINDOW_S = 5, 60.0
+#: clients that are remembered, the latest
+_MOST_CLIENTS = 1000
+
+
+class WrongTokens:
+    """Tells which clients try tokens, each for itself.
+
+    The same wrong token counts once, so that pages that log in again with one that is out of date shut nobody out.
+    """
+
+    def __init__(self) -> None:
+        self._given_s: dict[str, dict[bytes, float]] = {}
+
+    def add(self, client: str, token: bytes, now_s: float) -> float:
+        """Take note of a wrong token; returns for how long the client is shut out already [s], 0 when it is not."""
+        recent = self._recent(client, now_s)
+        if len(recent) >= _MOST_WRONG:
+            return _WINDOW_S - now_s + min(recent.values())
+        recent |= {hashlib.sha256(token).digest(): now_s}
+        self._given_s.pop(client, None)
+        self._given_s[client] = recent
+        if len(self._given_s) > _MOST_CLIENTS:
+            del self._given_s[next(iter(self._given_s))]
+        return 0.0
+
+    def _recent(self, client: str, now_s: float) -> dict[bytes, float]:
+        given_s = self._given_s.get(client, {})
+        return {digest: one_s for digest, one_s in given_s.items() if now_s - one_s < _WINDOW_S}
 
 
 def new() -> str:
@@ -25,15 +57,7 @@ def read(path: Path) -> str:
         When there is none, or others may read or change the file; the message says what to do.
     """
     try:
-        with path.open("rb") as file:
-            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            content = file.read(_LONGEST_BYTES)
-    except OSError as error:
-        raise ValueError(f"token_file: cannot read {path}: {error.strerror}") from None
-    if mode & 0o077:
-        raise ValueError(f"token_file: others may read {path} (mode {mode:03o}): chmod 600 {path}")
-    try:
-        token = content.decode().strip()
+        token = read_private("token_file", path, _LONGEST_BYTES).decode().strip()
     except UnicodeDecodeError:
         raise ValueError(f"token_file: {path} is no text") from None
     if len(token) < _SHORTEST or "\n" in token:

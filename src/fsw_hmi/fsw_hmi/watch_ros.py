@@ -13,8 +13,7 @@ from rclpy.subscription import Subscription
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SENSORS, Command
-from fsw_control.references import ReferenceQueue
-from fsw_control.references_ros import subscribe_references
+from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi import reports_ros
 from fsw_hmi.alarm_rules import NO_REPORT_S, Part
@@ -70,7 +69,7 @@ class Watch:
         on_state: Callable[[], None],
     ) -> None:
         self._node, self._on_rows, self._on_prediction, self._told = node, on_rows, on_prediction, on_state
-        self.references = ReferenceQueue()
+        self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
         self.state: dict[str, Any] | None = None
         self.progress: dict[str, Any] | None = None
@@ -81,7 +80,7 @@ class Watch:
         self._parts: dict[str, tuple[Part, float]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
-        subscribe_references(node, self.references, lambda _: None)  # a bad one is reported by every controller
+        subscribe_references(node, self.references)  # what is refused, the supervisor and every controller report
         subscribe_drives(node, self._on_drives)
         node.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_state, LATEST)

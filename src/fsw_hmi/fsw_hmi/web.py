@@ -19,6 +19,7 @@ from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Client, Hub
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
+from fsw_hmi.security import client_of
 
 BEAT_S = 0.25
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
@@ -58,7 +59,7 @@ class Order:
 @dataclass(slots=True)
 class _Pending:
     page: _Page
-    id: int
+    ids: list[int]
     order: Order
     timer: asyncio.TimerHandle
 
@@ -84,6 +85,7 @@ class LivePage:
     patience_s : float
         After which a page that takes nothing is given up.
     max_pages : int
+        Of one client.
     """
 
     def __init__(
@@ -139,7 +141,8 @@ class LivePage:
             return
         pending.timer.cancel()
         pending.page.pending -= 1
-        self._answer(pending.page, pending.id, outcome, message)
+        for request in pending.ids:
+            self._answer(pending.page, request, outcome, message)
         self._record(pending.order.who, pending.order.asked, outcome, message)
 
     async def beat(self) -> None:
@@ -159,13 +162,15 @@ class LivePage:
             if socket.query_params.get("build") != self._files.build:
                 await socket.send_text(frame("stale", {"build": self._files.build}))
                 await socket.close(_STALE)
-            elif len(self._pages) >= self._max_pages:
-                await socket.close(_TRY_LATER, f"{self._max_pages} pages are open already")
             else:
-                await self._serve(socket)
+                await self._serve(socket, socket.client.host if socket.client else "")
 
-    async def _serve(self, socket: WebSocket) -> None:
-        page = _Page(self._room.join(), Client())
+    async def _serve(self, socket: WebSocket, address: str) -> None:
+        client = client_of(address)
+        if sum(page.session.client == client for page in self._pages) >= self._max_pages:
+            await socket.close(_TRY_LATER, f"{self._max_pages} pages are open already on this computer")
+            return
+        page = _Page(self._room.join(address), Client())
         self._pages.add(page)
         self._hub.clients.add(page.client)
         self._begin(page)
@@ -205,10 +210,12 @@ class LivePage:
             if message["type"] == "websocket.disconnect":
                 return
             verdict = self._room.handle(page.session, message.get("text"), time.monotonic())
-            self._carry_out(page, verdict)
-            if verdict.close:
+            if verdict.close:  # the answer before, not in the queue
+                if verdict.id is not None:
+                    await socket.send_text(_answer(verdict.id, verdict.outcome, verdict.message))
                 await socket.close(_POLICY, "too many bad requests")
                 return
+            self._carry_out(page, verdict)
 
     def _carry_out(self, page: _Page, verdict: Verdict) -> None:
         session = page.session
@@ -224,7 +231,12 @@ class LivePage:
             self._deliver(Order(0, session.who, verdict.asked, outcome=verdict.outcome, message=verdict.message))
 
     def _order(self, page: _Page, request: int, action: Action, asked: str) -> None:
-        if page.pending >= _MOST_PENDING and not isinstance(action, SafeStop):
+        if isinstance(action, SafeStop):
+            for under_way in self._pending.values():
+                if under_way.page is page and under_way.order.action == action:
+                    under_way.ids.append(request)  # the graph is asked once
+                    return
+        elif page.pending >= _MOST_PENDING:
             self._answer(page, request, REFUSED, "too many requests wait for an answer")
             return
         self._orders += 1
@@ -234,11 +246,11 @@ class LivePage:
             wait_s, partial(self.on_outcome, order.number, TIMED_OUT, f"no answer within {wait_s:g} s")
         )
         page.pending += 1
-        self._pending[order.number] = _Pending(page, request, order, timer)
+        self._pending[order.number] = _Pending(page, [request], order, timer)
         self._deliver(order)
 
     def _answer(self, page: _Page, request: int, outcome: str, message: str) -> None:
-        page.client.answer(frame("answer", {"id": request, "outcome": outcome, "message": message}))
+        page.client.answer(_answer(request, outcome, message))
 
     def _record(self, who: str, asked: str, outcome: str, message: str) -> None:
         self._actions.append(
@@ -254,6 +266,10 @@ class LivePage:
 async def _send(socket: WebSocket, client: Client) -> None:
     while True:
         await socket.send_text(await client.next())
+
+
+def _answer(request: int, outcome: str, message: str) -> str:
+    return frame("answer", {"id": request, "outcome": outcome, "message": message})
 
 
 def _now_s() -> float:

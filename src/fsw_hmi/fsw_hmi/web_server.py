@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from collections.abc import Iterable, Sequence
 
@@ -9,12 +10,13 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from fsw_hmi.security import LOCAL_HOSTS, Security
+from fsw_hmi.security import Security, client_of, is_loopback
 
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
-#: connections at a time; a page has one, and a few more while it loads
+#: connections of a client at a time; a page has one, and a few more while it loads
 _MAX_CONNECTIONS = 256
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
 _SEND_BUFFER_BYTES = 65536
@@ -62,8 +64,7 @@ def address(listening: socket.socket) -> str:
 
 def is_local(listening: socket.socket) -> bool:
     """Whether only this computer can reach it."""
-    host = listening.getsockname()[0]
-    return host in LOCAL_HOSTS or host.startswith("127.")
+    return is_loopback(listening.getsockname()[0])
 
 
 def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
@@ -71,19 +72,29 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
     return Security(Starlette(routes=list(routes)), hosts)
 
 
+class _Connection(H11Protocol):
+    """A connection; a client that has too many gets no more, and takes none from others."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        peers = [getattr(one, "client", None) for one in self.connections]
+        clients = [client_of(peer[0]) for peer in peers if peer]
+        if self.client and clients.count(client_of(self.client[0])) > _MAX_CONNECTIONS:
+            transport.abort()
+
+
 def server(app: ASGIApp) -> uvicorn.Server:
     """Make the server; to be run with ``serve(sockets=[listen(...)])``."""
     return uvicorn.Server(
         uvicorn.Config(
             app,
-            http="h11",
+            http=_Connection,
             ws="websockets-sansio",
             ws_max_size=MAX_FRAME_BYTES,
             ws_per_message_deflate=False,
             loop="asyncio",
             lifespan="off",
             interface="asgi3",
-            limit_concurrency=_MAX_CONNECTIONS,
             timeout_graceful_shutdown=1,
             access_log=False,
             log_config=None,

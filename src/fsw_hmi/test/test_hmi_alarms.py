@@ -14,6 +14,7 @@ def row(alarms, name):
     return next((one for one in alarms.rows() if one["id"] == name), None)
 
 
+@pytest.mark.requirement("S17")
 def test_alarm_goes_through_its_states():
     alarms = AlarmList()
     assert alarms.update({"a": HIGH}, 1.0)
@@ -28,6 +29,7 @@ def test_alarm_goes_through_its_states():
     assert alarms.rows() == []
 
 
+@pytest.mark.requirement("S17")
 def test_alarm_that_is_gone_stays_until_acknowledged():
     alarms = AlarmList()
     alarms.update({"a": HIGH}, 1.0)
@@ -40,6 +42,7 @@ def test_alarm_that_is_gone_stays_until_acknowledged():
     assert alarms.rows() == []
 
 
+@pytest.mark.requirement("S17")
 def test_the_first_of_a_group_is_marked():
     alarms = AlarmList()
     alarms.update({"first": LOW}, 1.0)
@@ -90,11 +93,13 @@ def rules():
     return AlarmRules(lambda: 2.0)
 
 
+@pytest.mark.requirement("S17")
 def test_no_alarm_in_a_good_weld(rules):
     assert rules.present(situation(), 0.0) == {}
     assert rules.present(Situation(), 0.0) == {}
 
 
+@pytest.mark.requirement("S17")
 @pytest.mark.parametrize(
     ("changed", "name", "priority"),
     [

@@ -32,8 +32,8 @@ def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> 
     assert len(shown.rows) == 300
     assert {len(row) for row in shown.rows} == {len(shown.columns)}
     first, last = (dict(zip(shown.columns, row, strict=True)) for row in (shown.rows[0], shown.rows[-1]))
-    assert (first["time_s"], first["mode"], first["controller"]) == (0.0, "auto", "decentral")
-    assert (last["time_s"], last["controller"]) == (29.9, "nmpc")
+    assert (first["time_s"], first["mode"], first["controller"]) == (0.1, "auto", "decentral")
+    assert (last["time_s"], last["controller"]) == (30.0, "nmpc")
     assert first["depth_mm"] == pytest.approx(2.66)
     assert first["force_kn"] == pytest.approx(78.4)
     assert first["power_kw"] == pytest.approx(1052.9 * 42.78e-3, rel=1e-3)
@@ -44,23 +44,23 @@ def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> 
 def test_summary_tells_phases_events_and_figures(bag: Path) -> None:
     summary = load([bag])[0].summary
     assert summary["name"] == bag.parent.name
-    assert summary["duration_s"] == 29.9
+    assert summary["duration_s"] == 30.0
     assert summary["controllers"] == ["decentral", "nmpc"]
     phases = summary["phases"]
     assert [(one["name"], one["begin_s"], one["end_s"]) for one in phases] == [
-        ("dwell", 0.0, 10.0),
-        ("start", 10.0, 29.9),
-        ("whole weld", 0.0, 29.9),
+        ("dwell", 0.0, 10.1),
+        ("start", 10.1, 30.0),
+        ("whole weld", 0.0, 30.0),
     ]
     assert phases[0]["power_kw"] == pytest.approx(43.6)
     assert set(phases[0]["temperature_error_c"]) == {"mean", "sigma", "low", "high"}
     assert [(one["time_s"], one["kind"]) for one in summary["events"]] == [
-        (0.0, "phase"),
-        (10.0, "phase"),
-        (15.0, "swap"),
-        (20.0, "weld"),
-        (21.0, "weld"),
-        (25.0, "operator"),
+        (0.1, "phase"),  # the first tick is at 0.1 s
+        (10.1, "phase"),
+        (15.1, "swap"),
+        (20.1, "weld"),
+        (21.1, "weld"),
+        (25.1, "operator"),
     ]
     assert summary["events"][-1]["text"] == "anna (3f2a): weld resume: done: running in phase start"
     assert "IAE depth" in [one["name"] for one in summary["kpis"]]

@@ -10,9 +10,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
-from fsw_control.contract import Command, Reference
+from fsw_control.contract import Command
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import hmi_node, main
 from fsw_hmi.hmi_node import HmiNode
@@ -26,9 +27,8 @@ from fsw_msgs.msg import (
     SupervisorState,
     WeldProgress,
     WeldReference,
-    WeldReferencePlan,
 )
-from fsw_msgs.srv import SetDisturbance, SetMode, SwitchController
+from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
 from fsw_test_support.page_client import PATIENCE_S, Page
 
 pytestmark = pytest.mark.slow
@@ -57,8 +57,6 @@ class Graph:
         self.hmi = HmiNode(context=self.context, parameter_overrides=overrides)
         self.url = capsys.readouterr().out.split()[-1]
         self.actions = []
-        self.set_points = []
-        self.plans = []
         node = self.node
         node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
         self.drives = node.create_publisher(DriveFeedback, "fsw/drives", STREAM)
@@ -71,11 +69,6 @@ class Graph:
         self.executor.add_node(self.hmi)
         self.thread = threading.Thread(target=self.executor.spin)
         self.thread.start()
-
-    def listen_to_set_points(self):
-        self.node.create_subscription(WeldReference, "fsw/reference", self.set_points.append, LATCHED)
-        self.node.create_subscription(WeldReferencePlan, "fsw/reference_plan", self.plans.append, LATEST)
-        wait(self.hmi._orders._controllers_listen, "a listener to set-points")
 
     def serve(self, kind, name, answer):
         self.node.create_service(kind, name, answer)
@@ -177,6 +170,10 @@ def test_answers_of_services(graph, page):
         response.ok, response.message = True, f"{request.name} {request.strictness} {request.timeout.sec}"
         return response
 
+    def on_acknowledge(_, response):
+        response.success, response.message = False, "refused: still hot"
+        return response
+
     def on_disturb(request, response):
         response.ok, response.message = True, f"{request.channel} {request.amplitude:g}"
         return response
@@ -200,16 +197,20 @@ def test_answers_of_services(graph, page):
     assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
     assert page.ask("disturb", channel="depth", shape="step", amplitude=0.1)["message"] == "depth 0.0001"
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
-    wait(lambda: len(graph.actions) == 8, "the record of all actions")
-    assert [(one.action, one.outcome) for one in graph.actions][-4:] == [
+    graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
+    assert page.ask("acknowledge_stop")["message"] == "still hot"
+    wait(lambda: len(graph.actions) == 9, "the record of all actions")
+    assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
         ("disturb depth step 0.1", "done"),
         ("safe stop", "refused"),
+        ("acknowledge the safe stop", "refused"),
     ]
     assert all(one.who.startswith("anna (") for one in graph.actions)
 
 
+@pytest.mark.requirement("S19")
 def test_safe_stop_is_asked_for_until_somebody_answers(graph, page):
     number = page.send("safe_stop")
 
@@ -221,39 +222,51 @@ def test_safe_stop_is_asked_for_until_somebody_answers(graph, page):
     assert page.until("answer", lambda frame: frame["id"] == number)["message"] == "at last"
 
 
+@pytest.mark.requirement("S20")
 def test_request_without_an_answer_times_out(graph, page):
-    assert page.ask("safe_stop")["message"] == "there is no supervisor to ask"
+    assert "there is no supervisor to ask" in page.ask("safe_stop")["message"]
     assert page.frames["answer"]["outcome"] == "timed_out"
 
 
-def test_set_points_step_and_ramp(graph, page):
-    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"] == (
-        "no controller listens to set-points"
-    )
-    graph.listen_to_set_points()
-    refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820, ramp=True)
-    assert "send them without a ramp" in refused["message"]
-    assert page.ask("set_reference", depth_mm=2.66, temperature_c=816)["outcome"] == "done"
-    wait(lambda: len(graph.set_points) == 1 and len(graph.plans) == 1)
-    assert convert.reference(graph.set_points[0]) == Reference(2.66, 816.0)
-    assert (convert.stamp_ns(graph.set_points[0].header.stamp), graph.plans[0].references) == (0, [])
-    shown = page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)
-    assert (shown["outcome"], shown["message"]) == ("done", "ramp over 10.0 s sent")
-    wait(lambda: len(graph.set_points) == 102 and len(graph.plans) == 2)
-    assert convert.reference(graph.set_points[-1]) == Reference(2.66, 826.0)
-    assert convert.reference_plan(graph.plans[1])[-1][1] == Reference(2.66, 826.0)
+def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(graph, page):
+    assert page.ask("safe_stop")["outcome"] == "timed_out"
+    asked = []
+
+    def on_mode(request, response):
+        asked.append(request.mode)
+        response.ok = True
+        return response
+
+    graph.serve(SetMode, "fsw/set_mode", on_mode)
+    wait(lambda: asked, "the safe stop")
+    wait(lambda: len(graph.actions) == 3, "the record of what became of it")
+    assert [one.outcome for one in graph.actions] == ["done", "timed_out", "done"]  # the first: control taken
+    assert asked[0] == "safe_stop"
 
 
-def test_set_points_are_refused_while_the_programme_runs(graph, page):
-    graph.listen_to_set_points()
+def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page):
+    assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["message"] == "there is no supervisor to ask"
+    asked = []
+
+    def on_set_points(request, response):
+        asked.append((round(request.depth * 1e3, 6), request.temperature, request.ramp))
+        response.ok, response.message = len(asked) > 1, "refused: as a test"
+        return response
+
+    graph.serve(SetReference, "fsw/set_reference", on_set_points)
+    wait(graph.hmi._orders._set_reference.service_is_ready, "the service")
+    refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
+    assert (refused["outcome"], refused["message"]) == ("refused", "as a test")
+    assert page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
     graph.progress.publish(WeldProgress(state="running", phase="joint_line"))
     page.seen("progress")
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
     assert (refused["outcome"], "hold the programme first" in refused["message"]) == ("refused", True)
-    graph.progress.publish(WeldProgress(state="held", phase="joint_line"))
-    page.seen("progress", lambda frame: frame["state"] == "held")
+    graph.progress.publish(WeldProgress(state="held", phase="joint_line", left=True, way_back=31.5, depth=2.66e-3))
+    told = page.seen("progress", lambda frame: frame["state"] == "held")
     assert page.ask("set_reference", depth_mm=2.7, temperature_c=820)["outcome"] == "done"
-    assert graph.set_points or wait(lambda: graph.set_points) is None
+    assert asked == [(2.7, 820.0, False), (2.66, 826.0, True), (2.7, 820.0, False)]
+    assert told is None or (told["left"], told["way_back_s"], told["depth_mm"]) == (True, 31.5, 2.66)
 
 
 def test_part_with_an_error_is_an_alarm(graph, page):

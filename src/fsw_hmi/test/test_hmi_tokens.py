@@ -22,7 +22,7 @@ def test_file_that_others_may_read_is_refused(tmp_path, mode):
         tokens.read(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"short", b"\n\n", b"two words\nin two lines", b"\xff" * 12])
+@pytest.mark.parametrize("content", [b"", b"short", b"eleven char", b"\n\n", b"two words\nin two lines", b"\xff" * 12])
 def test_file_without_a_token_is_refused(tmp_path, content):
     with pytest.raises(ValueError, match="token_file"):
         tokens.read(write(tmp_path / "token", content))
@@ -36,3 +36,29 @@ def test_missing_file_is_refused(tmp_path):
 def test_every_run_has_its_own_token():
     assert tokens.new() != tokens.new()
     assert len(tokens.new()) >= 16
+
+
+def test_different_wrong_tokens_of_one_client_within_a_minute_shut_it_out():
+    wrong = tokens.WrongTokens()
+    for number in range(5):
+        assert wrong.add("a", b"%d" % number, 10.0 * number) == 0.0
+    for number in range(1000):
+        assert wrong.add("a", b"more %d" % number, 59.5) == 0.5
+    assert len(wrong._given_s["a"]) == 5
+    assert wrong.add("b", b"x", 59.5) == 0.0
+    assert wrong.add("a", b"x", 60.0) == 0.0  # the first is forgotten
+    assert wrong.add("a", b"y", 60.0) == 10.0
+
+
+def test_the_same_wrong_token_counts_once_and_a_wrong_one_now_and_then_not():
+    wrong = tokens.WrongTokens()
+    for number in range(100):
+        assert wrong.add("pages that are out of date", b"old", 0.1 * number) == 0.0
+        assert wrong.add("a person", b"%d" % number, 20.0 * number) == 0.0
+
+
+def test_many_clients_take_no_more_memory_than_a_thousand():
+    wrong = tokens.WrongTokens()
+    for number in range(3000):
+        wrong.add(str(number), b"x", 0.0)
+    assert len(wrong._given_s) == 1000

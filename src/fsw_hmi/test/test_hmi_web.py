@@ -1,5 +1,6 @@
 """The web server with real sockets, without a graph."""
 
+import contextlib
 import json
 import socket
 import time
@@ -108,7 +109,13 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
         past = [page.until("history")["rows"] for _ in range(3)]
         assert [(rows[0], len(rows)) for rows in past] == [([1200], 100), ([600], 600), ([0], 600)]
         assert page.frames["state"]["known"]
-        assert page.frames["control"] == {"t": "control", "holder": None, "you": False, "authenticated": False}
+        assert page.frames["control"] == {
+            "t": "control",
+            "holder": None,
+            "you": False,
+            "authenticated": False,
+            "may_stop": True,
+        }
         assert page.until("beat")["tick_age_s"] >= 0.0
 
 
@@ -127,6 +134,7 @@ def test_another_weld_begins_with_another_hello(server):
         assert ("alarms" in page.frames, "progress" in page.frames) == (True, False)
 
 
+@pytest.mark.requirement("S20")
 def test_request_goes_to_the_graph_and_is_answered_once(server):
     with server.open() as page, server.open() as viewer:
         page.command(TOKEN)
@@ -147,6 +155,7 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         assert all(one["who"].startswith("anna (") for one in done)
 
 
+@pytest.mark.requirement("S20")
 def test_request_that_nobody_answers_times_out(make_server, monkeypatch):
     monkeypatch.setattr("fsw_hmi.web._MARGIN_S", 0.0)
     server = make_server(request_timeout_s=0.1)
@@ -173,6 +182,53 @@ def test_only_so_many_pages(make_server):
         with server.open() as three, pytest.raises(ConnectionClosed) as closed:
             three.receive()
         assert closed.value.rcvd.code == 1013
+
+
+@pytest.mark.requirement("S30")
+def test_safe_stop_is_not_delayed_by_what_others_do(make_server):
+    server = make_server(max_pages=3)
+    other = {"source_address": ("127.0.0.5", 0)}
+    with contextlib.ExitStack() as stack:
+        anna = stack.enter_context(server.open())
+        assert anna.ask("login", token=TOKEN, name="anna")["outcome"] == "done"
+        for _ in range(5):
+            stack.enter_context(server.open(build="old", **other)).until("stale")
+        strangers = [stack.enter_context(server.open(**other)) for _ in range(3)]
+        for number, page in enumerate([*strangers, *strangers[:2]]):
+            assert page.ask("login", token=f"guess {number}", name="x")["message"] == "wrong token"
+        with pytest.raises(ConnectionClosed):  # so many pages have they
+            stack.enter_context(server.open(**other)).until("hello")
+        assert "wait" in strangers[0].ask("login", token="one more", name="x")["message"]
+        with pytest.raises(ConnectionClosed):  # after its answer
+            strangers[0].until("never")
+        assert strangers[1].ask("login", token=TOKEN, name="colleague")["outcome"] == "done"
+        anna.send("safe_stop")
+        assert server.next_order().who.startswith("anna (")
+        assert stack.enter_context(server.open()).ask("login", token=TOKEN, name="bert")["outcome"] == "done"
+
+
+def test_page_on_this_computer_stops_without_login_and_a_held_key_asks_once(server):
+    with server.open() as page:
+        numbers = [page.send("safe_stop") for _ in range(60)]
+        order = server.next_order()
+        assert "this computer" in order.who
+        page.ask("login", token="wrong", name="x")  # it has read all sixty
+        server.answer(order)
+        answers = [page.until("answer") for _ in numbers]
+        assert [(one["id"], one["outcome"]) for one in answers] == [(number, "done") for number in numbers]
+        assert server.orders.empty()
+        page.send("safe_stop")
+        assert server.next_order().number != order.number
+
+
+@pytest.mark.requirement("S30")
+def test_connections_of_one_computer_take_none_from_others(server, monkeypatch):
+    monkeypatch.setattr("fsw_hmi.web_server._MAX_CONNECTIONS", 4)
+    at, source = ("127.0.0.1", server.port), ("127.0.0.5", 0)
+    with contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(at, 30.0, source)) for _ in range(8)]
+        assert [one.recv(1) for one in idle[4:]] == [b""] * 4  # closed
+        assert get(server, "/")[0].status == 200
 
 
 def test_large_frame_closes_the_page(server):

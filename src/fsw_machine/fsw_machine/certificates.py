@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from fsw_control.private_file import read_private
 from fsw_machine.machine_file import Security
 
 _KEY_BITS = 2048
@@ -71,7 +72,7 @@ def check(security: Security, at: datetime) -> tuple[str, x509.Certificate]:
     if not uri:
         text = "names no application URI (subjectAltName), which OPC UA needs; make a new one"
         raise SecurityError(f"security.certificate: {security.certificate} {text}")
-    data = _read("security.private_key", security.private_key)
+    data = secret("security.private_key", security.private_key)
     try:
         load = serialization.load_pem_private_key if b"-----" in data else serialization.load_der_private_key
         key = load(data, password=None)
@@ -152,6 +153,14 @@ def _general_name(host: str) -> x509.GeneralName:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
         return x509.DNSName(host)
+
+
+def secret(field: str, path: Path) -> bytes:
+    """Content of a file with a key or password; raises SecurityError, also where others may read it."""
+    try:
+        return read_private(field, path)
+    except ValueError as error:
+        raise SecurityError(str(error)) from None
 
 
 def _read(field: str, path: Path) -> bytes:

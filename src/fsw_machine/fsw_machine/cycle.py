@@ -23,10 +23,14 @@ class CycleTracker:
     ----------
     skipped, restarts : int
         Cycles that were never seen, and times that the counter went back.
+    values : int
+        How many values the counter's type has: it begins again after the largest. A step by half of them or more
+        counts as back.
     """
 
     def __init__(self, period_s: float) -> None:
         self.skipped = self.restarts = 0
+        self.values = 1 << 64
         self._period_s = period_s
         self._counter: int | None = None
         self._due_s: float | None = None
@@ -45,7 +49,9 @@ class CycleTracker:
         if counter == before:
             self._polls += 1
             return None
-        steps = 0 if before is None else max(0, counter - before)
+        steps = 0 if before is None else (counter - before) % self.values
+        if 2 * steps >= self.values:
+            steps = 0
         if before is not None and not steps:
             self.restarts += 1
         self.skipped += max(0, steps - 1)

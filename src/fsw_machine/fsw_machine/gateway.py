@@ -25,8 +25,12 @@ PAUSE_S = 1.2 * JUMP_NS / NANOSECONDS
 FRESH_CYCLES = 2.5
 #: so many commands in a row that do not reach the machine, and it is started over from the drives
 _LOST_COMMANDS = 3
-#: for so many cycles after a command was written, the next ones are compared with it
-_UNDERWAY_CYCLES = 3
+#: where single commands were lost, the next one is cut to one move: for so many cycles, and up to so many moves away
+_CATCH_UP = 3
+#: a machine may show one cycle later what it has taken
+_SHOWN_CYCLES = 1
+#: what differs by less than this share of a move is the same set-point, rounded by the node's type
+_SAME = 0.01
 #: ticks of which the counter is known
 _KEPT = 32
 _NUMBERS = ("depth", "torque", "temperature", "force_acting", "speed_acting", "force_in_force", "speed_in_force")
@@ -45,13 +49,17 @@ class Publication:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat."""
+    """A command that may be written: the nodes' numbers, and the cycle that it answers as the heartbeat.
+
+    ``before`` is what the machine had when it was accepted.
+    """
 
     command: Command
     force: float
     speed: float
     heartbeat: int
     accepted_s: float
+    before: Command
 
 
 class Gateway:
@@ -59,8 +67,15 @@ class Gateway:
 
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
-    drives report, so the first command is no bump. While commands do not arrive the drives are not reported: they do
+    drives report: in that cycle the set-points in force, which a command is compared with, and not what a load cell
+    sees besides. So the first command is no bump. While commands do not arrive the drives are not reported: they do
     not follow, and that must not be taken for something that pushes them besides.
+
+    Every command that is written is inside the bounds and within one move of what the machine has: the set-points it
+    shows, or, for the one cycle in which it may not show it yet, the last write that it acknowledged. While it is not
+    known whether a write has arrived, both possibilities count. A command that is up to ``_CATCH_UP`` moves away,
+    because single ones before it were lost, is cut to one move; any other is refused. One that comes while a write is
+    unanswered waits for the answer.
 
     Attributes
     ----------
@@ -74,8 +89,8 @@ class Gateway:
         The last read.
     ticks, paused, invalid : int
         Ticks published, reads withheld to make a pause, and invalid values seen.
-    written, failed : int
-        Commands written, and those that the server has not taken.
+    written, failed, cut : int
+        Commands written, those that the server has not taken, and those that were cut to one move.
     last_failure : str
         Why the server has not taken the last of these.
     """
@@ -89,14 +104,16 @@ class Gateway:
         self.samples: dict[str, Sample] = {}
         self.read: CycleRead | None = None
         self.ticks = self.paused = self.invalid = 0
-        self.written = self.failed = 0
+        self.written = self.failed = self.cut = 0
         self.last_failure = ""
         self._counters: dict[int, int] = {}
         self._stamp_ns: int | None = None
         self._published_s: float | None = None
         self._under_way: Order | None = None
-        self._last_written: Order | None = None
-        self._lost = 0
+        self._waiting: tuple[Command, int] | None = None
+        self._taken: tuple[Order, int] | None = None
+        self._unsure: list[tuple[Command, int]] = []
+        self._lost = self._cycle = 0
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Work with the node's parameters from now on, without forgetting.
@@ -122,8 +139,12 @@ class Gateway:
 
     def _part(self) -> None:
         """Commands do not reach the machine any more."""
-        self.joined, self._lost = False, 0
-        self._under_way = self._last_written = None
+        if self._waiting is not None:
+            self.gate.refuse("unanswered", "the server has not answered the write before it")
+        self.joined = False
+        self._lost = 0
+        self._under_way = self._waiting = self._taken = None
+        self._unsure = []
 
     def on_read(self, read: CycleRead) -> Publication | None:
         """Take the read of a new cycle; return what is to be published, None in a pause."""
@@ -131,17 +152,19 @@ class Gateway:
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
         stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS))
         self.read = read
+        self._cycle += max(read.steps, 1)
         self.samples = {name: sample(read.values[name], nodes[name], cycle_ns) for name in _NUMBERS}
         self.samples["permissive"] = bit(read.values["permissive"], nodes["permissive"], cycle_ns)
         self.invalid += sum(bool(one.fault) for one in self.samples.values())
         self.permissive = self.samples["permissive"].value == 1.0
+        begins = False
         if not self.permissive:
             self._part()
         elif not self.joined:
             if self._published_s is not None and now_s - self._published_s < PAUSE_S:
                 self.paused += 1
                 return None
-            self.joined = True
+            self.joined = begins = True
         self._stamp_ns, self._published_s = stamp_ns, now_s
         self._counters[stamp_ns] = read.counter
         if len(self._counters) > _KEPT:
@@ -149,7 +172,8 @@ class Gateway:
         self.ticks += 1
         value = {name: one.value for name, one in self.samples.items()}
         obeys = self.joined and not self._lost and self._under_way is None
-        drives = Command(value["force_acting"], value["speed_acting"]) if obeys else Command(nan, nan)
+        kind = "in_force" if begins else "acting"
+        drives = Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
         return Publication(stamp_ns, value["depth"], value["torque"], value["temperature"], drives)
 
     # ---------------------------------------------------------------- commands
@@ -166,20 +190,31 @@ class Gateway:
         if counter is None:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
-        words = self._jump(command, counter)
-        if words or self._under_way is not None:
-            before = (
-                f"the server has not answered the write of {now_s - self._under_way.accepted_s:.3f} s ago"
-                if self._under_way
-                else ""
-            )
-            self.gate.refuse("jump" if words else "unanswered", words or before)
+        if self._under_way is not None:
+            if self._waiting is not None:
+                since_s = now_s - self._under_way.accepted_s
+                self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
+                self._waiting = None
+                self._lose()
+            if self.joined:
+                self._waiting = command, counter
+            return None
+        return self._order(command, counter, now_s)
+
+    def _order(self, command: Command, counter: int, now_s: float) -> Order | None:
+        """Let a command be written, cut to one move where it may catch up; else refuse it."""
+        has, words = self._has()
+        allowed = command if words else self._within_a_move(command, has)
+        words = words or self._jump(allowed, has)
+        if words:
+            self.gate.refuse("jump", words)
             self._lose()
             return None
+        self.cut += allowed != command
         nodes = self._machine.nodes
-        force = nodes["force_setpoint"].number(command.force_kn)
-        speed = nodes["speed_setpoint"].number(command.speed_rpm)
-        self._under_way = Order(command, force, speed, counter, now_s)
+        force = nodes["force_setpoint"].number(allowed.force_kn)
+        speed = nodes["speed_setpoint"].number(allowed.speed_rpm)
+        self._under_way = Order(allowed, force, speed, counter, now_s, has[0])
         return self._under_way
 
     def _closed(self, now_s: float) -> tuple[str, str]:
@@ -195,46 +230,84 @@ class Gateway:
             return "paused", "commands begin anew from the drives, after a pause in the measurements"
         return "", ""
 
-    def _jump(self, command: Command, counter: int) -> str:
-        """Why a command is too far from what acts, empty if it is not.
-
-        After the last command written it may be one move away per cycle, for some cycles: single ones get lost. Then
-        what the machine has in force counts.
-        """
+    def _has(self) -> tuple[list[Command], str]:
+        """What the machine has, with what it may have if an unsure write has arrived; or why that is not known."""
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault:
-            return f"the set-points in force are not known: {force.fault or speed.fault}"
-        jump = refusal(command, self.gate.limits, Command(force.value, speed.value))
+            return [], f"the set-points in force are not known: {force.fault or speed.fault}"
+        shown = Command(force.value, speed.value)
+        has = [shown]
+        if self._taken is not None and self._cycle - self._taken[1] <= _SHOWN_CYCLES:
+            order = self._taken[0]
+            # Shown is what was there before the write, or something else: a write further back, or what the machine
+            # has done by itself since.
+            has = [order.command] if self._is_same(shown, order.before) else [shown, order.command]
+        has += (command for command, cycle in self._unsure if self._cycle - cycle <= _SHOWN_CYCLES)
+        return has, ""
+
+    def _is_same(self, a: Command, b: Command) -> bool:
+        limits = self.gate.limits
+        return (
+            abs(a.force_kn - b.force_kn) <= _SAME * limits.force_step_kn
+            and abs(a.speed_rpm - b.speed_rpm) <= _SAME * limits.speed_step_rpm
+        )
+
+    def _within_a_move(self, command: Command, has: list[Command]) -> Command:
+        """The command, cut to one move where single ones before it were lost."""
+        limits = self.gate.limits
+        if self._taken is None or self._cycle - self._taken[1] > _CATCH_UP:
+            return command
+        moves = replace(
+            limits, force_step_kn=_CATCH_UP * limits.force_step_kn, speed_step_rpm=_CATCH_UP * limits.speed_step_rpm
+        )
+        for one in has:
+            if refusal(command, moves, one) is not None:
+                return command
+        for one in has:
+            if refusal(command, limits, one) is not None:
+                command = limits.clip(command, one)
+        return command
+
+    def _jump(self, command: Command, has: list[Command]) -> str:
+        """Why a command is too far from what the machine has, empty if it is not."""
+        limits = self.gate.limits
+        jump = next(filter(None, (refusal(command, limits, one) for one in has)), None)
         if jump is None:
             return ""
-        before = self._last_written
-        cycles = 0 if before is None else counter - before.heartbeat
-        if before is not None and 0 < cycles <= _UNDERWAY_CYCLES:
-            limits = self.gate.limits
-            moves = replace(
-                limits, force_step_kn=cycles * limits.force_step_kn, speed_step_rpm=cycles * limits.speed_step_rpm
-            )
-            if refusal(command, moves, before.command) is None:
-                return ""
-        return f"{jump.words} from what the machine has in force"
+        words = f"{jump.words} from what the machine has in force"
+        if refusal(has[0], limits) is None or refusal(limits.clip(has[0], None), limits, has[0]) is None:
+            return words
+        return f"{words}, which is outside the limits: the machine has to bring it back"
 
     def _lose(self) -> None:
         self._lost += 1
         if self._lost >= _LOST_COMMANDS:
             self._part()
 
-    def on_written(self, order: Order, failure: str) -> None:
-        """Take the server's answer to an order; ``failure`` says why it was not taken, and is empty if it was."""
+    def on_written(self, order: Order, failure: str, now_s: float) -> Order | None:
+        """Take the server's answer to an order, and return the one that has waited for it, if any.
+
+        ``failure`` says why the order was not taken, and is empty if it was.
+        """
         if order is not self._under_way:
-            return
+            return None
         self._under_way = None
         if failure:
             self.failed += 1
             self.last_failure = failure
+            self._unsure = [*self._unsure[-_LOST_COMMANDS:], (order.command, self._cycle)]
             self._lose()
         else:
             self.written += 1
-            self._last_written, self._lost = order, 0
+            self._taken, self._unsure, self._lost = (order, self._cycle), [], 0
+        waiting, self._waiting = self._waiting, None
+        if waiting is None:
+            return None
+        reason, words = self._closed(now_s)
+        if reason:
+            self.gate.refuse(reason, words)
+            return None
+        return self._order(*waiting, now_s)
 
 
 def limits_from(values: Mapping[str, Any]) -> Limits:

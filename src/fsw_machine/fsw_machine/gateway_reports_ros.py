@@ -76,6 +76,7 @@ def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
     values = {
         "written": gateway.written,
         "not taken": gateway.failed,
+        "cut to one move": gateway.cut,
         "last failure": gateway.last_failure,
         "longest round trip [ms]": f"{1e3 * longest_s:.1f}",
     }

@@ -19,8 +19,9 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import problem
+from fsw_control.parameters import load, problem
 from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_control.reports_ros import commands as commands_report
@@ -120,7 +121,9 @@ class MachineNode(Node):
             if standing or (permissive, joined) != (gateway.permissive, gateway.joined):
                 self._report()
         elif isinstance(event, Written):
-            gateway.on_written(event.order, event.failure)
+            waiting = gateway.on_written(event.order, event.failure, time.monotonic())
+            if waiting is not None:
+                self._link.write(waiting)
             self._longest_write_s = max(self._longest_write_s, event.took_s)
             if event.failure:
                 self.get_logger().error(f"command not taken: {event.failure}", throttle_duration_sec=1.0)
@@ -221,7 +224,7 @@ def _link_settings(values: dict[str, Any]) -> LinkSettings:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(MachineNode, args)
+    return run(MachineNode, args, NodeArguments("fsw_machine", __doc__ or "", load("fsw_machine", "gateway.yaml")))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from cryptography import x509
 
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.units import NANOSECONDS
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
 from fsw_machine.machine_file import WRITTEN, MachineFile, MachineFileError
@@ -94,6 +95,7 @@ class MachineServer:
         self.is_open = False
         self.permissive = permissive
         self._wanted: dict[str, float] = {}
+        self._largest_move = 1.0
         self._cycles: dict[int, tuple[int, float]] = {}
         self._server = Server(user_manager=_Users(machine))
         self._ids: dict[str, ua.NodeId] = {}
@@ -236,7 +238,21 @@ class MachineServer:
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         self.latencies_s[heartbeat] = time.monotonic() - begun_s
         self.taken.append((heartbeat, command, before))
+        self._note_move(command, before)
         return ua.StatusCode()
+
+    def _note_move(self, command: Command, before: Command) -> None:
+        """Print the largest move of the set-points so far, in moves of a tick, where it is more than one."""
+        moves = moves_between(command, before)
+        if moves > self._largest_move + 1e-6:
+            self._largest_move = moves
+            print(f"largest move so far: {moves:.3f}", flush=True)
+
+
+def moves_between(one: Command, other: Command) -> float:
+    """Distance of two commands, in largest moves of a tick."""
+    force = abs(one.force_kn - other.force_kn) / weld.FORCE_STEP_KN
+    return max(force, abs(one.speed_rpm - other.speed_rpm) / weld.SPEED_STEP_RPM)
 
 
 class _Users:
@@ -274,6 +290,13 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--seed", type=int, default=1, help="of the sensor noise")
     made.add_argument("--not-permissive", action="store_true", help=f"start with the operator's switch ({SWITCH}) off")
     made.add_argument(
+        "--clock-step-s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="at SIGUSR1 the clock of the stamps steps by this, and back",
+    )
+    made.add_argument(
         "--report", type=Path, metavar="FILE", help="at the end, write begin and latency of each cycle as JSON"
     )
     made.add_argument("--make-certificates", type=Path, metavar="DIR", help="make test certificates, and end")
@@ -292,6 +315,11 @@ async def serve(arguments: argparse.Namespace) -> None:
     await server.open()
     print(f"machine serves {endpoint}, {'plain' if machine.security is None else machine.security.policy}", flush=True)
     task = asyncio.ensure_future(server.run())
+
+    def step_clock() -> None:
+        server.clock_offset_ns = 0 if server.clock_offset_ns else round(arguments.clock_step_s * NANOSECONDS)
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, step_clock)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)
     with contextlib.suppress(asyncio.CancelledError):

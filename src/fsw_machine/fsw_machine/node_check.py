@@ -12,8 +12,13 @@ from fsw_machine.samples import RawValue
 
 _EPOCH = datetime(1970, 1, 1)
 _MICROSECOND = timedelta(microseconds=1)
-_WHOLE = {ua.VariantType[name] for name in ("SByte", "Byte", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")}
-_NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *_WHOLE}
+#: types of whole numbers, and how many values each has
+WHOLE = {
+    ua.VariantType[name]: 1 << bits
+    for bits, names in ((8, ("SByte", "Byte")), (16, ("Int16", "UInt16")), (32, ("Int32", "UInt32")))
+    for name in names
+} | {ua.VariantType.Int64: 1 << 64, ua.VariantType.UInt64: 1 << 64}
+_NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *WHOLE}
 
 
 def epoch_ns(when: datetime) -> int:
@@ -49,16 +54,20 @@ async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.
     access = dict(zip(WRITTEN, answers[len(names) :], strict=False))
     types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
     found = [_type(name, machine, values[name], types[name]) for name in names]
-    for name, kind in zip(names, found, strict=True):
+    kinds = dict(zip(names, found, strict=True))
+    for name, kind in kinds.items():
         node = machine.nodes[name].node
         if name == "permissive":
             fits, wanted_kind = kind is ua.VariantType.Boolean, "a Boolean"
         elif name in ("cycle", "heartbeat"):
-            fits, wanted_kind = kind in _WHOLE, "a whole number"
+            fits, wanted_kind = kind in WHOLE, "a whole number"
         else:
             fits, wanted_kind = kind in _NUMBERS, "a number"
         if not fits:
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
+    if kinds["heartbeat"] is not kinds["cycle"]:
+        node, own, other = machine.nodes["heartbeat"].node, kinds["heartbeat"].name, kinds["cycle"].name
+        raise LinkError(f"nodes.heartbeat: {node} is of type {own}, must be of the type of nodes.cycle, {other}")
     for name, answer in access.items():
         level = None if answer.Value is None else answer.Value.Value
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:

@@ -23,7 +23,7 @@ from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.link_errors import LinkError, words
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile, NodeSpec, Security, User
-from fsw_machine.node_check import check_nodes, epoch_ns, raw_value
+from fsw_machine.node_check import WHOLE, check_nodes, epoch_ns, raw_value
 from fsw_machine.samples import CycleRead
 
 #: while connecting, requests may take longer: a server may be busy with keys [s]
@@ -188,6 +188,7 @@ class MachineLink:
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
         self._order_types = await check_nodes(client, machine, self._nodes)
+        self.tracker.values = WHOLE[self._order_types[WRITTEN.index("heartbeat")]]
 
     async def _disconnect(self) -> None:
         client, self._client = self._client, None
@@ -301,10 +302,9 @@ def password(user: User) -> str:
             raise SecurityError(f"user.password_env: the environment variable {user.password_env} is not set")
         return text
     try:
-        text = user.password_file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "no text in UTF-8"
-        raise SecurityError(f"user.password_file: cannot read {user.password_file}: {why}") from None
+        text = certificates.secret("user.password_file", user.password_file).decode().strip()
+    except UnicodeDecodeError:
+        raise SecurityError(f"user.password_file: {user.password_file} is no text in UTF-8") from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text
@@ -323,5 +323,5 @@ def _hint(machine: MachineFile) -> str:
 
 
 def _variant(number: float, kind: ua.VariantType) -> Any:
-    whole = kind not in (ua.VariantType.Float, ua.VariantType.Double)
-    return ua.Variant(round(number) if whole else float(number), kind)
+    """A number in the type of its node; the heartbeat is of the cycle counter's type, and so is inside it."""
+    return ua.Variant(round(number) if kind in WHOLE else float(number), kind)

@@ -56,6 +56,7 @@ def test_a_machine_that_stands_still_is_polled_slowly():
     assert tracker.skipped == 0 and all(delay < 0.02 for delay in delays)
 
 
+@pytest.mark.requirement("S15")
 @given(
     moves=st.lists(
         st.tuples(

@@ -4,13 +4,28 @@ import queue
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from asyncua.common.utils import Buffer
+from asyncua.ua.ua_binary import variant_from_binary, variant_to_binary
 
+from fsw_control import Command
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
+from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Gateway
-from fsw_machine.machine_file import MachineFile
+from fsw_machine.machine_file import MachineFile, User
 from fsw_machine.machine_server import CLIENT_URI, SERVER_URI
-from fsw_machine.opcua_link import BackOff, Connected, LinkSettings, Lost, MachineLink, Standing, Written, password
+from fsw_machine.node_check import WHOLE
+from fsw_machine.opcua_link import (
+    BackOff,
+    Connected,
+    LinkSettings,
+    Lost,
+    MachineLink,
+    Standing,
+    Written,
+    _variant,
+    password,
+)
 from fsw_machine.samples import CycleRead
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 
@@ -70,8 +85,9 @@ def secured(folder, shipped_text):
     start = datetime.now(UTC) - timedelta(days=9)
     made["expired"] = certificates.make(folder, "expired", CLIENT_URI, hosts, days=3, start=start)
     made["server"] = certificates.make(folder, "server", SERVER_URI, hosts)
-    (folder / "password").write_text("stir\n")
-    (folder / "wrong").write_text("weld\n")
+    for name, text in (("password", "stir\n"), ("wrong", "weld\n")):
+        (folder / name).touch(0o600)
+        (folder / name).write_text(text)
     security = {
         "policy": "Basic256Sha256",
         "certificate": str(made["client"][0]),
@@ -120,6 +136,10 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, 
         ({"nodes__cycle__node": "s=Weld.Depth"}, "nodes.cycle: s=Weld.Depth is of type Double, must be a whole"),
         ({"nodes__depth__node": "ns=0;i=85"}, "nodes.depth: ns=0;i=85 has no value; it must be a variable"),
         ({"nodes__depth__node": "ns=0;i=2255"}, "nodes.depth: ns=0;i=2255 is"),
+        (
+            {"nodes__cycle__node": "ns=0;i=2267"},  # ServiceLevel
+            "nodes.heartbeat: s=Weld.Heartbeat is of type UInt32, must be of the type of nodes.cycle, Byte",
+        ),
         ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat: s=Weld.Cycle may not be written by this user"),
         ({"namespace": "urn:other"}, "namespace: the server has no urn:other; it has"),
     ],
@@ -173,6 +193,7 @@ def test_a_secured_server_does_not_let_in_a_plain_client(connect, secured, folde
     assert told(connect, folder, secured[1], shipped_text).startswith("security: ")
 
 
+@pytest.mark.requirement("S14")
 @pytest.mark.slow
 def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain, folder, shipped_text):
     proxy = Proxy(plain[1])
@@ -192,7 +213,7 @@ def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain,
 
 @pytest.mark.slow
 def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_text):
-    changes = {"nodes__cycle__node": "ns=0;i=2267", "namespace": "urn:fsw-control:machine"}  # ServiceLevel, constant
+    changes = {"nodes__cycle__node": "s=Weld.Heartbeat"}  # constant, because nobody writes it
     linked = connect(write_machine_file(folder / "still.yaml", plain[1], shipped_text, **changes))
     assert linked.next(Standing).age_s > 0.3
 
@@ -201,6 +222,7 @@ def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
     later = datetime.now(UTC) + timedelta(days=5)
     cert, key = certificates.make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
     certificates.make(tmp_path, "later", CLIENT_URI, ["127.0.0.1"], start=later)
+    (tmp_path / "text.der").touch(0o600)
     (tmp_path / "text.der").write_text("no certificate")
     names = {
         "policy": "Basic256Sha256",
@@ -225,6 +247,40 @@ def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
 
 def _good(folder, text, security):
     return write_machine_file(folder / "m.yaml", 4840, text, security=security)
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644])
+def test_a_key_or_password_that_others_may_read_is_refused(tmp_path, shipped_text, mode):
+    cert, key = certificates.make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
+    (tmp_path / "password").write_text("stir\n")
+    for path in (key, tmp_path / "password"):
+        path.chmod(mode)
+    names = {"policy": "Basic256Sha256", "certificate": cert.name, "private_key": key.name}
+    file = _good(tmp_path, shipped_text, names | {"server_certificate": cert.name})
+    with pytest.raises(SecurityError, match=rf"security\.private_key: .*: chmod 600 {key}"):
+        certificates.check(MachineFile.load(file).security, certificates.now())
+    with pytest.raises(SecurityError, match=r"user\.password_file: .*: chmod 600 "):
+        password(User("fsw", tmp_path / "password"))
+
+
+@pytest.mark.parametrize(("kind", "values"), WHOLE.items(), ids=[kind.name for kind in WHOLE])
+def test_a_counter_begins_again_after_the_largest_value_of_its_type(kind, values, machine, parameters, read_of):
+    """And every heartbeat fits into a node of the same type."""
+    largest = values - 1 if kind.name in ("Byte", "UInt16", "UInt32", "UInt64") else values // 2 - 1
+    counters = [largest - 1, largest, largest - values + 1, largest - values + 2]
+    tracker = CycleTracker(0.1)
+    tracker.values = values
+    gateway = Gateway(machine, parameters)
+    gateway.on_connected()
+    for k, counter in enumerate(counters):
+        steps = tracker.see(counter, 0.1 * k)
+        assert steps == min(k, 1)
+        out = gateway.on_read(read_of(counter, at_s=0.1 * k, steps=steps, source_ns=(100 + k) * 10**8))
+        order = gateway.on_command(Command(78.4, 407.5), out.stamp_ns, "test", True, 0.1 * k)
+        assert order.heartbeat == counter
+        assert variant_from_binary(Buffer(variant_to_binary(_variant(order.heartbeat, kind)))).Value == counter
+        gateway.on_written(order, "", 0.1 * k)
+    assert (tracker.skipped, tracker.restarts) == (0, 0)
 
 
 def test_a_password_from_the_environment(tmp_path, shipped_text, monkeypatch):

@@ -78,7 +78,8 @@ class BagWriter:
         self._queue: deque[Queued | Callable[[], None]] = deque()
         self._lock = threading.Lock()
         self._wake = threading.Event()
-        self._closing = False
+        self._closing = self._ended = False
+        self._waiting: list[Callable[[bool], None]] = []  # for a flush
         self._received = self._dropped = 0
         self._put_bytes = self._taken_bytes = 0
         self._snapshot: deque[Queued] = deque()
@@ -157,20 +158,35 @@ class BagWriter:
                 "pending_bytes": self._put_bytes - self._taken_bytes,
             }
 
-    def flush(self, timeout_s: float = 10.0) -> bool:
-        """Wait until everything handed in so far is handed to the operating system; False on timeout or error."""
-        done = threading.Event()
+    def when_flushed(self, done: Callable[[bool], None]) -> None:
+        """Call ``done`` when everything handed in so far is handed to the operating system, or never will be.
+
+        It is called once, from the writing thread, with whether it is; at once where the writer has ended.
+        """
 
         def mark() -> None:
             self._commit()
-            done.set()
+            self._waiting.remove(done)
+            done(True)
 
-        self._put(mark)
-        deadline = time.monotonic() + timeout_s
-        while not done.wait(0.02):
-            if not self._thread.is_alive() or time.monotonic() > deadline:
-                return False
-        return self.error is None
+        with self._lock:
+            if not self._ended:
+                self._waiting.append(done)
+                self._put(mark)
+                return
+        done(False)
+
+    def flush(self, timeout_s: float = 10.0) -> bool:
+        """Wait until everything handed in so far is handed to the operating system; False on timeout or error."""
+        over, results = threading.Event(), [False]
+
+        def done(whole: bool) -> None:
+            results.append(whole)
+            over.set()
+
+        self.when_flushed(done)
+        over.wait(timeout_s)
+        return results[-1]
 
     def close(self) -> None:
         """Write what is waiting, finish the file and write ``metadata.yaml``; harmless when repeated."""
@@ -203,6 +219,10 @@ class BagWriter:
             self._fail(error)
         finally:
             os.close(self._folder_descriptor)
+            with self._lock:
+                self._ended = True
+            for done in self._waiting:
+                done(False)
 
     def _work(self) -> None:
         while self._queue:

@@ -14,11 +14,14 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.task import Future
 from rosbag2_interfaces.msg import WriteSplitEvent
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 from rosbags.interfaces import Qos
 
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
+from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
@@ -34,12 +37,10 @@ from fsw_recorder.recording import (
     read_attachment,
     versions_text,
 )
-from fsw_recorder.services_ros import serve
+from fsw_recorder.services_ros import serve, serve_later
 from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
-#: how long a service waits for the disk
-_SPLIT_S, _SNAPSHOT_S = 2.0, 5.0
 _REPORT_PERIOD_S = 1.0
 
 
@@ -100,21 +101,27 @@ class RecorderNode(Node):  # type: ignore[misc]
             writer.is_paused = is_paused
             self.get_logger().info("paused" if is_paused else "resumed")
 
-        def split(_: Any) -> None:
+        def flushed() -> Future:
+            """Done when all that was handed to the writer is in the bag; its result is whether it is."""
+            future = Future()
+            writer.when_flushed(future.set_result)
+            return future
+
+        async def split() -> None:
             writer.split()
-            writer.flush(_SPLIT_S)
+            await flushed()
             self._announce_split()
 
-        def take_snapshot(_: Any) -> dict[str, Any]:
+        async def take_snapshot() -> dict[str, Any]:
             writer.take_snapshot()
-            return {"success": writer.flush(_SNAPSHOT_S)}
+            return {"success": await flushed()}
 
         serve(self, Pause, "~/pause", lambda _: set_paused(True))
         serve(self, Resume, "~/resume", lambda _: set_paused(False))
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
-        serve(self, SplitBagfile, "~/split_bagfile", split)
+        serve_later(self, SplitBagfile, "~/split_bagfile", split)
         if snapshot:
-            serve(self, Snapshot, "~/snapshot", take_snapshot)
+            serve_later(self, Snapshot, "~/snapshot", take_snapshot)
 
     # ------------------------------------------------------------------ topics
 
@@ -223,7 +230,7 @@ def main(args: Sequence[str] | None = None) -> int:
         nodes.append(RecorderNode())
         return nodes[0]
 
-    code = run(make, args)
+    code = run(make, args, NodeArguments("fsw_recorder", __doc__ or "", load("fsw_recorder", "recorder.yaml")))
     return 1 if code == 0 and nodes and nodes[0].writer.error is not None else code
 
 

@@ -18,7 +18,9 @@ from rclpy.time import Time
 from rosbag2_interfaces.srv import Burst, GetRate, IsPaused, Pause, PlayNext, Resume, Seek, SetRate, Stop, TogglePaused
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
+from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
@@ -214,7 +216,8 @@ def main(args: Sequence[str] | None = None) -> int:
     overrides: list[Parameter] = []
     if len(argv) > 1 and not argv[1].startswith("-"):
         overrides.append(Parameter("bag", Parameter.Type.STRING, argv.pop(1)))
-    return run(lambda: ReplayNode(parameter_overrides=overrides), argv)
+    arguments = NodeArguments("fsw_replay", __doc__ or "", load("fsw_recorder", "replay.yaml"), "BAG")
+    return run(lambda: ReplayNode(parameter_overrides=overrides), argv, arguments)
 
 
 if __name__ == "__main__":

@@ -114,6 +114,7 @@ def test_damaged_compressed_file(tmp_path: Path, position: int, value: int, cut:
     read(tmp_path / "a.mcap.zstd", bytes(content[:position] if cut else content))
 
 
+@pytest.mark.requirement("S23")
 @fuzz
 @given(cut=st.integers(0, len(MCAP)))
 def test_cut_bag_is_identical_up_to_the_cut(tmp_path: Path, cut: int) -> None:
@@ -152,6 +153,7 @@ def chunks_of(content: bytes) -> list[int]:
     return [at for at in range(8, len(content) - 9) if content[at] == 6 and _is_chunk(content, at)]
 
 
+@pytest.mark.requirement("S23")
 def test_damaged_chunk_is_skipped_and_told(split_weld: bytes, tmp_path: Path) -> None:
     whole = read(tmp_path / "whole.mcap", split_weld)
     chunks = chunks_of(split_weld)

@@ -234,6 +234,7 @@ def fail_while_writing(bag: Path, options: WriterOptions, count: int = 3000, in_
     return writer
 
 
+@pytest.mark.requirement("S24")
 @pytest.mark.slow
 @pytest.mark.parametrize("room", [700, 5_003, 20_011, 40_000])
 @pytest.mark.parametrize("compression", ["", "zstd"])
@@ -269,6 +270,7 @@ def test_disk_with_room_for_the_end_gets_a_finished_file(tmp_path: Path, monkeyp
         assert reader.message_count == len(list(reader.messages())) > 500
 
 
+@pytest.mark.requirement("S24")
 def test_vanished_folder_is_told(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     writer = BagWriter(bag)
@@ -295,6 +297,7 @@ def test_moved_folder_holds_a_finished_bag(tmp_path: Path) -> None:
         assert reader.message_count == len(list(reader.messages())) >= 10
 
 
+@pytest.mark.requirement("S24")
 def test_slow_disk_never_blocks_and_drops_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     release = threading.Event()
     original = os.write
@@ -370,3 +373,23 @@ def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
             writer.write("/x", cdr(index), START_NS + index * 10**6, START_NS)
     with Reader(tmp_path / "bag") as reader:
         assert len(list(reader.messages())) == 8 and len(reader.connections) == 1
+
+
+def test_whoever_waits_for_a_flush_is_told_that_it_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = threading.Event()
+
+    def full(*_: object) -> int:
+        disk.wait(60.0)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(TOPIC)
+    monkeypatch.setattr("fsw_recorder.bag_file.os.write", full)
+    results: list[bool] = []
+    writer.write("/x", cdr(0.0), START_NS, START_NS)
+    writer.when_flushed(results.append)
+    writer.when_flushed(results.append)
+    disk.set()
+    writer.close()
+    writer.when_flushed(results.append)
+    assert results == [False, False, False] and writer.error is not None

@@ -83,6 +83,7 @@ def test_hole_loses_what_was_in_it(content: bytes, tmp_path: Path) -> None:
         assert set(found) >= {*range(300), *range(502, COUNT)} and len(found) <= 800 and problems
 
 
+@pytest.mark.requirement("S23")
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path, data: st.DataObject) -> None:
@@ -100,6 +101,7 @@ def test_a_few_damaged_bytes_lose_a_few_messages(content: bytes, tmp_path: Path,
     assert len(set(found) & set(range(COUNT))) >= COUNT - 3 * len(hits)
 
 
+@pytest.mark.requirement("S23")
 def test_recovered_bag_is_whole(content: bytes, tmp_path: Path) -> None:
     messages = frames_of(content, 5)
     hole = changed(content, messages[300], bytes(messages[310] - messages[300] + 20))

@@ -33,6 +33,7 @@ while not select.select([sys.stdin], [], [], 0.001)[0]:  # until the test ends, 
 """
 
 
+@pytest.mark.requirement("S22")
 @pytest.mark.parametrize(("compression", "commits"), [("", 2), ("zstd", 3)])
 def test_kill_minus_nine(tmp_path: Path, compression: str, commits: int) -> None:
     """The writer is killed when some messages wait for the next commit."""

@@ -2,6 +2,7 @@
 
 import resource
 import signal
+import threading
 import time
 from itertools import count
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
 from rosbags.rosbag2 import Reader
@@ -17,9 +19,11 @@ from std_msgs.msg import String
 
 from fsw_control.topics_ros import LATEST
 from fsw_msgs.msg import ShoulderDepth
+from fsw_recorder.bag_file import BagFile
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
+from fsw_recorder.recorder_node import RecorderNode
 
 pytestmark = pytest.mark.slow
 
@@ -152,6 +156,53 @@ def test_snapshot_service(graph: Any, tmp_path: Path) -> None:
     assert depths_of(bag) == list(range(20))
 
 
+@pytest.mark.parametrize("mode", ["split", "snapshot"])
+def test_messages_are_received_while_a_flush_is_slow(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str
+) -> None:
+    bag = tmp_path / "bag"
+    disk, commit = threading.Event(), BagFile.commit
+    disk.set()
+
+    def slow_commit(file: BagFile) -> None:
+        disk.wait(60.0)
+        commit(file)
+
+    monkeypatch.setattr(BagFile, "commit", slow_commit)
+    values = {"output": str(bag), "topics": ["/fsw/depth"], "snapshot_mode": mode == "snapshot", "queue_depth": 1}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    recorder = RecorderNode(context=graph.context, parameter_overrides=overrides)
+    graph.executor.add_node(recorder)
+
+    def record(first: int, end: int) -> None:
+        for number in range(first, end):
+            depth.publish(ShoulderDepth(depth=float(number)))
+            graph.until(lambda: recorder.writer.statistics()["received"] == number + 1)  # noqa: B023
+
+    try:
+        depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1)
+        graph.until(lambda: depth.get_subscription_count() > 0)
+        record(0, 5)
+        kind, name = (SplitBagfile, "split_bagfile") if mode == "split" else (Snapshot, "snapshot")
+        client = graph.node.create_client(kind, f"/fsw_recorder/{name}")
+        graph.until(client.service_is_ready)
+        disk.clear()
+        answer = client.call_async(kind.Request())
+        record(5, 50)
+        assert not answer.done(), "the answer did not wait for the disk"
+        disk.set()
+        graph.until(answer.done)
+        assert mode == "split" or answer.result().success
+        if mode == "snapshot":
+            assert graph.ask(Snapshot, "/fsw_recorder/snapshot").success
+    finally:
+        disk.set()
+        graph.executor.remove_node(recorder)
+        recorder.destroy_node()
+    assert depths_of(bag) == list(range(50))
+
+
+@pytest.mark.requirement("S22")
 def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
@@ -175,6 +226,7 @@ def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> N
     assert missing == []
 
 
+@pytest.mark.requirement("S24")
 def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
@@ -201,6 +253,7 @@ def test_full_disk_ends_the_recorder_and_nothing_else(graph: Any, tmp_path: Path
         assert len(list(reader.records(["/fsw/depth"]))) > 100
 
 
+@pytest.mark.requirement("S24")
 def test_deleted_folder_is_told(graph: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 10)
@@ -231,6 +284,7 @@ def test_bad_parameters_are_one_line(graph: Any, tmp_path: Path, parameters: lis
     assert [one.name for one in tmp_path.iterdir()] == ["existing"]
 
 
+@pytest.mark.requirement("S22")
 def test_a_recorder_that_was_killed_goes_on_beside_its_bag(graph: Any, tmp_path: Path) -> None:
     bag, sibling = tmp_path / "weld", tmp_path / "weld_1"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)

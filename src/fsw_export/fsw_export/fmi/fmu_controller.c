@@ -11,13 +11,20 @@ static int refuse(char *message) {
   return 1;
 }
 
+/* What is applied is held, inside the limits. */
+static void hold(const fmu_unit *u, fmu_reals *real) {
+  real->force_kn = fmin(fmax(u->applied[0], real->force_min), real->force_max);
+  real->speed_rpm = fmin(fmax(u->applied[1], real->speed_min), real->speed_max);
+}
+
 int fmu_start(fmu_unit *u, fmu_reals *real, fmu_integers *integer, fmu_booleans *boolean, char *message) {
   controller_tuning tuning;
   if (controller_tune(&tuning, real, integer, message)) return 1;
   if (CONTROLLER_INIT(&u->controller, &tuning)) return refuse(message);
   CONTROLLER_RESET(&u->controller, real->start_force_kn, real->start_speed_rpm);
-  real->force_kn = u->applied[0] = real->start_force_kn;
-  real->speed_rpm = u->applied[1] = real->start_speed_rpm;
+  u->applied[0] = real->start_force_kn;
+  u->applied[1] = real->start_speed_rpm;
+  hold(u, real);
   boolean->healthy = 0;
   return 0;
 }
@@ -40,10 +47,7 @@ int fmu_step(fmu_unit *u, fmu_reals *real, fmu_integers *integer, fmu_booleans *
   in.dt_s = FMU_STEP_S;
   CONTROLLER_STEP(&u->controller, &in, &out);
   show_output(&out, real, integer, boolean);
-  if (!out.healthy) { /* what is applied is held */
-    real->force_kn = u->applied[0];
-    real->speed_rpm = u->applied[1];
-  }
+  if (!out.healthy) hold(u, real);
   u->applied[0] = real->force_kn;
   u->applied[1] = real->speed_rpm;
   return 0;

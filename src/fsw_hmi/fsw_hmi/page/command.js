@@ -3,7 +3,7 @@ import { el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
-import { setPoints } from "./set_points.js";
+import { setPoints, wayBack } from "./set_points.js";
 
 const MODES = [
   { value: "auto", text: "auto", remark: "the controller commands" },
@@ -26,7 +26,9 @@ export class Commands {
     this.takeButton = this.#button("Take control", () => this.takeControl());
     this.releaseButton = this.#button("Release control", () => this.ask("Release control", "release_control"));
     this.access.append(this.logInButton, this.takeButton, this.releaseButton);
+    this.acknowledgeStopButton = this.#button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
     this.acting = [
+      this.acknowledgeStopButton,
       this.#button("Set-points", () => setPoints(this)),
       this.#button("Controller", () => this.switchController()),
       this.#button("Mode", () => this.changeMode()),
@@ -44,7 +46,7 @@ export class Commands {
 
   /** Show what may be done now, and why not. */
   update() {
-    const { hello, control, progress } = this.page;
+    const { hello, control, progress, state } = this.page;
     const live = this.connection.live;
     const { holder, you, authenticated } = control;
     const inForce = live && authenticated && you;
@@ -56,6 +58,7 @@ export class Commands {
     this.releaseButton.hidden = !you;
     for (const button of [this.logInButton, this.takeButton, this.releaseButton]) button.disabled = !live;
     for (const button of this.acting) button.disabled = !inForce;
+    this.acknowledgeStopButton.hidden = state?.actual_mode !== "safe_stop" || state.acknowledged;
     for (const button of this.weldButtons) {
       button.disabled = !inForce;
       button.hidden = !progress;
@@ -78,8 +81,10 @@ export class Commands {
   }
 
   /** A new connection knows nobody: log in again with what this page was told. */
-  connected() {
-    if (this.#credentials) this.ask("Log in again", "login", this.#credentials);
+  async connected() {
+    if (!this.#credentials) return;
+    const answer = await this.ask("Log in again", "login", this.#credentials);
+    if (answer.outcome === "refused") this.#credentials = null; // a token that is out of date is not tried for ever
   }
 
   /** @param then what to do once logged in, and `purpose` its name */
@@ -104,7 +109,7 @@ export class Commands {
   safeStop() {
     if (!this.connection.live) return;
     const send = () => this.ask("Safe stop", "safe_stop");
-    if (this.page.control.authenticated) send();
+    if (this.page.control.may_stop) send();
     else this.logIn(send, "Safe stop");
   }
 
@@ -161,7 +166,8 @@ export class Commands {
 
   weld(action) {
     const send = () => this.ask(`${action} weld`, "weld", { action });
-    if (action !== "abort") return send();
+    if (action === "hold") return send();
+    if (action === "resume") return openForm({ title: "Resume the weld", summary: () => wayBack(this.page), confirm: "Resume the weld", run: send });
     return openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: send });
   }
 

@@ -12,7 +12,7 @@ import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { verdict } from "./verdict.js";
 
-const NOBODY = { holder: null, you: false, authenticated: false };
+const NOBODY = { holder: null, you: false, authenticated: false, may_stop: false };
 
 export function startLive() {
   new LivePage().connection.start();
@@ -55,6 +55,7 @@ class LivePage {
       this.state = state;
       this.status.tell(state);
       this.controllers.update(state);
+      this.commands.update();
       this.#judge();
     },
     progress: (progress) => {

@@ -15,11 +15,11 @@ export class Progress {
     this.root = el("section", { id: "progress", "aria-label": "Progress of the weld" }, ring, el("p", {}, this.phase, this.detail));
   }
 
-  update({ state, phase, angle_deg: angle, length_mm: length, time_left_s: left }) {
-    const state_ = state === "running" ? "" : ` (${words(state)})`;
+  update({ state, phase, angle_deg: angle, length_mm: length, time_left_s: left, left: byHand }) {
+    const state_ = state === "running" ? (byHand ? " (set-points by hand)" : "") : ` (${words(state)})`;
     setText(this.phase, `${words(phase) || words(state)}${phase ? state_ : ""}`);
     setText(this.detail, `${fixed(angle, 0)}° · ${grouped(length)} mm · ${span(left)} left`);
-    this.root.dataset.level = state === "aborted" ? "high" : state === "held" ? "attention" : "";
+    this.root.dataset.level = state === "aborted" ? "high" : state === "held" || byHand ? "attention" : "";
     if (angle === null) return;
     // More than a turn is welded over: the ring stays full and the tool goes on.
     this.path.setAttribute("stroke-dasharray", `${(Math.min(Math.max(angle, 0), 360) / 360) * TURN} ${TURN}`);

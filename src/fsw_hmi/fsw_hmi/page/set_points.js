@@ -10,6 +10,15 @@ export function rampSeconds(from, to, reference) {
   );
 }
 
+/** What a resume does to the set-points, in words. */
+export function wayBack({ progress, values }) {
+  if (!progress?.left) return "The programme's set-points are in force.";
+  const change = (name, unit, from, to, digits) => `${name} ${fixed(from, digits)} → ${fixed(to, digits)} ${unit} (${signed(to - from, digits)})`;
+  const depth = change("Depth", "mm", values.reference_depth_mm, progress.depth_mm, 2);
+  const temperature = change("temperature", "°C", values.reference_temperature_c, progress.temperature_c, 1);
+  return progress.way_back_s ? `${depth}; ${temperature}; back to the programme by a ramp of ${span(progress.way_back_s)}` : `${depth}; ${temperature}: the programme goes on where it is`;
+}
+
 export function setPoints(commands) {
   const { hello, values } = commands.page;
   const { reference } = hello;
