@@ -25,5 +25,8 @@ setup(
     description="Decentralized control of the weld: one loop for temperature, one for depth.",
     license="Apache-2.0",
     tests_require=["pytest"],
-    entry_points={"console_scripts": ["decentral = fsw_decentral.decentral_node:main"]},
+    entry_points={
+        "console_scripts": ["decentral = fsw_decentral.decentral_node:main"],
+        "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],
+    },
 )

@@ -23,6 +23,7 @@ setup(
     entry_points={
         "console_scripts": [
             "scenario = fsw_experiment.scenario_node:main",
+            "controller = fsw_experiment.controller_node:main",
             "open_loop = fsw_experiment.open_loop_node:main",
             "fsw = fsw_experiment.cli.main:main",
         ]

@@ -25,5 +25,8 @@ setup(
     description="Nonlinear model predictive control of depth and temperature of the weld, in real time.",
     license="Apache-2.0",
     tests_require=["pytest"],
-    entry_points={"console_scripts": ["nmpc = fsw_nmpc.nmpc_node:main"]},
+    entry_points={
+        "console_scripts": ["nmpc = fsw_nmpc.nmpc_node:main"],
+        "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],
+    },
 )

@@ -10,14 +10,11 @@ import numpy.typing as npt
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_control.weld import TICK_S
 
 #: Changes closer together than this belong to one event (a ramp or a sine is one message per tick).
 _GROUP_TICKS = 10
 #: smaller steps are rounding
 _SMALLEST_STEP = 1e-9
-#: stamps below this are of simulated time, which begins at 0
-_SIMULATED_S = 1e8
 #: a tick at the scenario's end may be later by this
 _LATE_S = 1e-6
 
@@ -45,6 +42,19 @@ class Change:
     def is_step(self) -> bool:
         """Whether the whole change happened at one tick."""
         return self.begin == self.end
+
+
+def marks(signals: WeldSignals) -> dict[str, list[float]]:
+    """Times [s] at which set-points, disturbances of whatever kind, and faults change, where the bag shows them."""
+    found: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
+    for change in changes(signals):
+        found["set-point" if change.quantity.endswith("reference") else "disturbance"].append(change.begin)
+    if signals.truth is not None:
+        for values in (signals.truth.force_disturbance_kn, signals.truth.speed_disturbance_rpm):
+            found["disturbance"] += [change.begin for change in _changes("", values)]
+        faults = signals.truth.active_faults
+        found["fault on, off"] = (np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()
+    return {kind: signals.time_s[sorted(set(ticks))].tolist() for kind, ticks in found.items()}
 
 
 def changes(signals: WeldSignals) -> list[Change]:
@@ -75,14 +85,6 @@ def _changes(quantity: str, values: npt.NDArray[np.float64]) -> list[Change]:
     return found
 
 
-def experiment_time_s(signals: WeldSignals) -> npt.NDArray[np.float64]:
-    """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
-    if not signals.n_ticks:
-        return signals.time_s
-    first_s = float(signals.stamp_ns[0]) * 1e-9
-    return signals.time_s + (first_s if first_s < _SIMULATED_S else TICK_S)
-
-
 def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
     """Without the ticks after the end of the scenario that is attached to the bag; unchanged if there is none."""
     text = signals.attachments.get("scenario.yaml")
@@ -91,7 +93,7 @@ def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
         last_s = float(content["duration_s"]) if isinstance(content, dict) else float("inf")
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return signals
-    n = int(np.searchsorted(experiment_time_s(signals), last_s + _LATE_S, side="right"))
+    n = int(np.searchsorted(signals.time_s, last_s + _LATE_S, side="right"))
     return signals if n >= signals.n_ticks else _head(signals, n)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -13,27 +12,28 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.changes import experiment_time_s
+from fsw_analysis.changes import marks
+from fsw_analysis.figure_style import CONTROLLER_COLOURS, STYLE, colours_of
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
 from fsw_analysis.phase_kpi import Span
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import Limits
 
-COLOURS = ("#0b62a4", "#d1495b", "#2e8540", "#8d5fd3", "#e08214", "#444444")
-STYLE = {
-    "font.size": 10.0,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "figure.dpi": 110,
-    "lines.linewidth": 1.4,
-    "axes.axisbelow": True,
-}
 _REFERENCE: dict[str, Any] = {"color": "black", "linewidth": 1.1, "linestyle": "--"}
 _LIMIT: dict[str, Any] = {"color": "firebrick", "linewidth": 1.0, "linestyle": ":"}
 _SWAP: dict[str, Any] = {"color": "dimgray", "linewidth": 0.9, "linestyle": "-."}
-_MOST_SWAPS = 20
+#: what happens in a weld, on the upper edge of every axis
+_MARKS: dict[str, dict[str, Any]] = {
+    "set-point": {"marker": "v", "color": "black", "markersize": 7.0},
+    "disturbance": {"marker": "d", "color": "darkorange", "markersize": 5.5},
+    "fault on, off": {"marker": "x", "color": "firebrick", "markersize": 6.0, "markeredgewidth": 1.6},
+}
+#: height of the strip that shows who commands, as a share of the axis
+_STRIP = 0.035
+#: more of a kind would cover the axis
+_MOST_MARKS = 20
+#: widths of the lowest and the uppermost of several lines, so that each is seen where they coincide
+_LINE_WIDTHS = (2.4, 1.1)
 #: page: width of one column, height of one panel, of the title and of a row of the legend [inch]
 _WIDTH, _PANEL, _TITLE, _LEGEND_ROW = 9.0, 2.25, 0.6, 0.3
 _LEGEND_COLUMNS = 4
@@ -94,6 +94,7 @@ _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 _INPUTS = (_FORCE, _SPEED, _POWER)
 #: as the paper draws open-loop experiments: the response above, force and speed below
 _OPEN_LOOP = (_FREE_DEPTH, _TORQUE, _POWER, _FREE_TEMPERATURE, _FORCE, _SPEED)
+_OPEN_LOOP_COLOURS = colours_of(["open loop", "input"])
 _FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
     4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
     5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
@@ -169,6 +170,7 @@ def _draw_page(
         for axis, panel in zip(axes, panels, strict=True):
             draw_runs = _draw_panel if panel.error is None else _draw_error
             draw_runs(axis, panel, runs)
+        _mark_events(axes, runs)
         if len(runs) == 1:
             _mark_swaps(axes, runs[0].signals)
         _mark_phases(axes, phases)
@@ -190,7 +192,7 @@ def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) ->
         figure, axes = _page(title, _OPEN_LOOP, 1)
         for axis, panel in zip(axes, _OPEN_LOOP, strict=True):
             values = columns[panel.quantity]
-            _line(axis, panel, columns["time_s"], values, color=COLOURS[int(panel.is_input)])
+            _line(axis, panel, columns["time_s"], values, color=_OPEN_LOOP_COLOURS[int(panel.is_input)])
             _scale(axis, replace(panel, limits=None), [values])
         _finish(figure, axes, path)
 
@@ -228,22 +230,59 @@ def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     shown: list[FloatArray] = []
     reference = getattr(runs[0].signals, panel.reference) if panel.reference else np.empty(0)
     if np.isfinite(reference).any():
-        time_s = experiment_time_s(runs[0].signals)
+        time_s = runs[0].signals.time_s
         axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
         shown.append(reference)
-    for run, colour in zip(runs, cycle(COLOURS), strict=False):
-        true, time_s = _values(run.signals, panel), experiment_time_s(run.signals)
-        sensed = getattr(run.signals, panel.sensor) if panel.sensor else None
-        if sensed is not None and true is None:
-            axis.plot(time_s, sensed, color=colour, label=run.label)
+    curves: list[FloatArray] = []
+    for run, colour in zip(runs, _colours(runs), strict=True):
+        true, sensed = _values(run.signals, panel), getattr(run.signals, panel.sensor) if panel.sensor else None
+        if sensed is not None and true is not None and len(runs) == 1:
+            axis.plot(run.signals.time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
             shown.append(sensed)
-        elif sensed is not None and len(runs) == 1:
-            axis.plot(time_s, sensed, color=colour, alpha=0.35, linewidth=0.7, label="sensor")
-            shown.append(sensed)
-        if true is not None:
-            _line(axis, panel, time_s, true, color=colour, label=run.label)
-            shown.append(true)
+        curves.append(
+            np.full(run.signals.n_ticks, np.nan) if (known := sensed if true is None else true) is None else known
+        )
+    _draw_curves(axis, panel, runs, curves)
+    shown += curves
     _scale(axis, panel, shown)
+
+
+def _colours(runs: Sequence[Run]) -> list[str]:
+    """The colour of each run: that of its label or, where it names no controller, of the one that commands."""
+    names = []
+    for run in runs:
+        sources = set(run.signals.command_source) - {""}
+        names.append(run.label if run.label in CONTROLLER_COLOURS or len(sources) != 1 else sources.pop())
+    return colours_of(names)
+
+
+def _draw_curves(axis: Axes, panel: _Panel, runs: Sequence[Run], curves: Sequence[FloatArray]) -> None:
+    """Draw one curve of each run, that with the most restless commands lowest and widest: none covers another."""
+    widths = np.linspace(*_LINE_WIDTHS, len(runs)) if len(runs) > 1 else [STYLE["lines.linewidth"]]
+    ranks = np.argsort(np.argsort([-_restlessness(run.signals) for run in runs], kind="stable"))
+    for run, values, colour, rank in zip(runs, curves, _colours(runs), ranks.tolist(), strict=True):
+        style = {"color": colour, "label": run.label, "linewidth": widths[rank], "zorder": 2.0 + 0.1 * rank}
+        _line(axis, panel, run.signals.time_s, values, **style)
+
+
+def _restlessness(signals: WeldSignals) -> float:
+    """How much the moves of both manipulated variables change from tick to tick, relative to their limits."""
+    moves = (signals.force_kn / _LIMITS.force_step_kn, signals.speed_rpm / _LIMITS.speed_step_rpm)
+    return float(sum(np.nansum(np.abs(np.diff(values, n=2))) for values in moves))
+
+
+def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
+    """Mark what happens in any of the runs: a sign on the upper edge of each axis and a thin line below it."""
+    found = [marks(run.signals) for run in runs]
+    for kind, style in _MARKS.items():
+        times_s = sorted({round(time_s, 3) for one in found for time_s in one[kind]})
+        if not 0 < len(times_s) <= _MOST_MARKS:
+            continue
+        for axis in axes:
+            across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "clip_on": False, "zorder": 4.0}
+            axis.plot(times_s, [1.0] * len(times_s), linestyle="none", label=kind, **style, **across)
+            for time_s in times_s:
+                axis.axvline(time_s, color=style["color"], alpha=0.4, linewidth=0.8, zorder=1.0)
 
 
 def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **style: Any) -> None:
@@ -252,11 +291,12 @@ def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **s
 
 def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     band, span, factor = panel.error or (0.0, 1.0, 1.0)
-    for run, colour in zip(runs, cycle(COLOURS), strict=False):
+    curves = []
+    for run in runs:
         values = _values(run.signals, panel)
         values = getattr(run.signals, panel.sensor) if values is None else values
-        error = factor * (values - getattr(run.signals, panel.reference))
-        axis.plot(experiment_time_s(run.signals), error, color=colour, label=run.label)
+        curves.append(factor * (values - getattr(run.signals, panel.reference)))
+    _draw_curves(axis, panel, runs, curves)
     axis.axhspan(-factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS)
     axis.set_ylim(-span, span)
     axis.margins(x=0.01)
@@ -272,19 +312,20 @@ def _mark_phases(axes: Sequence[Axes], phases: Sequence[Span]) -> None:
 
 
 def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
-    """Lines where the command's source changes, with its name on the first axis."""
-    source, time_s = signals.command_source, experiment_time_s(signals)
-    changes = np.flatnonzero(source[1:] != source[:-1]) + 1
-    if not changes.size or changes.size > _MOST_SWAPS:
+    """Where the command's source changes: a line at each swap, and below it the colour of the one that commands."""
+    source, time_s = signals.command_source, signals.time_s
+    names = [name for name in dict.fromkeys(source) if name]
+    if len(names) < 2:
         return
+    swaps = np.flatnonzero(source[1:] != source[:-1]) + 1
     for axis in axes:
-        for tick in changes:
-            axis.axvline(time_s[tick], label="other source of the command", **_SWAP)
-    top = axes[0].get_xaxis_transform()
-    for tick in (0, *changes):
-        axes[0].text(
-            time_s[tick], 0.98, source[tick], transform=top, va="top", rotation=90, fontsize=8.0, color="dimgray"
-        )
+        for name, colour in zip(names, colours_of(names), strict=True):
+            across: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 0.0}
+            axis.fill_between(
+                time_s, 0.0, _STRIP, where=source == name, step="post", color=colour, label=f"{name} commands", **across
+            )
+        for tick in swaps if swaps.size <= _MOST_MARKS else ():
+            axis.axvline(time_s[tick], label="swap", **_SWAP)
 
 
 def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:

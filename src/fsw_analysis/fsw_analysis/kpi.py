@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.changes import Change, changes, experiment_time_s
+from fsw_analysis.changes import Change, changes
 from fsw_analysis.weld_signals import FloatArray, TruthSignals, WeldSignals
 
 #: Dead-bands of the paper's controller, section IV.
@@ -58,7 +58,7 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
     outputs = true_or_measured(signals)
     depth_error = outputs.depth_mm - signals.reference_depth_mm
     temperature_error = outputs.temperature_c - signals.reference_temperature_c
-    events = _events(changes(signals), depth_error, temperature_error, experiment_time_s(signals), dt)
+    events = _events(changes(signals), depth_error, temperature_error, signals.time_s, dt)
     result: dict[str, Any] = {
         "label": label or signals.path.name,
         "controllers": [name for name in dict.fromkeys(signals.command_source) if name],

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fsw_analysis.changes import experiment_time_s
 from fsw_analysis.kpi import true_or_measured
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
@@ -44,13 +43,19 @@ PUBLISHED = {
 
 @dataclass(frozen=True, slots=True)
 class PhaseFigures:
-    """Errors and mean power of a run in a phase; None where they are not known."""
+    """Errors and mean power of a run in a phase; None where they are not known.
+
+    Errors are those against the programme, and beside them those against the set-points in force: a weld that was held
+    and steered by hand may follow well what is not the programme.
+    """
 
     run: str
     phase: str
     temperature_c: ErrorStatistics | None
     depth_mm: ErrorStatistics | None
     power_kw: float | None
+    in_force_temperature_c: ErrorStatistics | None
+    in_force_depth_mm: ErrorStatistics | None
 
 
 def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[PhaseFigures]:
@@ -59,7 +64,7 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
     ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was not held, those of
     :func:`recorded_spans` always.
     """
-    outputs, time_s = true_or_measured(signals), experiment_time_s(signals)
+    outputs, time_s = true_or_measured(signals), signals.time_s
     power = signals.truth.process_power_kw if signals.truth is not None else np.full(len(time_s), np.nan)
     figures = []
     for phase, begin_s, end_s in [*spans, ("whole weld", 0.0, np.inf)]:
@@ -69,9 +74,11 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
             PhaseFigures(
                 label,
                 phase,
+                ErrorStatistics.of((outputs.temperature_c - signals.programme_temperature_c)[inside]),
+                ErrorStatistics.of((outputs.depth_mm - signals.programme_depth_mm)[inside]),
+                None if of_power is None else of_power.mean,
                 ErrorStatistics.of((outputs.temperature_c - signals.reference_temperature_c)[inside]),
                 ErrorStatistics.of((outputs.depth_mm - signals.reference_depth_mm)[inside]),
-                None if of_power is None else of_power.mean,
             )
         )
     return figures
@@ -81,16 +88,15 @@ def recorded_spans(signals: WeldSignals) -> list[Span]:
     """Name, begin and end [s] of the phases as they were, holds included; empty without a programme."""
     if not signals.phases:
         return []
-    time_s = experiment_time_s(signals)
-    begins = [0.0, *(float(time_s[0]) + begin_s for _, begin_s in signals.phases[1:])]
-    ends = [*begins[1:], float(time_s[-1])]
+    begins = [0.0, *(begin_s for _, begin_s in signals.phases[1:])]
+    ends = [*begins[1:], float(signals.time_s[-1])]
     return [(name, begin, end) for (name, _), begin, end in zip(signals.phases, begins, ends, strict=True)]
 
 
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     """Table of all phases and the published figures; welds in the same phases are side by side."""
     lines = [
-        "Errors: mean, σ, min, max.",
+        "Errors against the programme: mean, σ, min, max.",
         "",
         "| phase | run | temperature error [°C] | depth error [µm] | mean power [kW] |",
         "|---|---|---|---|---:|",
@@ -101,6 +107,10 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
             power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
             cells = (one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power)
             lines.append(f"| {' | '.join(cells)} |")
+            in_force = (one.in_force_temperature_c, one.in_force_depth_mm)
+            if in_force != (one.temperature_c, one.depth_mm):
+                cells = ("", "against what was in force", _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1), "")
+                lines.append(f"| {' | '.join(cells)} |")
     for name, (cycles, error) in PUBLISHED.items():
         lines.append(f"| published, {cycles} real weld{'s'[: cycles > 1]} | {name} | {_words(error, 1.0, 1)} | - | - |")
     return "\n".join(lines) + "\n"

@@ -20,9 +20,9 @@ from fsw_analysis.weld_signals import (
     IntArray,
     ProposalSignals,
     StatusSignals,
-    TextArray,
     TruthSignals,
     WeldSignals,
+    experiment_time_s,
 )
 from fsw_control.references import OTHER_CLOCK_NS
 from fsw_recorder.errors import BagError
@@ -40,7 +40,7 @@ class _Ticks:
         self.log_ns: IntArray = np.full(self.stamp_ns.size, np.iinfo(np.int64).max)
         rows = np.searchsorted(self.stamp_ns, stamps)
         np.minimum.at(self.log_ns, rows, np.concatenate([one.log_ns for one in sources]))
-        self.time_s: FloatArray = (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+        self.time_s = experiment_time_s(self.stamp_ns)
 
     def _rows(self, table: Table) -> IntArray:
         """The tick that each message answers, if it answers any."""
@@ -72,7 +72,7 @@ class _Ticks:
 
     def times_s(self, table: Table) -> FloatArray:
         """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
-        by_stamp = (table.stamp_ns - self.stamp_ns[0]) * 1e-9
+        by_stamp = self.time_s[0] + (table.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
         at = np.clip(np.searchsorted(self.log_ns[order], table.log_ns, side="right") - 1, 0, order.size - 1)
         by_receipt = self.time_s[order[at]]
@@ -80,12 +80,12 @@ class _Ticks:
         times: FloatArray = np.where(foreign, by_receipt, by_stamp)
         return times
 
-    def held(self, table: Table, path: str) -> TextArray:
-        """Texts that hold from one message to the next; empty before the first."""
+    def held(self, table: Table, path: str, before: object = "") -> Column:
+        """Values that hold from one message to the next, and what is before the first."""
         times = self.times_s(table)
         order = np.argsort(times, kind="stable")
         at = np.searchsorted(times[order], self.time_s, side="right") - 1
-        return np.append(table.column(path)[order], [""])[at]  # -1, before the first, is the last entry
+        return np.append(table.column(path)[order], [before])[at]  # -1, before the first, is the last entry
 
 
 def load_weld(path: Path | str, progress: Callable[[float], None] | None = None) -> WeldSignals:
@@ -132,6 +132,9 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         return ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True)
 
     reference_depth_mm, reference_temperature_c = _references(messages, ticks)
+    # an older bag does not have the programme's set-points
+    planned = [ticks.held(progress_told, path, np.nan) for path in ("depth", "temperature")]
+    known = planned[0] > 0.0
     applied = ticks.group(ProposalSignals, command)
     return WeldSignals(
         path=Path(path),
@@ -157,6 +160,8 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         counts={name: len(raw) for name, raw in messages.raw.items()},
         namespace=messages.namespace,
         problems=messages.problems,
+        programme_depth_mm=np.where(known, planned[0] * MM, reference_depth_mm),
+        programme_temperature_c=np.where(known, planned[1], reference_temperature_c),
         phases=events.phases(ticks.times_s(progress_told), progress_told),
         events=sorted(
             [

@@ -9,13 +9,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM
+from fsw_control.weld import TICK_S
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 TextArray = npt.NDArray[np.object_]
 
+#: stamps below this are of simulated time, which begins at 0
+_SIMULATED_NS = NANOSECONDS * 10**8
+_TICK_NS = round(TICK_S * NANOSECONDS)
 MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
+
+
+def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
+    """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
+    simulated = stamp_ns.size and stamp_ns[0] < _SIMULATED_NS
+    since_ns = stamp_ns - (0 if simulated else stamp_ns[:1] - _TICK_NS)
+    return since_ns.astype(np.float64) * 1e-9
 
 
 def of(path: str, factor: float = 1.0, kind: str = "number") -> dict[str, Any]:
@@ -130,7 +141,7 @@ class WeldSignals:
     stamp_ns : IntArray
         Stamp of every tick [ns], strictly increasing.
     time_s : FloatArray
-        ``stamp_ns`` relative to the first tick [s].
+        Of every tick on the scenario's clock [s]: its first tick is at 0.1 s.
     depth_mm, torque_nm, temperature_c : FloatArray
         The sensors, as reported (noise, faults and all).
     reference_depth_mm, reference_temperature_c : FloatArray
@@ -161,6 +172,9 @@ class WeldSignals:
         Name and begin [s], like ``time_s``, of each phase that a programme ran through.
     events : list of WeldEvent
         In order of time.
+    programme_depth_mm, programme_temperature_c : FloatArray
+        Set-points of the programme at the tick, which are not those in force while it is held or steered by hand; those
+        in force where the bag has no programme.
     """
 
     path: Path
@@ -188,6 +202,13 @@ class WeldSignals:
     problems: list[str] = field(default_factory=list)
     phases: list[tuple[str, float]] = field(default_factory=list)
     events: list[WeldEvent] = field(default_factory=list)
+    programme_depth_mm: FloatArray = field(default_factory=lambda: np.empty(0))
+    programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        if not self.programme_depth_mm.size:
+            self.programme_depth_mm = self.reference_depth_mm
+            self.programme_temperature_c = self.reference_temperature_c
 
     @property
     def n_ticks(self) -> int:
@@ -197,4 +218,4 @@ class WeldSignals:
     @property
     def duration_s(self) -> float:
         """From the first tick to the last [s]; 0 with fewer than two ticks."""
-        return float(self.time_s[-1]) if self.time_s.size else 0.0
+        return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0

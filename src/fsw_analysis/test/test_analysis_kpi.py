@@ -9,7 +9,7 @@ import pytest
 
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import changes, cut_to_scenario
-from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals
+from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals, experiment_time_s
 
 N = 1000
 
@@ -35,8 +35,19 @@ def signals(n=N, **columns):
     texts = ("command_source", "command_reason", "actual_controller", "actual_mode")
     values |= {name: np.full(n, "decentral" if name == "command_source" else "", dtype=object) for name in texts}
     stamps = (np.arange(n, dtype=np.int64) + 1) * 100_000_000
-    values |= {"stamp_ns": stamps, "time_s": (stamps - stamps[0]) * 1e-9, "path": Path("weld")}
+    values |= {"stamp_ns": stamps, "time_s": experiment_time_s(stamps), "path": Path("weld")}
     return WeldSignals(**(values | columns))
+
+
+def test_figures_of_a_phase_are_against_the_programme_and_beside_it_against_what_was_in_force():
+    weld = signals()
+    same = phase_kpi.compute(weld, "one", [])[0]
+    assert same.temperature_c == same.in_force_temperature_c
+    weld.programme_temperature_c = weld.reference_temperature_c + 31.4  # held, and 31.4 degC lower by hand
+    off = phase_kpi.compute(weld, "one", [])[0]
+    assert off.in_force_temperature_c == same.temperature_c
+    assert off.temperature_c.mean == pytest.approx(same.temperature_c.mean - 31.4)
+    assert "in force" in phase_kpi.markdown([[off]]) and "in force" not in phase_kpi.markdown([[same]])
 
 
 def test_figures_of_phases_are_those_of_their_ticks(tmp_path):

@@ -21,17 +21,17 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_experiment.controllers import CONTROLLER_MODULES
+from fsw_experiment.controllers import name_of, program, variant_of
 from fsw_experiment.graph import STANDBY, WeldGraph, for_standby
+from fsw_experiment.launcher import REFUSED, RESPAWN_DELAY_S
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_experiment.scenario_file import load, parse, shipped
 
-#: exit code of a node whose arguments or parameters are wrong
-REFUSED = 2
 ARGUMENTS = {
     "controllers": (
         "decentral,nmpc",
-        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps them",
+        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps them; "
+        "one of your own: MODULE:CLASS or FILE.py:CLASS",
     ),
     "machine": ("", "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant"),
     "scenario": ("", f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: steer by hand"),
@@ -70,7 +70,12 @@ def weld(context: LaunchContext) -> list[Any]:
         When an argument is wrong.
     """
     given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
-    controllers = list(dict.fromkeys(name.strip() for name in given["controllers"].split(",") if name.strip()))
+    labels = [label.strip() for label in given["controllers"].split(",") if label.strip()]
+    try:
+        variants = {name_of(label): variant_of(label) for label in labels}
+    except ScenarioError as error:
+        raise RuntimeError(f"controllers: {error}") from None
+    controllers = list(variants)
     if not controllers:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
     record = _flag("record", given["record"])
@@ -81,9 +86,9 @@ def weld(context: LaunchContext) -> list[Any]:
     scenario = _scenario(given["scenario"], controllers[0])
     machine = _machine_file(given["machine"], speed, scenario)
     if scenario is None:
-        parameters = _parameters_by_hand(controllers, record, standby, speed)
+        parameters = _parameters_by_hand(variants, record, standby, speed)
     else:
-        graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record)
+        graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record, parameters=variants)
         controllers = graph.all_controllers
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
         parameters = graph.parameter_file(folder / "scenario.yaml")
@@ -91,9 +96,6 @@ def weld(context: LaunchContext) -> list[Any]:
             parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
         parameters["fsw_recorder"]["ros__parameters"].pop("output")
         parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
-    unknown = [name for name in controllers if name not in CONTROLLER_MODULES]
-    if unknown:
-        raise RuntimeError(f"controllers: no {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")
     if given["bag_dir"]:
         bag = Path(given["bag_dir"]).expanduser()
         if record and bag.exists():
@@ -113,7 +115,8 @@ def weld(context: LaunchContext) -> list[Any]:
         actions.append(node("fsw_machine", "machine", **_respawn()))
     else:
         actions.append(node("fsw_plant", "plant", on_exit=[Shutdown(reason="the plant has ended")]))
-    actions += [node(CONTROLLER_MODULES[name].partition(".")[0], name, **_respawn()) for name in controllers]
+    for package, executable, words in map(program, controllers):
+        actions.append(node(package, executable, arguments=words, **_respawn()))
     actions.append(node("fsw_supervisor", "supervisor", **_respawn()))
     if standby:
         actions.append(node.standby(**_respawn()))
@@ -137,7 +140,7 @@ def _respawn() -> dict[str, Any]:
                 f"{event.process_name} refuses its parameters or arguments; the line it printed says why"
             )
 
-    return {"respawn": True, "respawn_delay": 0.5, "on_exit": on_exit}
+    return {"respawn": True, "respawn_delay": RESPAWN_DELAY_S, "on_exit": on_exit}
 
 
 class _Nodes:
@@ -189,13 +192,15 @@ def _scenario(source: str, controller: str) -> Scenario | None:
         raise RuntimeError(f"scenario: {error}") from None
 
 
-def _parameters_by_hand(controllers: list[str], record: bool, standby: bool, speed: float | None) -> dict[str, Any]:
+def _parameters_by_hand(
+    controllers: dict[str, dict[str, str]], record: bool, standby: bool, speed: float | None
+) -> dict[str, Any]:
     """Parameters without a scenario; the first tick waits for controllers, supervisors and recorder."""
     nodes: dict[str, dict[str, Any]] = {
         "fsw_plant": {"wait_for_subscribers": len(controllers) + 1 + standby + record},
-        "fsw_supervisor": {"controller": controllers[0]},
+        "fsw_supervisor": {"controller": next(iter(controllers))},
         "fsw_recorder": {},
-    } | {f"fsw_{name}": {} for name in controllers}
+    } | {f"fsw_{name}": {**values} for name, values in controllers.items()}
     if speed is not None:
         for name, values in nodes.items():
             values |= {"clock": "simulated", "speed": speed} if name == "fsw_plant" else {"use_sim_time": True}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -19,11 +19,12 @@ from fsw_control.contract import Command, Controller, Proposal
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.host import answer
 from fsw_control.message_synchronizer import MessageSynchronizer, SampleSet
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
-from fsw_control.parameters import load, load_path, problem
+from fsw_control.parameters import ParameterError, Source, load, load_source, problem
 from fsw_control.parameters_ros import ParameterValues, declare
-from fsw_control.references import ReferencePlan, ReferenceQueue
-from fsw_control.references_ros import StatedReference, subscribe_references
+from fsw_control.references import ReferencePlan
+from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
@@ -49,19 +50,16 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         reach the controller's ``configure(values)``, after its ``check(values)``, where it has these methods.
     """
 
-    def __init__(self, name: str, make: Make, parameters: tuple[str, str] | str | Path | None = None) -> None:
+    def __init__(self, name: str, make: Make, parameters: Source = None) -> None:
         super().__init__(f"fsw_{name}")
         self._settings = declare(self, "fsw_control", "controller.yaml")
-        own = {}
-        if parameters is not None:
-            own = load(*parameters) if isinstance(parameters, tuple) else load_path(parameters)
-        self._own = ParameterValues(self, own)
+        self._own = ParameterValues(self, load_source(parameters))
         self._controller = make(self._own.values)
         self._controller_name = name
         initial = Command(self._settings["initial_force"], self._settings["initial_speed"])
         self._applied = AppliedCommands(initial, self._settings["period"])
         self._controller.reset(initial)
-        self._references = ReferenceQueue()
+        self._references = reference_queue(self, self._on_bad_reference)
         self._plan = ReferencePlan()
         self._guard = SensorGuard(sensor_limits(self._settings.values))
         self._last_ns: int | None = None
@@ -70,6 +68,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._health: tuple[bool, str] | None = None
         self._steps = 0
         self._unhealthy_steps = 0
+        self._refused_references = 0
+        self._last_refused_reference = ""
         self._step_time_s = 0.0
         self._longest_step_s = 0.0
         self._stream_of_ticks = False
@@ -92,7 +92,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        subscribe_references(self, self._references, self._on_bad_reference)
+        subscribe_references(self, self._references)
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         subscribe_drives(self, self._on_drives)
@@ -115,7 +115,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _on_bad_reference(self, what: str) -> None:
-        self.get_logger().error(f"{what}; the last one stays")
+        self._refused_references += 1
+        self._last_refused_reference = what
+        self.get_logger().error(what, throttle_duration_sec=1.0)
 
     def _on_plan(self, message: WeldReferencePlan) -> None:
         try:
@@ -173,7 +175,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                     proposal,
                     time_ns,
                     self._controller_name,
-                    selected=self._applied.latest.source == self._controller_name,
+                    applied_source=self._applied.latest.source,
                     tolerated_sensors=self._controller.tolerated_sensors,
                 )
             )
@@ -213,6 +215,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             "longest step time [ms]": f"{1e3 * self._longest_step_s:.4f}",
             "applied from": self._applied.latest.source,
             "commands ignored": self._applied.ignored,
+            "set-points refused": self._refused_references,
+            "last refused set-points": self._last_refused_reference,
             "jumps of time": self._synchronizer.stamps.jumps,
         }
         for sensor, counts in self._synchronizer.counts.items():
@@ -227,7 +231,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
 def run_controller(
     make: Callable[..., Controller],
     name: str | None = None,
-    parameters: tuple[str, str] | str | Path | None = None,
+    parameters: Source = None,
     args: Sequence[str] | None = None,
 ) -> int:
     """Run a controller as a node until it is told to end.
@@ -239,7 +243,7 @@ def run_controller(
     name : str, optional
         Name of the controller; by default the ``name`` of the class.
     parameters : (str, str) or path, optional
-        As for :class:`ControllerNode`.
+        As for :class:`ControllerNode`; by default the ``parameters`` of the class.
     args : sequence of str, optional
         Command line, ``sys.argv`` by default.
 
@@ -251,5 +255,13 @@ def run_controller(
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):
         raise TypeError("run_controller: give name=..., or a controller class with a class attribute 'name'")
-    made = make if parameters is not None else lambda _: make()
-    return run(lambda: ControllerNode(controller_name, made, parameters), args)
+    source = parameters if parameters is not None else getattr(make, "parameters", None)
+    made = make if source is not None else lambda _: make()
+    about = f"Runs the controller {controller_name} as a node."
+    try:
+        specs = load_source(source) | load("fsw_control", "controller.yaml")
+    except ParameterError as error:
+        print(f"{controller_name}: {error}", file=sys.stderr)
+        return 2
+    arguments = NodeArguments(f"fsw_{controller_name}", about, specs)
+    return run(lambda: ControllerNode(controller_name, made, source), args, arguments)

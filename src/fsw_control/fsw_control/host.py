@@ -7,6 +7,9 @@ from dataclasses import replace
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
 
+#: reason of a controller that has nothing to follow yet
+NO_SET_POINT = "no set-point yet"
+
 
 def answer(
     controller: Controller, measurement: Measurement, reference: Reference | None, applied: Command, dt_s: float
@@ -18,19 +21,21 @@ def answer(
     The arguments are those of :meth:`fsw_control.Controller.step`.
     """
     if reference is None:
-        return Proposal(applied, healthy=False, reason="no set-point yet")
+        return Proposal(applied, healthy=False, reason=NO_SET_POINT)
+    m, needed = measurement, []
     try:
         proposal = controller.step(measurement, reference, applied, dt_s)
         refused = refusal(proposal.command)
+        if proposal.healthy not in (True, False) or not isinstance(proposal.reason, str):
+            raise TypeError(f"healthy is {proposal.healthy!r}, reason is {proposal.reason!r}")
+        if not (m.depth_valid and m.torque_valid and m.temperature_valid):
+            needed = [name for name in m.invalid_sensors() if name not in controller.tolerated_sensors]
     except Exception as error:
         # A user's controller may fail in any way; the weld must go on under another one.
         text = " ".join(str(error).split())
         return Proposal(applied, healthy=False, reason=f"controller raised {type(error).__name__}: {text}")
     if refused is not None:
         return Proposal(applied, healthy=False, reason=f"command is {refused.words}", diagnosis=proposal.diagnosis)
-    m = measurement
-    if proposal.healthy and not (m.depth_valid and m.torque_valid and m.temperature_valid):
-        needed = [name for name in m.invalid_sensors() if name not in controller.tolerated_sensors]
-        if needed:
-            return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
+    if proposal.healthy and needed:
+        return replace(proposal, healthy=False, reason=f"invalid sensor: {', '.join(needed)}")
     return proposal

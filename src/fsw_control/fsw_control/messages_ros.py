@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from math import isfinite
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,6 +12,7 @@ from std_msgs.msg import Header
 
 from fsw_control import units
 from fsw_control.contract import Command, Plan, Proposal, Reference
+from fsw_control.ranges import set_point_problem
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import (
     ControllerStatus,
@@ -83,13 +83,12 @@ def reference(message: WeldReference) -> Reference:
     Raises
     ------
     ValueError
-        When one of them is not finite or not positive.
+        When one of them is no number or out of its range.
     """
-    for name in ("depth", "temperature"):
-        value = getattr(message, name)
-        if not isfinite(value) or value <= 0.0:
-            raise ValueError(f"reference refused: {name} is {value!r}, must be finite and positive")
-    return Reference(units.mm_from_m(message.depth), float(message.temperature))
+    value = Reference(units.mm_from_m(message.depth), float(message.temperature))
+    if problem := set_point_problem(value.depth_mm, value.temperature_c):
+        raise ValueError(f"reference refused: {problem}; the message is in m and degC")
+    return value
 
 
 def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
@@ -145,9 +144,9 @@ def command_message(value: Command, time_ns: int, source: str, healthy: bool = T
 
 
 def status_message(
-    proposal: Proposal, time_ns: int, controller: str, selected: bool, tolerated_sensors: Iterable[str]
+    proposal: Proposal, time_ns: int, controller: str, applied_source: str, tolerated_sensors: Iterable[str]
 ) -> ControllerStatus:
-    """What a controller reports with a proposal."""
+    """What a controller reports with a proposal; ``applied_source`` computed the last command that was applied."""
     diagnosis = proposal.diagnosis
     names, values = wire_quantities(diagnosis.disturbances)
     return ControllerStatus(
@@ -155,7 +154,7 @@ def status_message(
         controller=controller,
         healthy=proposal.healthy,
         reason=proposal.reason,
-        selected=selected,
+        selected=applied_source == controller,
         tolerated_sensors=list(tolerated_sensors),
         depth_estimate=units.m_from_mm(diagnosis.depth_estimate_mm),
         temperature_estimate=float(diagnosis.temperature_estimate_c),
@@ -167,6 +166,7 @@ def status_message(
         solve_time=float(diagnosis.solve_time_s),
         active_limits=list(diagnosis.active_limits),
         bad_cycles=int(diagnosis.bad_cycles),
+        applied_source=applied_source,
     )
 
 

@@ -13,6 +13,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from fsw_control.node_arguments import NodeArguments, asks_for_help
+
 #: A Ctrl-C later than this after the first one is meant as a second.
 _PATIENCE_S = 1.0
 
@@ -50,7 +52,7 @@ class _Interrupts:
             raise KeyboardInterrupt
 
 
-def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run(factory: Callable[[], Node], args: Sequence[str] | None = None, arguments: NodeArguments | None = None) -> int:
     """Make the node and spin it until SIGINT, SIGTERM or shutdown.
 
     Parameters
@@ -59,6 +61,8 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         Returns the node; called after ``rclpy.init``. May raise to refuse its parameters.
     args : sequence of str, optional
         Command line as ``sys.argv`` (with the program's name), the default. Only ROS arguments are accepted.
+    arguments : NodeArguments, optional
+        What they may be: for ``--help``, and to refuse parameters that the node does not have.
 
     Returns
     -------
@@ -69,6 +73,10 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     argv = list(sys.argv if args is None else args)
     node: Node | None = None
     started = False
+    program = argv[0].rsplit("/", 1)[-1] if argv else "node"
+    if arguments is not None and asks_for_help(argv):
+        print(arguments.help(program))
+        return 0
     with _Interrupts() as interrupts:
         try:
             rclpy.init(args=argv)
@@ -76,6 +84,8 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
             surplus = remove_ros_args(args=argv)[1:]
             if surplus:
                 raise ValueError(f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args")
+            if arguments is not None:
+                arguments.check(argv)
             node = factory()
             interrupts.phase = "spinning"
             rclpy.spin(node)
@@ -87,7 +97,6 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
                 if node is not None:
                     raise
                 # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
-                program = argv[0].rsplit("/", 1)[-1] if argv else "node"
                 print(f"{program}: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
                 return 2
         finally:

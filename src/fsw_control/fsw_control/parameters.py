@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -27,8 +28,11 @@ from typing import Any
 import yaml
 
 from fsw_control import weld
+from fsw_control.yaml_text import load_yaml
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
+#: where parameters are described: package and file, or a path; None: there are none
+Source = tuple[str, str] | str | Path | None
 _KEYS = {"type", "default_value", "description", "unit", "range", "options", "read_only"}
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z0-9_]+)*")
 
@@ -82,11 +86,11 @@ class ParameterSpec:
             require(not self.options or value in self.options, f"none of {', '.join(self.options)}")
             return value
         require(isinstance(value, int | float) and not isinstance(value, bool), "not a number")
-        require(math.isfinite(value), "not finite")
-        require(kind != "int" or value == int(value), "not a whole number")
-        if self.range is not None:
+        if self.range is not None and value == value:
             low, high = self.range
             require(low <= value <= high, f"outside {low:g} to {high:g} {self.unit}".rstrip())
+        require(abs(value) <= sys.float_info.max, "not finite")  # nor an int that no float can hold
+        require(kind != "int" or value == int(value), "not a whole number")
         return int(value) if kind == "int" else float(value)
 
 
@@ -136,7 +140,7 @@ def parse(text: str, where: str = "parameters") -> dict[str, ParameterSpec]:
         When the YAML is broken or describes a parameter wrongly.
     """
     try:
-        content = yaml.safe_load(text)
+        content = load_yaml(text)
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
     if content is None:
@@ -171,9 +175,24 @@ def load_path(path: str | Path) -> dict[str, ParameterSpec]:
     return parse(text, str(path))
 
 
+def load_source(source: Source) -> dict[str, ParameterSpec]:
+    """Read parameter descriptions from wherever they are; errors as :func:`load`."""
+    if source is None:
+        return {}
+    return load(*source) if isinstance(source, tuple) else load_path(source)
+
+
 def defaults(specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
     """Return every parameter's default value."""
     return {name: spec.default for name, spec in specs.items()}
+
+
+def require_known(specs: Collection[str], names: Iterable[str]) -> None:
+    """Raise a ParameterError that tells similar names where some are unknown."""
+    unknown = sorted(set(names) - set(specs))
+    if unknown:
+        near = dict.fromkeys(match for name in unknown for match in get_close_matches(name, specs))
+        raise ParameterError(f"unknown parameters {', '.join(unknown)}; {_suggestion(near, specs)}")
 
 
 def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -184,10 +203,7 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
     ParameterError
         When a name is unknown or a value does not fit.
     """
-    unknown = sorted(set(values) - set(specs))
-    if unknown:
-        near = dict.fromkeys(match for name in unknown for match in get_close_matches(name, specs))
-        raise ParameterError(f"unknown parameters {', '.join(unknown)}; {_suggestion(near, specs)}")
+    require_known(specs, values)
     return defaults(specs) | {name: specs[name].check(value) for name, value in values.items()}
 
 

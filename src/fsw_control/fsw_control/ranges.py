@@ -18,7 +18,11 @@ class Range:
 
     def complaint(self, value: float) -> str | None:
         """Why ``value`` is not allowed, or None when it is."""
-        return None if self.low <= value <= self.high else f"{value:g} is outside {self}"
+        if self.low <= value <= self.high:
+            return None
+        # a file may hold an int that no float can
+        shown = f"{value:g}" if isinstance(value, float) or abs(value) < 1e300 else "a huge number"
+        return f"{shown} is outside {self}"
 
 
 #: set-points, chosen about the paper's operating point
@@ -29,3 +33,10 @@ WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S = 0.02, 1.0
 #: commands by hand, as far as the drives go
 COMMAND_FORCE_KN = Range(weld.FORCE_MIN_KN, weld.FORCE_MAX_KN, "kN")
 COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")
+
+
+def set_point_problem(depth_mm: float, temperature_c: float) -> str:
+    """Why set-points are not allowed; empty when they are."""
+    named = (("depth", depth_mm, REFERENCE_DEPTH_MM), ("temperature", temperature_c, REFERENCE_TEMPERATURE_C))
+    # rounded as by the conversion to the wire
+    return "; ".join(f"{name}: {words}" for name, one, allowed in named if (words := allowed.complaint(round(one, 9))))

@@ -1,52 +1,83 @@
-"""Which reference holds at a tick."""
+"""Which set-points hold at a tick: the one rule, in :class:`ReferenceQueue`."""
 
 from __future__ import annotations
 
 from bisect import bisect_right, insort
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from fsw_control.contract import Coming, Reference
 from fsw_control.units import NANOSECONDS
+from fsw_control.weld import TICK_S
 
 #: longest time that a reference may be sent ahead; a stamp further away comes from another clock
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
+#: the same in real time, where nothing is sent that far: the longest ramp takes 200 s
+AHEAD_REAL_NS = 600 * NANOSECONDS
+#: a publication time is believed when it is no further from the receiver's clock
+OWN_CLOCK_NS = 5 * NANOSECONDS
 #: most coming set-points that a controller is given
 MOST_COMING = 8
 #: longest tread of a stair by which a ramp or sine is announced
 STAIR_S = 1.05
+_TICK_NS = round(TICK_S * NANOSECONDS)
 
 
 class _Issued(NamedTuple):
     """A reference that waits for its time; the order is that of issue."""
 
     issued_ns: int
+    values: tuple[float, float]  #: decide between two that were heard in different order and have one place
     number: int
     stamp_ns: int
     reference: Reference
+    mark: str
 
 
 class ReferenceQueue:
-    """References in the order in which they were issued, each held back until the time in its stamp.
+    """Set-points in order, each held back until the time in its stamp. The rule, for all who follow set-points:
 
-    A reference stamped with a coming tick begins at exactly that tick, however fast the message travels; one stamped
-    with 0 or a past time begins at once, and so does one stamped hours ahead, by another clock. At a tick, of all
-    references that have begun the one issued last holds; whatever was issued before it is void, also what was sent
-    ahead for later.
+    - **Of all set-points that have begun, the one received last holds.** What came before it is void, also what was
+      sent ahead for later.
+    - **The stamp says when it begins.** At exactly that tick when it is ahead, by no more than ``horizon_ns``; at once
+      when it is 0 or past. One further ahead is of another clock and refused.
+    - **The publication time says whether it is old.** It is the sender's clock. One that is ahead of the receiver's
+      clock by more than ``OWN_CLOCK_NS`` is refused. What was published before the receiver began, or longer ago than
+      that, is what the middleware repeats to late joiners, sender by sender in any order: it has its place by its
+      publication time, and is refused where those in force, or to be in force when it would begin, are newer.
+    - **Who follows a set-point states it** with its place in the order; between listeners the last place holds, so
+      that all follow the same one, also when two senders were heard in different order.
 
-    The middleware repeats what it keeps to everyone who joins later, sender by sender. So the age of a message is not
-    told by when it arrives but by when it was published.
+    Every refusal is told, but for what was published long before the receiver began, and is heard as it begins.
+    Publication times are of the computers' clocks in simulated time, too, so that the rule is the same there; stamps
+    are of the clock of the measurements.
+
+    Parameters
+    ----------
+    horizon_ns : int
+        ``AHEAD_REAL_NS`` in real time; in simulated time a whole scenario may be sent ahead.
+    refuse : callable, optional
+        Gets what is refused, why, and what to do.
 
     Attributes
     ----------
     issued_ns : int
-        When the reference that holds was issued; 0 before the first.
+        Place in the order of the reference that holds: its publication time, or later where the one before it says so;
+        0 before the first.
+    mark : str
+        With which the one that holds was sent.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, horizon_ns: int = OTHER_CLOCK_NS, refuse: Callable[[str], object] = lambda _: None) -> None:
         self.issued_ns = 0
+        self.mark = ""
+        self.refuse = refuse
+        self._horizon_ns = horizon_ns
+        self._joined_ns: int | None = None
+        self._tick_ns: int | None = None
         self._waiting: list[_Issued] = []
         self._current: Reference | None = None
+        self._values = (0.0, 0.0)
         self._newest_ns = 0
         self._count = 0
 
@@ -54,27 +85,93 @@ class ReferenceQueue:
         """Whether any reference is known."""
         return self._current is not None or bool(self._waiting)
 
-    def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None) -> None:
+    def join(self, now_ns: int) -> None:
+        """Note that the receiver begins to listen, on its computer's clock."""
+        self._joined_ns = now_ns
+
+    def hear(self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = "") -> bool:
+        """Take a reference as it was sent; returns whether it is accepted, and tells where not.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            From when on it holds, on the clock of the measurements (0: at once).
+        published_ns, now_ns : int
+            Clock of the sender's computer at publication, and of the receiver's at receipt.
+        mark : str, optional
+            Kept with it.
+        """
+        if self._joined_ns is None or now_ns < self._joined_ns:
+            # The first one begins it all; where the receiver's own clock has gone back, it has listened for long.
+            self._joined_ns = now_ns if self._joined_ns is None else now_ns - OWN_CLOCK_NS - 1
+        joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
+        if ahead_ns > OWN_CLOCK_NS:
+            why = f"it was published {ahead_ns / NANOSECONDS:.0f} s ahead of this computer's clock"
+            return self._tell(reference, f"{why}; set the sender's clock, or call fsw/set_reference")
+        if self._tick_ns is not None and stamp_ns > self._tick_ns + self._horizon_ns:
+            return self._tell(reference, self._too_far(stamp_ns, self._tick_ns))
+        if published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
+            self.add(stamp_ns, reference, max(published_ns, self._newest_ns + 1), mark)
+            return True
+        if not self._is_void(stamp_ns, reference, published_ns):
+            self.add(stamp_ns, reference, published_ns, mark)
+            return True
+        # What is repeated to one that has just begun is no news, but it may come from a clock that is slow.
+        if ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS:
+            why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
+            self._tell(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
+        return False
+
+    def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None, mark: str = "") -> None:
         """Take a reference that holds from ``stamp_ns`` on (0: at once).
 
-        ``issued_ns`` is when it was published, on the senders' clock; by default after all that is known.
+        ``issued_ns`` is its place in the order; by default after all that is known.
         """
         if issued_ns is None:
             issued_ns = self._newest_ns + 1
         self._newest_ns = max(self._newest_ns, issued_ns)
-        if issued_ns >= self.issued_ns:
+        values = (reference.depth_mm, reference.temperature_c)
+        if (issued_ns, values) >= (self.issued_ns, self._values):
             self._count += 1
-            insort(self._waiting, _Issued(issued_ns, self._count, stamp_ns, reference))
+            known = [one.mark for one in self._waiting if one.issued_ns == issued_ns]
+            mark = mark or "".join(known[:1]) or (self.mark if issued_ns == self.issued_ns else "")
+            insort(self._waiting, _Issued(issued_ns, values, self._count, stamp_ns, reference, mark))
 
     def at(self, tick_ns: int) -> Reference | None:
         """Return the reference that holds at a tick, None before the first; to be called in order of time."""
+        self._tick_ns = tick_ns
+        for one in [one for one in self._waiting if one.stamp_ns > tick_ns + self._horizon_ns]:
+            self._waiting.remove(one)
+            self._tell(one.reference, self._too_far(one.stamp_ns, tick_ns))
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
-            if not tick_ns < one.stamp_ns <= tick_ns + OTHER_CLOCK_NS:
-                self._current, self.issued_ns = one.reference, one.issued_ns
+            if one.stamp_ns <= tick_ns:
+                self._current, self.issued_ns, self.mark = one.reference, one.issued_ns, one.mark
+                self._values = one.values
                 del self._waiting[: index + 1]
                 break
         return self._current
+
+    def _is_void(self, stamp_ns: int, reference: Reference, issued_ns: int) -> bool:
+        """Whether one with this place in the order would hold at no tick, as a newer one holds or begins no later."""
+        place = (issued_ns, (reference.depth_mm, reference.temperature_c))
+        begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + _TICK_NS)
+        return place < (self.issued_ns, self._values) or any(
+            place < (one.issued_ns, one.values) and one.stamp_ns <= begins_ns for one in self._waiting
+        )
+
+    def _too_far(self, stamp_ns: int, tick_ns: int) -> str:
+        ahead_s = (stamp_ns - tick_ns) / NANOSECONDS
+        allowed_s = self._horizon_ns / NANOSECONDS
+        return (
+            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: another clock; "
+            "send it with stamp 0 to hold at once"
+        )
+
+    def _tell(self, reference: Reference, why: str) -> bool:
+        """Tell a refusal; returns False."""
+        self.refuse(f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC refused: {why}")
+        return False
 
 
 class ReferencePlan:

@@ -1,46 +1,77 @@
-"""Set-points on topics: as they are sent, and as those who follow them state what holds."""
+"""Set-points as they are sent, as those who follow them state what holds, and the service that sends them."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import isnan
 from typing import Any
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.service import Service
+from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
+from fsw_control import units
 from fsw_control.contract import Reference
-from fsw_control.references import ReferenceQueue
+from fsw_control.ramps import duration_s, ramp, stair
+from fsw_control.ranges import set_point_problem
+from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
+from fsw_control.reports_ros import OK, WARN, Report
 from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_msgs.msg import WeldReference
+from fsw_msgs.msg import WeldReference, WeldReferencePlan
+from fsw_msgs.srv import SetReference
+
+#: an accepted set-point is in force within this time, or the sender is told that it is not
+_ANSWER_S = 2.0
+#: a ramp begins so much after the last tick, so that none of it comes late
+_LEAD_NS = 500_000_000
 
 
-def subscribe_references(node: Node, queue: ReferenceQueue, refuse: Callable[[str], object]) -> None:
-    """Put the set-points that are sent, and those that a supervisor states for late joiners, into ``queue``.
+def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None) -> ReferenceQueue:
+    """Set-points by the rule, for a node; to be given to :func:`subscribe_references`."""
+    simulated = bool(node.get_parameter("use_sim_time").value)
+    return ReferenceQueue(OTHER_CLOCK_NS if simulated else AHEAD_REAL_NS, refuse)
 
-    ``refuse`` gets what is wrong with a message that is not taken.
-    """
+
+def subscribe_sent(node: Node, queue: ReferenceQueue, heard: Callable[[str], object] = lambda _: None) -> None:
+    """Put the set-points that are sent into ``queue``, which tells what it refuses; ``heard`` gets each one's mark."""
+    queue.join(time.time_ns())
 
     def on_sent(message: WeldReference, info: Any) -> None:
-        _take(queue, message, info["source_timestamp"], refuse)
+        try:
+            reference = convert.reference(message)
+        except ValueError as error:
+            queue.refuse(f"{error}; those in force stay")
+            return
+        stamp_ns, mark = convert.stamp_ns(message.header.stamp), message.header.frame_id
+        queue.hear(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
+        heard(mark)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
-    _subscribe_stated(node, queue, "fsw/supervisor/reference", refuse)
 
 
-def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str, refuse: Callable[[str], object]) -> None:
+def subscribe_references(node: Node, queue: ReferenceQueue) -> None:
+    """Put the set-points that are sent, and those that a supervisor states for late joiners, into ``queue``."""
+    subscribe_sent(node, queue)
+    _subscribe_stated(node, queue, "fsw/supervisor/reference")
+
+
+def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
     """Subscribe to what another listener states with a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
-        _take(queue, message, convert.issued_ns(message), refuse)
+        try:
+            reference = convert.reference(message)
+        except ValueError as error:
+            queue.refuse(f"{error}; those in force stay")
+            return
+        queue.add(convert.stamp_ns(message.header.stamp), reference, convert.issued_ns(message))
 
     node.create_subscription(WeldReference, topic, on_stated, LATEST)
-
-
-def _take(queue: ReferenceQueue, message: WeldReference, issued_ns: int, refuse: Callable[[str], object]) -> None:
-    try:
-        queue.add(convert.stamp_ns(message.header.stamp), convert.reference(message), issued_ns)
-    except ValueError as error:
-        refuse(str(error))
 
 
 class StatedReference:
@@ -67,35 +98,66 @@ class StatedReference:
         self._node.destroy_publisher(self._publisher)
 
 
+@dataclass(eq=False, slots=True)
+class _Asked:
+    """A request whose set-points are on their way to this node; ``heard_ns`` is the tick at which they came."""
+
+    mark: str
+    response: SetReference.Response
+    answered: Future
+    due_s: float
+    heard_ns: int | None = None
+
+
 class KeptReference:
-    """Hears ``fsw/reference`` and, while leading, states on ``fsw/supervisor/reference`` what holds at present.
+    """Hears set-points and, while leading, takes requests for new ones and states what holds at present.
+
+    The service ``fsw/set_reference`` checks a request and sends its set-points on ``fsw/reference``; it answers when
+    they are in force by the rule of :class:`ReferenceQueue`, or have not come to be.
 
     An operator's command line is gone as soon as it has sent its set-points, and with it the middleware's memory of
-    them. A topic of its own has one writer, the leading supervisor, and can override nobody: it states when each
-    set-point was issued, and of two the one issued last holds. A supervisor that was away learns from the controllers.
+    them. So what holds is stated on ``fsw/supervisor/reference``, a topic with one writer, the leading supervisor.
+    A supervisor that was away learns from the controllers.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._queue = ReferenceQueue()
+        self._queue = reference_queue(node, self._on_refused)
         self._statement: StatedReference | None = None
+        self._service: Service | None = None
+        self._group = ReentrantCallbackGroup()  # an answer that is waited for holds up no topic
+        self._publishers: tuple[Publisher, Publisher] | None = None
+        self._controllers: list[str] = []
+        self._asked: list[_Asked] = []
+        self._count = 0
         self._tick_ns = -1
-        subscribe_references(node, self._queue, _ignore)
+        self._refused = self._reported = 0
+        self._last_refusal = ""
+        subscribe_sent(node, self._queue, self._on_heard)
+        _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
 
     def hear(self, controller: str) -> None:
         """Listen to which set-points a controller follows."""
-        _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference", _ignore)
+        self._controllers.append(controller)
+        _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference")
 
     def open(self) -> None:
-        """Lead: state from the next tick on."""
+        """Lead: take requests at once, and state from the next tick on."""
         if self._statement is None:
             self._statement = StatedReference(self._node, "fsw/supervisor/reference")
+            self._service = self._node.create_service(
+                SetReference, "fsw/set_reference", self._on_request, callback_group=self._group
+            )
 
     def close(self) -> None:
-        """Stop stating."""
+        """Stop stating, and take no more requests."""
         if self._statement is not None:
             self._statement.close()
-            self._statement = None
+            self._node.destroy_service(self._service)
+            self._statement = self._service = None
+        for publisher in self._publishers or ():
+            self._node.destroy_publisher(publisher)
+        self._publishers = None
 
     def on_tick(self, tick_ns: int) -> None:
         """State what holds at a tick if it has changed; may be called several times per tick."""
@@ -105,7 +167,103 @@ class KeptReference:
         present = self._queue.at(tick_ns)
         if self._statement is not None:
             self._statement.update(tick_ns, present, self._queue.issued_ns)
+        self.look(time.monotonic())
+
+    def look(self, now_s: float) -> None:
+        """Answer requests that are in force or overdue; to be called several times a second."""
+        for one in [*self._asked]:
+            in_force = self._queue.mark == one.mark
+            overtaken = one.heard_ns not in (None, self._tick_ns) and not in_force
+            if not in_force and not overtaken and now_s < one.due_s:
+                continue
+            response = one.response
+            if overtaken:
+                response.ok = False
+                response.message = "refused: other set-points were received after them; look, and send them again"
+            elif one.heard_ns is None:
+                response.ok = False
+                response.message = f"refused: not confirmed within {_ANSWER_S:g} s; look which set-points are in force"
+            elif not in_force:
+                response.message += "; no measurement comes, they hold from the next one on"
+            self._asked.remove(one)
+            one.answered.set_result(True)
+
+    def _on_heard(self, mark: str) -> None:
+        for one in self._asked:
+            if one.mark == mark and one.heard_ns is None:
+                one.heard_ns = self._tick_ns
+
+    def report(self) -> Report:
+        """Line of diagnostics: what was refused since the last one."""
+        new, self._reported = self._refused - self._reported, self._refused
+        text = f"{new} refused; last: {self._last_refusal}" if new else "accepted"
+        values = {"refused": self._refused, "last refusal": self._last_refusal}
+        return Report("set-points", WARN if new else OK, text, values)
+
+    def _on_refused(self, what: str) -> None:
+        self._refused += 1
+        self._last_refusal = what
+        self._node.get_logger().warning(what, throttle_duration_sec=1.0)
+
+    async def _on_request(
+        self, request: SetReference.Request, response: SetReference.Response
+    ) -> SetReference.Response:
+        self._count += 1
+        asked = _Asked(
+            f"set_reference {self._count}",
+            response,
+            Future(executor=self._node.executor),
+            time.monotonic() + _ANSWER_S,
+        )
+        self._asked.append(asked)
+        try:
+            present = self._queue.at(self._tick_ns) if self._tick_ns >= 0 else None
+            goal = _goal(request, present)
+            self._check_listeners()
+            response.ok, response.message = True, self._send(goal, present if request.ramp else goal, asked.mark)
+        except ValueError as error:
+            self._asked.remove(asked)
+            response.ok, response.message = False, f"refused: {error}"
+            return response
+        await asked.answered
+        return response
+
+    def _check_listeners(self) -> None:
+        topics = (self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers)
+        if not any(self._node.count_publishers(topic) for topic in topics):
+            raise ValueError("no controller listens to set-points; start one")
+
+    def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
+        """Send set-points, of which the first hold at once and void what was sent ahead before; returns the answer."""
+        if start is None:
+            raise ValueError("no set-points are in force that a ramp could begin at; send them without a ramp")
+        if self._publishers is None:
+            create = self._node.create_publisher
+            plans = create(WeldReferencePlan, "fsw/reference_plan", LATEST)
+            self._publishers = create(WeldReference, "fsw/reference", LATCHED), plans
+        sent, plans = self._publishers
+        points, plan = [(0, start)], []
+        if start != goal:
+            begin_ns = self._tick_ns + _LEAD_NS
+            points += ramp(start, goal, begin_ns)
+            plan = stair(start, goal, begin_ns)
+        plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
+        for stamp_ns, one in points:
+            message = convert.reference_message(one, stamp_ns)
+            message.header.frame_id = mark
+            sent.publish(message)
+        words = f"set-points {goal.depth_mm:.4g} mm, {goal.temperature_c:.5g} degC"
+        return words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
 
 
-def _ignore(what: str) -> None:
-    """Pass over a bad message: every controller reports it."""
+def _goal(request: SetReference.Request, present: Reference | None) -> Reference:
+    """Set-points that are asked for; raises ValueError when a value is out of range or cannot stay."""
+    depth_mm, temperature_c = units.mm_from_m(request.depth), float(request.temperature)
+    if present is None and (isnan(depth_mm) or isnan(temperature_c)):
+        raise ValueError("there is no set-point yet that could stay; give depth and temperature")
+    if present is not None:
+        depth_mm = present.depth_mm if isnan(depth_mm) else depth_mm
+        temperature_c = present.temperature_c if isnan(temperature_c) else temperature_c
+    if problem := set_point_problem(depth_mm, temperature_c):
+        raise ValueError(problem)
+    return Reference(depth_mm, temperature_c)

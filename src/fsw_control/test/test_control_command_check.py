@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.command_check import Flaw, refusal
+from fsw_control.command_check import ROUNDING, Flaw, refusal
 from fsw_control.contract import Command, Limits
 
 LIMITS, BEFORE = Limits(), Command(78.4, 407.5)
@@ -44,3 +44,16 @@ def test_what_limits_clip_is_never_refused_and_what_passes_needs_no_clipping(for
         assert clipped.speed_rpm == pytest.approx(speed, abs=2e-6)
     if refusal(command) is None:
         assert refusal(LIMITS.clip(command, before), LIMITS, before) is None
+
+
+@pytest.mark.parametrize("force", [60.0 - ROUNDING, 60.0, 95.0, 95.0 + ROUNDING])
+def test_what_is_at_a_bound_is_not_named(force):
+    assert "speed" in refusal(Command(force, 299.0), LIMITS).words
+    assert refusal(Command(force, 300.0 - ROUNDING), LIMITS) is None
+
+
+@pytest.mark.parametrize("largest", [1.0, 0.0])
+def test_the_largest_move_is_allowed(largest):
+    wide = Limits(force_min_kn=-9.0, force_max_kn=9.0, speed_min_rpm=-9.0, speed_max_rpm=9.0, force_step_kn=largest)
+    assert refusal(Command(largest + ROUNDING, 0.0), wide, Command(0.0, 0.0)) is None
+    assert refusal(Command(largest + 2 * ROUNDING, 0.0), wide, Command(0.0, 0.0)).flaw is Flaw.JUMP

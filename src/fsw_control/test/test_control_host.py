@@ -43,7 +43,13 @@ def test_exception_becomes_an_unhealthy_proposal_in_one_line():
     assert proposal.reason == "controller raised RuntimeError: no solution"
 
 
-@pytest.mark.parametrize("result", [None, "nonsense", Proposal(Command("a", 1.0)), Proposal(None)])
+@pytest.mark.parametrize(
+    "result",
+    [
+        *(None, "nonsense", Proposal(Command("a", 1.0)), Proposal(None)),
+        *(Proposal(APPLIED, healthy="yes"), Proposal(APPLIED, healthy=None), Proposal(APPLIED, reason=3)),
+    ],
+)
 def test_nonsense_becomes_an_unhealthy_proposal(result):
     proposal = answer(Scripted(result), GOOD, REFERENCE, APPLIED, 0.1)
     assert proposal.command == APPLIED and not proposal.healthy and proposal.reason
@@ -63,6 +69,13 @@ def test_needed_sensor_makes_unhealthy_and_tolerated_does_not():
     no_depth = Measurement(0.0, math.nan, math.nan, 850.0, depth_valid=False, torque_valid=False)
     refused = answer(Scripted(proposal), no_depth, REFERENCE, APPLIED, 0.1)
     assert not refused.healthy and refused.reason == "invalid sensor: depth"
+
+
+def test_tolerated_sensors_that_are_nonsense_make_unhealthy():
+    controller = Scripted(Proposal(APPLIED))
+    controller.tolerated_sensors = None
+    proposal = answer(controller, Measurement(0.0, 2.66, math.nan, 850.0, torque_valid=False), REFERENCE, APPLIED, 0.1)
+    assert proposal.command == APPLIED and not proposal.healthy
 
 
 def test_without_reference_there_is_no_healthy_proposal():

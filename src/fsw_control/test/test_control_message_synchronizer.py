@@ -147,6 +147,7 @@ def test_late_and_duplicate_samples_are_counted_and_dropped():
     assert join.counts["depth"]["late"] == 2
 
 
+@pytest.mark.requirement("S15")
 @pytest.mark.parametrize("offset", [-50, 1000])
 def test_one_sensor_with_a_strange_clock_does_not_disturb_the_others(offset):
     join = join_without_commands()
@@ -208,6 +209,7 @@ def test_ticks_are_never_empty_and_in_order_between_restarts(events):
     assert accepted <= len(events)
 
 
+@pytest.mark.requirement("S5")
 @given(st.data())
 def test_any_order_within_a_tick_gives_every_tick_complete(data):
     join = join_without_commands()
@@ -271,3 +273,54 @@ def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
         "nothing else came for long enough"
     )
     assert (stamps.newest_ns, stamps.jumps) == (5 * second + 1, 2)
+
+
+def test_strange_stamps_are_counted_and_their_values_kept_for_the_jump():
+    join = join_without_commands()
+    add_all(join, 1)
+    join.add("depth", 2 * STEP_NS, 2.0, 0.1)
+    far = 10_000 * STEP_NS
+    assert join.add("depth", far, 7.0, 0.2) == []
+    assert [tick.stamp_ns for tick in join.add("torque", far, 8.0, 0.2)] == [2 * STEP_NS], "what was begun is given up"
+    (tick,) = join.add("thermocouple", far, 9.0, 0.2)
+    assert tick.values == {"depth": 7.0, "torque": 8.0, "thermocouple": 9.0}
+    assert tick.restarted and not add_all(join, 10_001)[0].restarted
+    assert [join.counts[sensor]["late"] for sensor in SENSORS] == [1, 1, 0]
+    assert [join.counts[sensor]["missing"] for sensor in SENSORS] == [0, 1, 1]
+    for count in (2, 3):
+        join.add("depth", count, 1.0, 0.3)
+        assert join.counts["depth"]["late"] == count
+
+
+def test_drives_that_come_late_are_waited_for_again():
+    join = MessageSynchronizer(await_drives=True)
+    join._awaits_command = False
+    add_all(join, 1)
+    give_up(join)
+    join.add_drives(STEP_NS, ACTING)
+    assert add_all(join, 2) == [] and join.lacking == {"drives"}
+
+
+def test_a_tick_is_put_off_once_only():
+    join = join_without_commands()
+    join.add("depth", STEP_NS, 1.0, 0.0)
+    assert join.expire(0.0299, 0.03) == []
+    assert join.expire(0.1, 0.03) == [] and join.begun_s == pytest.approx(0.08)
+    assert len(join.expire(9.0, 0.03)) == 1
+
+
+def test_after_a_command_three_ticks_wait_again():
+    join = MessageSynchronizer()
+    add_all(join, 1)
+    join.add_command(STEP_NS)
+    for k in range(2, 6):
+        assert bool(add_all(join, k)) == (k == 2), k
+        give_up(join)
+    assert add_all(join, 6), "nobody commands"
+
+
+def test_what_is_older_than_two_ticks_that_wait_is_late():
+    join = join_without_commands()
+    for k in (3, 4, 4, 4, 2, 1):
+        assert join.add("depth", k * STEP_NS, 1.0, 0.0) == []
+    assert (join.counts["depth"]["duplicate"], join.counts["depth"]["late"]) == (2, 2)

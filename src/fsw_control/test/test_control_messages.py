@@ -38,7 +38,7 @@ def test_command_is_in_si_units():
     assert message.spindle_speed == pytest.approx(2.0 * math.pi)
 
 
-@given(st.floats(0.1, 10.0), st.floats(1.0, 2000.0), st.integers(0, 10**18))
+@given(st.floats(1.5, 4.0), st.floats(750.0, 950.0), st.integers(0, 10**18))
 def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature, time_ns):
     assert convert.depth_message(depth, time_ns).depth == pytest.approx(depth * 1e-3, rel=1e-12)
     assert convert.temperature_message(temperature, time_ns).temperature == temperature
@@ -48,23 +48,30 @@ def test_sensors_go_out_in_si_units_and_references_come_back(depth, temperature,
     assert reference.temperature_c == temperature
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0])
+@pytest.mark.requirement("S28")
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 2.66, 1200.0])
 @pytest.mark.parametrize("name", ["depth", "temperature"])
 def test_reference_that_is_no_set_point_is_refused(name, bad):
     message = WeldReference(depth=2.66e-3, temperature=850.0)
     setattr(message, name, bad)
-    with pytest.raises(ValueError, match=f"{name} is"):
+    with pytest.raises(ValueError, match=f"{name}: "):
         convert.reference(message)
 
 
 def test_status_carries_the_diagnosis():
     diagnosis = Diagnosis(2.66, 850.0, 1021.0, {"force_kn": 2.0, "temperature_c": -1.0, "odd": 3.0}, "solved", 4, 1e-3)
-    status = convert.status_message(Proposal(Command(1.0, 2.0), False, "why", diagnosis), 5, "me", True, ("depth",))
+    status = convert.status_message(Proposal(Command(1.0, 2.0), False, "why", diagnosis), 5, "me", "me", ("depth",))
     assert status.depth_estimate == pytest.approx(2.66e-3)
     assert list(status.disturbance_names) == ["force [N]", "temperature [degC]", "odd"]
     assert list(status.disturbances) == [2000.0, -1.0, 3.0]
     assert (status.solver_status, status.iterations, status.solve_time) == ("solved", 4, 1e-3)
     assert (status.healthy, status.reason, status.selected) == (False, "why", True)
+
+
+@pytest.mark.parametrize("source", ["safe_stop", "other", ""])
+def test_status_says_whose_command_was_applied(source):
+    status = convert.status_message(Proposal(Command(1.0, 2.0)), 5, "me", source, ())
+    assert (status.applied_source, status.selected) == (source, False)
 
 
 def test_quantities_are_converted_by_their_exact_names():

@@ -178,6 +178,7 @@ def test_follows_the_applied_command_of_the_tick_before(start):
     peer.until(lambda: len(peer.got["proposal"]) == 2)
     assert peer.controller.seen[1][2].force_kn == pytest.approx(80.0)
     peer.until(lambda: peer.got["status"][-1].selected)
+    assert peer.got["status"][-1].applied_source == "echo"
 
 
 def test_without_reference_it_is_not_healthy(start):
@@ -214,11 +215,11 @@ def test_hundreds_of_references_sent_ahead_all_arrive(start):
     peer = start()
     peer.references.publish(convert.reference_message(Reference(2.66, 850.0), 0))
     for k in range(1, 400):
-        peer.references.publish(convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 100 * k * STEP_NS))
+        peer.references.publish(convert.reference_message(Reference(2.66 + 1e-3 * k, 850.0), 10 * k * STEP_NS))
     peer.until(lambda: len(peer.node._references._waiting) == 400)
     peer.tick(1)
     assert peer.controller.seen[-1][1].depth_mm == pytest.approx(2.66)
-    for k in (399 * 100 - 1, 399 * 100):
+    for k in (399 * 10 - 1, 399 * 10):
         peer.tick(k)
     assert [entry[1].depth_mm for entry in peer.controller.seen[-2:]] == pytest.approx([2.66 + 0.398, 2.66 + 0.399])
 

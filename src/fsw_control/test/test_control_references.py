@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Coming, Reference
-from fsw_control.references import ReferencePlan, ReferenceQueue
+from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
 
 SECOND = 1_000_000_000
 TICK_NS = SECOND // 10
@@ -22,12 +22,174 @@ def test_reference_begins_at_its_stamp():
     assert [queue.at(k * SECOND) for k in range(4)] == [REFERENCE, REFERENCE, OTHER, OTHER]
 
 
-def test_past_and_foreign_stamps_begin_at_once():
-    queue = ReferenceQueue()
+def test_past_stamps_begin_at_once_and_those_of_another_clock_are_refused():
+    told: list[str] = []
+    queue = ReferenceQueue(refuse=told.append)
     queue.add(SECOND, REFERENCE)
-    assert queue.at(5 * SECOND) == REFERENCE
     queue.add(1_700_000_000 * SECOND, OTHER)
-    assert queue.at(6 * SECOND) == OTHER
+    assert queue.at(5 * SECOND) == REFERENCE
+    assert [queue.at(k * SECOND) for k in (6, 7)] == [REFERENCE] * 2
+    assert len(told) == 1 and "2.86 mm" in told[0] and "another clock" in told[0]
+
+
+def test_in_real_time_nothing_is_sent_an_hour_ahead():
+    """A sender whose clock is an hour ahead, and who stamps with it: in force in an hour, and told that it is sent."""
+    listener = Listener(AHEAD_REAL_NS)
+    assert listener.hear(0.0, REFERENCE, stamp_s=0.0)
+    assert not listener.hear(20.0, OTHER, stamp_s=3620.0)
+    assert (listener.holds(21.0), len(listener.told)) == (REFERENCE, 1)
+    assert "3620 s ahead" in listener.told[0] and "600 s" in listener.told[0]
+
+
+class Listener:
+    """Hears set-points at times of its own clock [s], which is the clock of the measurements, too."""
+
+    def __init__(self, horizon_ns=OTHER_CLOCK_NS, began_s=-1000.0):
+        self.told = []
+        self.queue = ReferenceQueue(horizon_ns, self.told.append)
+        self.queue.join(WALL + round(began_s * SECOND))
+        self.queue.at(WALL)
+
+    def hear(self, at_s, reference, clock_s=0.0, stamp_s=None, late_s=0.0):
+        """Take one that a sender, whose clock is ahead by ``clock_s``, published ``late_s`` ago."""
+        stamp_ns = 0 if stamp_s is None else WALL + round(stamp_s * SECOND)
+        published_ns = WALL + round((at_s - late_s + clock_s) * SECOND)
+        return self.queue.hear(stamp_ns, reference, published_ns, WALL + round(at_s * SECOND))
+
+    def holds(self, at_s):
+        return self.queue.at(WALL + round(at_s * SECOND))
+
+
+WALL = 1_700_000_000 * SECOND
+
+
+@pytest.mark.requirement("S28")
+def test_a_sender_whose_clock_is_ahead_is_told_and_overrides_nobody():
+    listener = Listener()
+    assert not listener.hear(1.0, OTHER, clock_s=3600.0)
+    assert "published 3600 s ahead" in listener.told[0]
+    for k in range(60):
+        assert listener.hear(2.0 + k, Reference(2.0 + 0.01 * k, 816.4))
+        assert listener.holds(2.5 + k) == Reference(2.0 + 0.01 * k, 816.4)
+
+
+def test_of_two_senders_whose_clocks_differ_by_seconds_the_one_received_last_holds():
+    listener = Listener()
+    for k in range(20):
+        one = Reference(2.0 + 0.01 * k, 816.4)
+        assert listener.hear(0.5 * k, one, clock_s=4.0 if k % 2 else -4.0)
+        assert listener.holds(0.5 * k + 0.1) == one
+
+
+def test_what_the_middleware_repeats_after_a_lost_link_overrides_nothing_newer():
+    listener = Listener()
+    listener.hear(0.0, REFERENCE)
+    listener.hear(60.0, OTHER)
+    assert listener.holds(61.0) == OTHER
+    assert not listener.hear(100.0, REFERENCE, late_s=100.0)
+    assert (listener.holds(101.0), len(listener.told)) == (OTHER, 1)
+    assert listener.hear(200.0, THIRD, late_s=100.0), "published at 100 s: newer than what is in force, and missed"
+    assert listener.holds(201.0) == THIRD
+
+
+def test_a_sender_whose_clock_is_behind_the_listeners_start_is_told():
+    listener = Listener(began_s=0.0)
+    assert listener.hear(60.0, REFERENCE)
+    assert listener.holds(60.1) == REFERENCE
+    assert not listener.hear(62.0, OTHER, clock_s=-100.0)
+    assert "published 100 s ago" in listener.told[0]
+
+
+def test_where_the_clocks_go_back_to_before_the_listeners_start_set_points_are_taken():
+    listener = Listener(began_s=0.0)
+    assert listener.hear(60.0, REFERENCE)
+    assert listener.holds(60.1) == REFERENCE
+    assert listener.hear(-3540.0, OTHER)
+    assert listener.holds(60.2) == OTHER
+
+
+def test_what_is_repeated_to_a_late_joiner_is_not_told():
+    listener = Listener(began_s=99.0)
+    assert listener.hear(100.0, OTHER, late_s=40.0)
+    assert listener.holds(100.1) == OTHER
+    assert not listener.hear(100.2, REFERENCE, late_s=70.0)
+    assert (listener.holds(101.0), listener.told) == (OTHER, [])
+
+
+@pytest.mark.requirement("S28")
+def test_who_has_just_begun_to_listen_tells_a_sender_whose_clock_is_slow_what_is_not_taken():
+    listener = Listener(began_s=0.0)
+    assert listener.hear(1.0, REFERENCE)
+    assert not listener.hear(2.0, OTHER, clock_s=-3.0)
+    assert "published 3 s ago" in listener.told[0]
+    assert listener.holds(2.1) == REFERENCE
+
+
+@pytest.mark.requirement("S28")
+@given(
+    st.lists(
+        st.tuples(
+            *(st.sampled_from([0, 1, 3]), st.sampled_from([-60.0, -4.0, -1.0, 0.0, 1.0, 4.0])),
+            st.sampled_from([None, -2, 0, 1, 2, 30]),
+        ),
+        max_size=8,
+    )
+)
+def test_who_has_just_begun_to_listen_accepts_nothing_that_never_holds(sent):
+    """Of those accepted the last one comes to hold; whoever sent less than 5 s ago, by all clocks, is told."""
+    listener, tick, held = Listener(AHEAD_REAL_NS, began_s=0.0), 0, []
+    last = None
+    for number, (ticks, clock_s, ahead_ticks) in enumerate(sent):
+        for _ in range(ticks):
+            tick += 1
+            held.append(listener.holds(0.1 * tick))
+        one, told = Reference(2.0 + 0.01 * number, 816.4), len(listener.told)
+        stamp_s = None if ahead_ticks is None else 0.1 * (tick + ahead_ticks)
+        if listener.hear(0.1 * tick + 0.05, one, clock_s, stamp_s):
+            last = one
+        elif clock_s > -5.0:
+            assert len(listener.told) > told
+    held += [listener.holds(0.1 * (tick + k)) for k in range(1, 35)]
+    assert last is None or last in held
+
+
+_senders = st.sampled_from([-4000.0, -4.0, -1.0, 0.0, 1.0, 4.0, 4000.0])
+
+
+@pytest.mark.requirement("S28")
+@given(st.lists(st.tuples(st.floats(0.0, 30.0), _senders, st.sampled_from([None, 0.0, 3.0, 700.0])), max_size=12))
+def test_every_set_point_is_in_force_or_replaced_or_its_refusal_is_told(sent):
+    """Whatever the clocks: an accepted one holds from its time on, until the next accepted one does."""
+    listener, at_s = Listener(AHEAD_REAL_NS), 0.0
+    accepted: list[tuple[float, Reference]] = []
+    for number, (wait_s, clock_s, ahead_s) in enumerate(sent):
+        at_s += wait_s + 0.1
+        one = Reference(2.0 + 0.001 * number, 816.4)
+        told, begins_s = len(listener.told), at_s + (ahead_s or 0.0)
+        if listener.hear(at_s, one, clock_s, None if ahead_s is None else begins_s):
+            accepted.append((begins_s, one))
+        else:
+            assert len(listener.told) == told + 1
+        if clock_s in (-4.0, -1.0, 0.0, 1.0, 4.0) and ahead_s != 700.0:
+            assert accepted and accepted[-1][1] == one
+        begun = [reference for begins, reference in accepted if begins <= at_s + 0.05]
+        if begun and all(abs(clock) < 100.0 for _, clock, _ in sent):
+            assert listener.holds(at_s + 0.05) == begun[-1]
+
+
+@pytest.mark.requirement("S28")
+@given(st.permutations([(0.0, REFERENCE), (0.001, OTHER), (0.002, THIRD)]), st.permutations([0, 1, 2]))
+def test_listeners_that_heard_two_senders_in_different_order_come_to_follow_the_same(first, order):
+    one, other = Listener(), Listener()
+    for k, (at_s, reference) in enumerate(first):
+        one.hear(1.0 + 0.001 * k, reference, late_s=0.001 * k - at_s)
+    for k, index in enumerate(order):
+        other.hear(1.0 + 0.001 * k, first[index][1], late_s=0.001 * k - first[index][0])
+    for k in range(3):
+        stated = [(listener.holds(2.0 + k), listener.queue.issued_ns) for listener in (one, other)]
+        for listener, (reference, issued_ns) in zip((other, one), stated, strict=True):
+            listener.queue.add(WALL, reference, issued_ns)
+    assert one.holds(9.0) == other.holds(9.0)
 
 
 def test_a_newer_message_overrides_one_held_back():
@@ -119,3 +281,97 @@ def test_a_plan_that_does_not_come_true_is_not_believed():
     assert plan.after(50 * TICK_NS, Reference(2.66, 816.4)) == ()
     assert plan.after(60 * TICK_NS, Reference(2.7, 826.4)) == ()
     assert len(plan.after(60 * TICK_NS, planned[0][1])) == 1
+
+
+def test_whether_any_is_known():
+    queue = ReferenceQueue()
+    assert not queue
+    queue.add(SECOND, REFERENCE)
+    assert queue, "one waits"
+    assert queue.at(SECOND) == REFERENCE and queue, "one holds"
+
+
+@pytest.mark.parametrize(("ahead_ns", "accepted"), [(0, True), (1, False)])
+def test_the_widest_clocks_and_stamps_that_are_believed(ahead_ns, accepted):
+    told: list[str] = []
+    queue = ReferenceQueue(AHEAD_REAL_NS, told.append)
+    queue.join(WALL - 100 * SECOND)
+    queue.at(WALL)
+    assert queue.hear(0, REFERENCE, WALL + OWN_CLOCK_NS + ahead_ns, WALL) == accepted
+    assert queue.hear(WALL + AHEAD_REAL_NS + ahead_ns, OTHER, WALL, WALL) == accepted
+    assert len(told) == (0 if accepted else 2)
+
+
+def test_the_oldest_that_was_just_sent_is_the_last_received():
+    queue = ReferenceQueue()
+    queue.join(WALL - 100 * SECOND)
+    assert queue.hear(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
+    assert queue.hear(0, OTHER, WALL - OWN_CLOCK_NS, WALL) and queue.at(WALL) == OTHER
+    assert not queue.hear(0, THIRD, WALL - OWN_CLOCK_NS - 1, WALL) and queue.at(WALL) == OTHER
+
+
+@pytest.mark.parametrize(("after_ns", "holds"), [(-1, OTHER), (0, THIRD)])
+def test_shortly_after_the_start_the_order_is_that_of_publication(after_ns, holds):
+    queue = ReferenceQueue()
+    queue.join(WALL)
+    now = WALL + OWN_CLOCK_NS + 10
+    assert queue.hear(0, OTHER, WALL + OWN_CLOCK_NS + after_ns, now) and queue.at(now) == OTHER
+    queue.hear(0, THIRD, WALL + OWN_CLOCK_NS + min(2 * after_ns, 0), now)
+    assert queue.at(now) == holds
+
+
+def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
+    told: list[str] = []
+    queue = ReferenceQueue(refuse=told.append)
+    assert queue.hear(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
+    assert not queue.hear(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)
+    assert queue.hear(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), "a repetition of the one that holds"
+    assert (told, queue.at(WALL)) == ([], REFERENCE)
+    assert not queue.hear(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS + 1)
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("late_s", [0, 50])
+def test_a_mark_goes_with_its_set_point(late_s):
+    queue = ReferenceQueue()
+    queue.join(WALL - 100 * SECOND)
+    queue.hear(0, REFERENCE, WALL - late_s * SECOND, WALL, "page 3")
+    assert (queue.at(WALL), queue.mark) == (REFERENCE, "page 3")
+    queue.hear(0, OTHER, WALL + SECOND, WALL + SECOND)
+    assert (queue.at(WALL + SECOND), queue.mark) == (OTHER, "")
+
+
+def test_only_the_next_treads_of_a_stair_count_as_near():
+    plan = ReferencePlan([(k * SECOND // 2, Reference(2.0 + 0.1 * k, 816.4)) for k in range(9)])
+    believed = [bool(plan.after(2 * SECOND, Reference(2.4 + off, 816.4))) for off in (-0.35, -0.25, 0.25, 0.35)]
+    assert believed == [False, True, True, False]
+
+
+@pytest.mark.parametrize("in_force", [False, True])
+def test_the_same_place_without_a_mark_keeps_the_mark(in_force):
+    queue = ReferenceQueue()
+    queue.add(0, REFERENCE, 5, "page 3")
+    if in_force:
+        queue.at(0)
+    queue.add(0, REFERENCE, 5)
+    queue.at(0)
+    assert queue.mark == "page 3"
+    queue.add(0, OTHER, 6)
+    queue.add(0, THIRD, 5, "page 4")
+    assert (queue.at(0), queue.mark, queue.issued_ns) == (OTHER, "", 6)
+
+
+def test_of_equal_ones_the_last_decides_when_it_begins():
+    queue = ReferenceQueue()
+    queue.add(0, REFERENCE, 4)
+    queue.at(0)
+    for stamp_s in (3, 2):
+        queue.add(stamp_s * SECOND, OTHER, 5)
+    assert [queue.at(k * SECOND) for k in (1, 2)] == [REFERENCE, OTHER]
+
+
+def test_a_stamp_at_the_horizon_waits():
+    queue = ReferenceQueue(AHEAD_REAL_NS)
+    queue.add(AHEAD_REAL_NS, REFERENCE)
+    assert queue.at(0) is None
+    assert queue.at(AHEAD_REAL_NS) == REFERENCE

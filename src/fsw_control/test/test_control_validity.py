@@ -2,12 +2,13 @@
 
 import math
 import random
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.contract import Command
+from fsw_control.contract import SENSORS, Command, Measurement
 from fsw_control.parameters import defaults, load
 from fsw_control.validity import Frozen, SensorGuard, SensorLimits, SensorValidity, sensor_limits
 
@@ -24,6 +25,7 @@ def test_good_samples_pass_unchanged():
     assert all(reading.valid and not reading.reason for reading in readings)
 
 
+@pytest.mark.requirement("S8")
 @pytest.mark.parametrize(
     ("bad", "said"), [(None, "missing"), (math.nan, "not finite"), (math.inf, "not finite"), (7.0, "out of range")]
 )
@@ -66,6 +68,7 @@ def noisy(count, quantum, seed=3, noise=0.002):
     return [round((2.66 + generator.gauss(0.0, noise)) / quantum) * quantum for _ in range(count)]
 
 
+@pytest.mark.requirement("S8")
 @pytest.mark.parametrize(("quantum", "latest"), [(1e-9, 10), (1e-3, 25), (2e-3, 40), (5e-3, 90)])
 def test_freeze_of_a_noisy_sensor_is_found(quantum, latest):
     values = noisy(200, quantum)
@@ -103,6 +106,7 @@ def test_a_frozen_sensor_recovers():
     assert readings[-1].valid and not readings[0].valid
 
 
+@pytest.mark.requirement("S8")
 @given(
     st.lists(
         st.one_of(st.none(), st.floats(), st.floats(-1.0, 7.0)),
@@ -173,3 +177,66 @@ def test_rounding_is_no_noise_that_could_freeze():
     sensor = SensorValidity(sensor_limits()["torque"])
     readings = [sensor.update(0.1 * k, 1052.86 * (1.0 + 2e-16 * (-1) ** k if k < 40 else 1.0)) for k in range(200)]
     assert all(reading.valid and not reading.held for reading in readings)
+
+
+@pytest.mark.parametrize(("value", "valid"), [(0.0, True), (6.0, True), (-1e-9, False), (6.0 + 1e-9, False)])
+def test_the_ends_of_the_range_belong_to_it(value, valid):
+    assert SensorValidity(LIMITS).update(0.0, value).valid == valid
+
+
+@pytest.mark.parametrize("start", [0, 1000])
+def test_jumps_that_do_not_agree_with_each_other_are_never_believed(start):
+    sensor = SensorValidity(replace(LIMITS, max_rate=1.0))
+    feed(sensor, [1.0, 1.0], start)
+    readings = feed(sensor, [5.5, 3.4] * 10, start + 2)
+    assert [reading.valid for reading in readings] == [True] * 3 + [False] * 17
+
+
+def test_a_jump_begins_to_be_counted_anew_after_good_samples():
+    readings = feed(SensorValidity(LIMITS), [1.0, 5.5, 5.5, 1.0, 5.5, 5.5, 5.5])
+    assert [reading.value for reading in readings] == [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 5.5]
+
+
+def test_limits_and_measurement_have_every_value_at_its_place():
+    values = defaults(load("fsw_control", "controller.yaml"))
+    changed = values | {"validity.hold": 0.7, "validity.frozen_samples": 33, "validity.confirm_samples": 4}
+    for number, sensor in enumerate(SENSORS):
+        ends = {"minimum": -1.0 - number, "maximum": 1.0 + number, "max_rate": 2.0 + number}
+        changed |= {f"validity.{sensor}.{name}": value for name, value in ends.items()}
+    limits = sensor_limits(changed)
+    assert limits == {s: SensorLimits(-1.0 - n, 1.0 + n, 2.0 + n, 0.7, 33, 4) for n, s in enumerate(SENSORS)}
+    guard = SensorGuard(limits)
+    assert guard.reasons == dict.fromkeys(SENSORS, "")
+    samples = dict(zip(SENSORS, (0.9, 1.9, 2.9), strict=True))
+    expected = Measurement(5.0, 0.9, 1.9, 2.9, True, True, True, held=(), force_kn=80.0, speed_rpm=400.0)
+    assert guard.measure(5.0, samples, Command(80.0, 400.0)) == expected
+    guard.configure({name: SensorLimits(-9.0, -8.0, 1.0, 0.2, 10, 3) for name in SENSORS})
+    guard.reset()
+    assert guard.measure(5.1, samples).invalid_sensors() == tuple(SENSORS)
+
+
+@pytest.mark.parametrize(
+    ("learnt", "samples", "runs"), [(200, 10, 9), (200, 2, 6), (31, 2, 10), (21, 2, 12), (20, 2, None), (200, 0, None)]
+)
+def test_how_many_equal_samples_are_a_freeze(learnt, samples, runs):
+    """As many as chance has once in 1e9, from the share of equal neighbours that so few samples allow; and samples."""
+    frozen = Frozen()
+    values = [2.66 + 0.001 * (k % 2) for k in range(learnt)]
+    assert not any(frozen.update(value, samples) for value in values)
+    found = [frozen.update(values[-1], samples) for _ in range(40)]
+    assert found.index(True) + 1 == runs if runs else not any(found)
+
+
+def test_a_signal_that_seldom_turns_is_smooth():
+    frozen = Frozen()
+    values = [0.1 * (k % 10) + 0.001 * k for k in range(1000)]
+    assert not any(frozen.update(value, 2) for value in values + [values[-1]] * 100)
+
+
+def test_a_freeze_does_not_teach_that_standing_still_is_normal():
+    frozen = Frozen()
+    values = noisy(200, 1e-9)
+    assert not any(frozen.update(value, 10) for value in values)
+    for again in (values[-1], 2.0):
+        assert [frozen.update(again, 10) for _ in range(100)].index(True) < 12
+        assert not any(frozen.update(value, 10) for value in noisy(3, 1e-9))

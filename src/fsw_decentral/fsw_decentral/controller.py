@@ -18,7 +18,8 @@ class DecentralController:
 
     Outer PI: temperature to power reference; inner loop: power to spindle speed (feed-forward by the measured
     torque, plus PI); PI(D): depth to axial force. The proposal keeps the bounds and the move limits, relative to the
-    applied command, which every loop follows: so it is without a bump when it gets selected.
+    applied command, which every loop follows: so it is without a bump when it gets selected. Where the applied command
+    is so far outside the bounds that it cannot keep both, it is at the bound and not healthy.
 
     Without torque the power loop goes on with the last torque, without temperature the power reference is held; both
     for ``blind_limit`` seconds. Without depth the force is held and the proposal is not healthy.
@@ -42,10 +43,11 @@ class DecentralController:
     """
 
     name = "decentral"
+    parameters, variant = ("fsw_decentral", "decentral.yaml"), "tuning"
     tolerated_sensors: tuple[str, ...] = ("torque", "thermocouple")
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        self._values = defaults(load("fsw_decentral", "decentral.yaml")) | dict(values or {})
+        self._values = defaults(load(*self.parameters)) | dict(values or {})
         try:
             self.gains, self.limits, tuning = _usable(self._values)
             self.library = Library(tuning)
@@ -94,6 +96,8 @@ class DecentralController:
             return "no valid depth, force held"
         if reason == Reason.OVERFLOW:
             return "samples beyond all range, loops start again"
+        if reason == Reason.OUT_OF_BOUNDS:
+            return "the applied command is more than a move outside the bounds"
         sensor = "torque" if reason == Reason.NO_TORQUE else "temperature"
         return f"no valid {sensor} for more than {self._values['blind_limit']:g} s"
 

@@ -11,7 +11,7 @@ from fsw_decentral.controller import DecentralController
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_controller(DecentralController, parameters=("fsw_decentral", "decentral.yaml"), args=args)
+    return run_controller(DecentralController, args=args)
 
 
 if __name__ == "__main__":

@@ -51,6 +51,7 @@ class Reason(IntEnum):
     NO_TORQUE = 2
     NO_TEMPERATURE = 3
     OVERFLOW = 4
+    OUT_OF_BOUNDS = 5
 
 
 #: limits that a proposal touches, in the order of their bits

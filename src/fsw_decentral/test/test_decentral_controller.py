@@ -97,6 +97,7 @@ def test_tight_is_faster_than_conservative():
     assert errors["tight"][1] < 0.95 * errors["conservative"][1]
 
 
+@pytest.mark.requirement("S12")
 @pytest.mark.parametrize("tuning", ["conservative", "tight"])
 def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
     """Another one holds shifted inputs; the first own moves are small, and it leads back to the reference."""
@@ -256,9 +257,9 @@ def test_a_torque_beyond_all_range_starts_the_loops_again():
     """After it the feed-forward would divide by a torque of 0."""
     controller = DecentralController({"feedforward_filter": 0.0})
     reasons = [controller.step(measured(k, torque=1e20 if k == 1 else 1e3), REFERENCE, NOMINAL, 0.1) for k in range(4)]
-    assert [proposal.healthy for proposal in reasons] == [True, True, False, True]
-    assert reasons[2].reason == "samples beyond all range, loops start again"
-    assert reasons[2].command == NOMINAL
+    assert [proposal.healthy for proposal in reasons] == [True, False, True, True]
+    assert reasons[1].reason == "samples beyond all range, loops start again"
+    assert reasons[1].command == NOMINAL
 
 
 def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_tick():
@@ -325,6 +326,7 @@ event = st.tuples(
 )
 
 
+@pytest.mark.requirement("S4")
 @settings(max_examples=100, deadline=None)
 @given(st.lists(event, max_size=30))
 def test_whatever_comes_the_proposal_keeps_every_limit(events):
@@ -335,12 +337,122 @@ def test_whatever_comes_the_proposal_keeps_every_limit(events):
             controller.configure(changed)
         if restart is not None:
             controller.reset(restart)
-            proposed = restart if math.isfinite(restart.force_kn + restart.speed_rpm) else proposed
+            known = math.isfinite(restart.force_kn + restart.speed_rpm)
+            proposed = controller.limits.clip(restart, None) if known else proposed
         given_command = elsewhere or proposed
         is_known = math.isfinite(given_command.force_kn + given_command.speed_rpm)
         applied = given_command if is_known else proposed
         proposal = controller.step(measurement, reference, given_command, dt_s)
         proposed = proposal.command
-        assert math.isfinite(proposed.force_kn) and math.isfinite(proposed.speed_rpm)
-        assert controller.limits.clip(proposed, applied) == proposed
+        limits = controller.limits
+        near = limits.clip(applied, None)
+        assert limits.clip(proposed, near) == limits.clip(proposed, None) == proposed
         assert proposal.healthy == (not proposal.reason)
+        if proposal.healthy:
+            assert abs(proposed.force_kn - applied.force_kn) <= limits.force_step_kn + 2e-6
+            assert abs(proposed.speed_rpm - applied.speed_rpm) <= limits.speed_step_rpm + 2e-6
+
+
+@pytest.mark.requirement("S31")
+@pytest.mark.parametrize("force_kn", [1e12, -1e12, 1e300, -1e300, 97.0, 58.0])
+def test_an_absurd_applied_command_is_told_and_leaves_nothing_behind(force_kn):
+    controller = DecentralController()
+    controller.step(measured(0), REFERENCE, NOMINAL, 0.1)
+    for _ in range(2):
+        proposal = controller.step(measured(1), REFERENCE, Command(force_kn, NOMINAL.speed_rpm), 0.1)
+        bound = controller.limits.force_max_kn if force_kn > 90.0 else controller.limits.force_min_kn
+        assert (proposal.healthy, proposal.command.force_kn) == (False, bound)
+        assert "outside the bounds" in proposal.reason
+    for k in range(3):
+        proposal = controller.step(measured(2 + k), REFERENCE, NOMINAL, 0.1)
+        assert proposal.healthy and abs(proposal.command.force_kn - NOMINAL.force_kn) < 1e-3
+
+
+@pytest.mark.parametrize("sensor", ["depth", "torque", "temperature"])
+@pytest.mark.parametrize("value", [1e12, -1e12, 1e300])
+def test_an_absurd_sample_does_not_pull_for_ever(sensor, value):
+    """One sample beyond all range must not leave an integrator that takes minutes to come back."""
+    controller = DecentralController()
+    proposed = NOMINAL
+    for k in range(200):
+        m = measured(k, **({sensor: value} if k == 5 else {}))
+        proposal = controller.step(m, REFERENCE, proposed, 0.1)
+        proposed = proposal.command
+    assert proposal.healthy
+    assert not {"force_min", "force_max", "speed_min", "speed_max"} & set(proposal.diagnosis.active_limits)
+
+
+@pytest.mark.parametrize("sensor", ["depth", "temperature"])
+@pytest.mark.parametrize("value", [1.7e308, -1.7e308])
+def test_a_sum_that_is_no_number_is_no_command(sensor, value):
+    """A gain times such a sample is infinite, and infinity less infinity is no number."""
+    controller = DecentralController()
+    controller.configure({"depth_gain": 1e3, "temperature_gain": 1e3})
+    proposal = controller.step(measured(0, **{sensor: value}), REFERENCE, NOMINAL, 0.1)
+    assert (proposal.healthy, proposal.command) == (False, NOMINAL)
+    assert controller.step(measured(1), REFERENCE, NOMINAL, 0.1).healthy
+
+
+@pytest.mark.parametrize(
+    ("force_kn", "speed_rpm", "inside"),
+    [
+        *((60.0 + off, 407.5, off > -1.0) for off in (-1.1, -0.9, 0.0, 0.5)),
+        *((95.0 + off, 407.5, off < 1.0) for off in (-0.5, 0.0, 0.9, 1.1)),
+        *((78.4, 300.0 + off, off > -3.0) for off in (-3.1, -2.9, 0.0, 1.5)),
+        *((78.4, 500.0 + off, off < 3.0) for off in (-1.5, 0.0, 2.9, 3.1)),
+    ],
+)
+def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, inside):
+    controller = DecentralController()
+    proposal = controller.step(measured(0), REFERENCE, Command(force_kn, speed_rpm), 0.1)
+    assert proposal.healthy == inside
+
+
+@pytest.mark.parametrize("sensor", ["torque", "temperature"])
+def test_blindness_is_said_when_its_limit_has_passed(sensor):
+    controller = DecentralController({"blind_limit": 1.05})
+    controller.step(measured(0), REFERENCE, NOMINAL, 0.1)
+    healthy = [controller.step(measured(k, **{sensor: NAN}), REFERENCE, NOMINAL, 0.1).healthy for k in range(1, 16)]
+    assert healthy == [True] * 10 + [False] * 5
+
+
+@pytest.mark.parametrize(("error_mm", "error_c"), [(1.0, 50.0), (-1.0, -50.0)])
+def test_the_move_limit_is_named_in_both_directions(error_mm, error_c):
+    goal = Reference(DEPTH_MM + error_mm, TEMPERATURE_C + error_c)
+    controller = DecentralController({"temperature_gain": 10.0, "temperature_reference_filter": 0.0})
+    for k in range(5):
+        proposal = controller.step(measured(k), goal, NOMINAL, 0.1)
+    assert proposal.diagnosis.active_limits == ("force_rate", "speed_rate")
+
+
+@pytest.mark.parametrize("ends", [("force", 70.0), ("speed", 400.0)])
+def test_bounds_without_room_between_are_refused(ends):
+    quantity, value = ends
+    assert DecentralController().check({f"{quantity}_min": value, f"{quantity}_max": value}) is not None
+
+
+def test_a_reset_beyond_the_bounds_begins_at_them():
+    controller = DecentralController()
+    controller.reset(Command(1000.0, 1000.0))
+    proposal = controller.step(measured(0), REFERENCE, Command(NAN, NAN), 0.1)
+    assert proposal.healthy and controller.limits.clip(proposal.command, Command(95.0, 500.0)) == proposal.command
+
+
+@pytest.mark.parametrize(("beyond", "bound"), [((95.5, 407.5), (95.0, 407.5)), ((78.4, 298.0), (78.4, 300.0))])
+def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
+    told = []
+    for first in (beyond, bound):
+        controller = DecentralController()
+        proposed = controller.step(measured(0), REFERENCE, Command(*first), 0.1).command
+        told.append(controller.step(measured(1, depth=DEPTH_MM + 0.002), REFERENCE, proposed, 0.1).command)
+    assert told[0] == told[1]
+
+
+def test_set_points_that_are_no_numbers_leave_those_before():
+    goal = Reference(DEPTH_MM + 0.05, TEMPERATURE_C + 2.0)
+    told = []
+    for second in (goal, Reference(NAN, TEMPERATURE_C)):
+        controller = DecentralController()
+        proposed = controller.step(measured(0), goal, NOMINAL, 0.1).command
+        told.append(controller.step(measured(1), second, proposed, 0.1).command)
+    assert told[0] == told[1] != proposed

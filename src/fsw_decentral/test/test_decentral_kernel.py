@@ -45,9 +45,12 @@ static fsw_decentral_tuning drawn(void) {
     {draw(-500, 500), sample(-2, 2), draw(-0.01, 0.01)}, sample(0, 10), draw(100, 3000), sample(0, 20)};
   return t;
 }
-static int keeps(double x, double low, double high, double applied, double step) {
-  if (x < applied - step || x > applied + step) return 0;
-  return (x >= low || x >= applied + step) && (x <= high || x <= applied - step);
+/* In the bounds, and a step from what is applied; where both cannot be, at the nearest bound and not healthy. */
+static int keeps(double x, double low, double high, double applied, double step, int healthy) {
+  if (!(x >= low && x <= high)) return 0;
+  if (x >= applied - step && x <= applied + step) return 1;
+  return (applied < low && x == low && (!healthy || applied > low - step - 1e-5)) ||
+         (applied > high && x == high && (!healthy || applied < high + step + 1e-5));
 }
 int main(void) {
   fsw_decentral *c = malloc(sizeof(fsw_decentral)); /* exactly as long as asked for, and not cleared */
@@ -80,13 +83,14 @@ int main(void) {
     fsw_decentral_step(c, &in, &out);
     fsw_decentral_step(&twin, &in, &twin_out);
     if (out.force_kn != twin_out.force_kn || out.speed_rpm != twin_out.speed_rpm) { free(c); return 2; }
-    const int kept = keeps(out.force_kn, tuning.force_min_kn, tuning.force_max_kn, f, tuning.force_step_kn) &&
-                     keeps(out.speed_rpm, tuning.speed_min_rpm, tuning.speed_max_rpm, n, tuning.speed_step_rpm);
+    const int h = out.healthy;
+    const int kept = keeps(out.force_kn, tuning.force_min_kn, tuning.force_max_kn, f, tuning.force_step_kn, h) &&
+                     keeps(out.speed_rpm, tuning.speed_min_rpm, tuning.speed_max_rpm, n, tuning.speed_step_rpm, h);
     if (!kept || !isfinite(out.force_kn) || !isfinite(out.speed_rpm)) { free(c); return 3; }
     healthy += out.healthy;
     again += out.reason == FSW_DECENTRAL_OVERFLOW;
-    force = fabs(out.force_kn) < 1e3 ? out.force_kn : 80;
-    speed = fabs(out.speed_rpm) < 1e4 ? out.speed_rpm : 400;
+    force = out.force_kn;
+    speed = out.speed_rpm;
   }
   free(c);
   printf("%d healthy, %d restarts, %d refused\n", healthy, again, refused);

@@ -22,6 +22,7 @@ from fsw_analysis.weld_signals import (
     TextArray,
     TruthSignals,
     WeldSignals,
+    experiment_time_s,
 )
 from fsw_control import weld
 from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
@@ -170,10 +171,16 @@ class ClosedLoop:
 
     def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:
         stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
+        statuses, problems = {}, []
+        for name in self._controllers:
+            try:
+                statuses[name] = _status_signals(ticks, name)
+            except (TypeError, ValueError, AttributeError) as error:  # a user's diagnosis may hold anything
+                problems.append(f"{name}: its diagnosis cannot be read: {error}")
         return WeldSignals(
             path=Path(self.scenario.name),
             stamp_ns=stamps,
-            time_s=(stamps - stamps[0]) * 1e-9,
+            time_s=experiment_time_s(stamps),
             depth_mm=_numbers(tick.values.get("depth", nan) for tick in ticks),
             torque_nm=_numbers(tick.values.get("torque", nan) for tick in ticks),
             temperature_c=_numbers(tick.values.get("thermocouple", nan) for tick in ticks),
@@ -187,7 +194,8 @@ class ClosedLoop:
             actual_controller=_texts(tick.active for tick in ticks),
             actual_mode=_texts(tick.mode for tick in ticks),
             proposals={name: _proposal_signals(ticks, name) for name in self._controllers},
-            statuses={name: _status_signals(ticks, name) for name in self._controllers},
+            statuses=statuses,
+            problems=problems,
             drives=_group(DriveSignals, [tick.drives for tick in ticks]),
             truth=_group(TruthSignals, [tick.truth for tick in ticks]),
             attachments={"scenario.yaml": self.scenario.text.encode()},

@@ -6,7 +6,7 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fsw_analysis import kpi, kpi_table
@@ -17,7 +17,7 @@ from fsw_experiment import live
 from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder, write_phases
-from fsw_experiment.controllers import KNOWN
+from fsw_experiment.controllers import OURS, name_of, variant_of
 from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario import Scenario
@@ -46,7 +46,8 @@ def parser() -> argparse.ArgumentParser:
         "--controller",
         action="append",
         metavar="NAME",
-        help="compare only these controllers, in this order (default: all)",
+        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); one of your own: "
+        "MODULE:CLASS or FILE.py:CLASS",
     )
     whole.add_argument(
         "--live",
@@ -73,19 +74,20 @@ def _live(parsed: argparse.Namespace) -> int:
     controllers = _controllers(parsed)
     scenario = load(names[0])
     if not scenario.open_loop and len(scenario.controllers) == 1:
-        scenario = parse(scenario.text, scenario.name, [f"controller={controllers[0]}"])
+        scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
     folder = new_folder(parsed.out, "live")
-    graph = WeldGraph(scenario, folder, () if scenario.open_loop else controllers, realtime=True, standby=True)
+    others = () if scenario.open_loop else tuple(controllers)
+    graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
     with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
         return live.weld(graph, launcher, parsed.port)
 
 
-def _controllers(parsed: argparse.Namespace) -> list[str]:
-    """The controllers asked for, or all."""
-    controllers = list(dict.fromkeys(parsed.controller or KNOWN))
-    unknown = [name for name in controllers if name not in KNOWN]
-    if unknown:
-        raise CommandError(f"no controller {', '.join(unknown)}; known: {', '.join(KNOWN)}")
+def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
+    """The controllers asked for, or ours: names, with the parameters that their variants set."""
+    labels = set(parsed.controller or OURS)
+    controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
+    if len(controllers) < len(labels):
+        raise CommandError(f"one variant of each controller can run, not {', '.join(sorted(labels))}")
     return controllers
 
 
@@ -108,7 +110,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
     return 0
 
 
-def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime: bool) -> list[Path]:
+def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
     from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
@@ -117,7 +119,8 @@ def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime
     bags: list[Path] = []
     for title, variant in _variants(scenario, controllers).items():
         own = place / title.replace(" ", "_")
-        graph = WeldGraph(variant, own, () if variant.open_loop else controllers, realtime)
+        others = () if variant.open_loop else tuple(controllers)
+        graph = WeldGraph(variant, own, others, realtime, parameters=controllers)
         with (
             ProgressBar(f"{scenario.name}, {title}") as bar,
             free_domain() as domain,
@@ -133,7 +136,7 @@ def _weld(scenario: Scenario, controllers: Sequence[str], folder: Path, realtime
     return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
 
 
-def _variants(scenario: Scenario, controllers: Sequence[str]) -> dict[str, Scenario]:
+def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scenario]:
     if scenario.open_loop:
         return {"open loop": scenario}
     if len(scenario.controllers) > 1:

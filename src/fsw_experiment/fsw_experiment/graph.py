@@ -12,7 +12,7 @@ import yaml
 
 from fsw_control.parameters import validate
 from fsw_experiment.closed_loop import plant_of
-from fsw_experiment.controllers import CONTROLLER_MODULES
+from fsw_experiment.controllers import program
 from fsw_experiment.launcher import Child, Launcher, LaunchError
 from fsw_experiment.open_loop import OpenLoopController
 from fsw_experiment.scenario import Scenario
@@ -40,7 +40,7 @@ class WeldGraph:
     folder : Path
         Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
     controllers : sequence of str
-        All that run; the scenario's own are added.
+        All that run, by name; the scenario's own are added.
     realtime : bool
         10 Hz on the wall clock instead of lockstep.
     record : bool
@@ -76,12 +76,10 @@ class WeldGraph:
 
         Raises
         ------
-        LaunchError
+        ScenarioError
             When a controller is not known.
         """
-        unknown = [name for name in self.all_controllers if name not in CONTROLLER_MODULES]
-        if unknown:
-            raise LaunchError(f"no controller {', '.join(unknown)}; known: {', '.join(CONTROLLER_MODULES)}")
+        programs = {name: program(name) for name in self.all_controllers}
         self.folder.mkdir(parents=True, exist_ok=True)
         scenario_file = self.folder / "scenario.yaml"
         scenario_file.write_text(self.scenario.text, encoding="utf-8")
@@ -91,8 +89,8 @@ class WeldGraph:
         if self.record:
             launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
         launcher.start("plant", "fsw_plant.plant_node", ros_args)
-        for name in self.all_controllers:
-            launcher.start(name, CONTROLLER_MODULES[name], ros_args)
+        for name, (package, executable, words) in programs.items():
+            launcher.start(name, f"{package}.{executable}_node", [*words, *ros_args])
         launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
         if self.standby:
             renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
@@ -113,7 +111,11 @@ class WeldGraph:
             },
             "fsw_supervisor": {"controller": names[0]},
             "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
-            "fsw_recorder": {"output": str(self.bag), "scenario": str(scenario_file)},
+            "fsw_recorder": {
+                "output": str(self.bag),
+                "scenario": str(scenario_file),
+                **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
+            },
         }
         for name in names:
             nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}

@@ -14,6 +14,7 @@ from fsw_plant.event_schema import (
     DURATION_S,
     FAULT_DELAY_S,
     FAULT_MAGNITUDE,
+    WITH_MAGNITUDE,
 )
 from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
 
@@ -35,6 +36,7 @@ __all__ = [
     "WELD_RATE_DEPTH_MM_PER_S",
     "WELD_RATE_TEMPERATURE_C_PER_S",
     "WELD_SPEED_MM_PER_MIN",
+    "WITH_MAGNITUDE",
     "Range",
 ]
 

@@ -13,22 +13,26 @@ from collections.abc import Sequence
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
-from sensor_msgs.msg import Temperature
 from std_msgs.msg import String
 
 from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
+from fsw_control.message_synchronizer import StampFilter
+from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.node_main_ros import run
+from fsw_control.parameters import load as load_parameters
 from fsw_control.parameters_ros import declare
-from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_control.references_ros import reference_queue, subscribe_sent
+from fsw_control.topics_ros import LATCHED, LATEST, STREAM, subscribe_sensors
 from fsw_experiment.closed_loop import start_reference
 from fsw_experiment.scenario_file import load
 from fsw_experiment.timeline import announced, references, switches
 from fsw_experiment.weld_programme import PhaseMachine, State
+from fsw_experiment.weld_programme_course import Course
 from fsw_experiment.weld_programme_ros import ProgrammeServer
-from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldReference, WeldReferencePlan
+from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_plant import TICK_NS
 
 #: References are sent ahead with their time in the stamp, so that none comes late however fast the ticks are; half of
@@ -36,6 +40,8 @@ from fsw_plant import TICK_NS
 _AHEAD = LATCHED.depth // 2
 #: On the wall clock a reference is sent this long before it holds, whichever machine's clock is ahead.
 _AHEAD_REAL_NS = 5_000_000_000
+#: with which this node's set-points are sent, to know them again
+_MARK = "programme {}"
 
 
 class ScenarioNode(Node):
@@ -63,14 +69,17 @@ class ScenarioNode(Node):
         self._silence_s: float = settings["silence_timeout_s"]
         self._tell_progress: bool = settings["progress"]
         self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self._all_references = references(self._scenario, start_reference(self._scenario))
-        self._references = deque(self._all_references.items())
+        self._course = Course(references(self._scenario, start_reference(self._scenario)))
+        #: what the controllers follow, by the same rule; with what this node sends
+        self._received = reference_queue(self)
+        self._mark, self._mark_heard, self._restarts = _MARK.format(0), False, 0
+        self._stamps = StampFilter(silence_s=1.0)
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._tick = 0  #: of the scenario; the process is further by what was held
         self._held = 0
-        self._told = 0
+        self._told = -self._scenario.n_ticks  # the first tick is told
         self._heard_s = self._began_s = time.monotonic()
         self.finished = False
         self.failure = ""
@@ -80,7 +89,6 @@ class ScenarioNode(Node):
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._programme: ProgrammeServer | None = None
         self._listening = False
-        self._extra_subscriptions: list[Subscription] = []
 
     def _on_watch(self) -> None:
         if not self._listening and self._controllers_listen() and self._is_alone():
@@ -116,30 +124,39 @@ class ScenarioNode(Node):
     def _begin(self) -> None:
         self._listening = True
         self._heard_s = time.monotonic()
-        _, first = self._references.popleft()
+        _, first = self._course.coming.popleft()
         if self._simulated:
             self._announce()
-        self._setpoints.publish(convert.reference_message(first, 0))
+        self._send(first, 0)
         if self._simulated:
             self._send_ahead()
         if self._scenario.phases:
             machine = PhaseMachine(self._scenario.phases)
-            self._programme = ProgrammeServer(self, machine, self._on_hold, self._on_resume)
-        self.create_subscription(ShoulderDepth, "fsw/depth", self._on_depth, STREAM)
-        # The plant counts the subscribers of every sensor; after its first tick these two are of no more use.
-        self._extra_subscriptions = [
-            self.create_subscription(SpindleTorque, "fsw/spindle_torque", lambda _: None, STREAM),
-            self.create_subscription(Temperature, "fsw/thermocouple", lambda _: None, STREAM),
-        ]
+            self._programme = ProgrammeServer(self, machine, self._course, self._in_force, self._restart)
+            subscribe_sent(self, self._received, self._on_heard)
+        subscribe_sensors(self, self._on_sample)
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
-    def _on_depth(self, message: ShoulderDepth) -> None:
-        stamp_ns = convert.stamp_ns(message.header.stamp)
+    def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
+        """Go on with the depth; the other sensors say whether a strange stamp is to be believed."""
+        before_ns = self._stamps.newest_ns
+        believed = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
+        if believed is None:
+            return
+        if believed.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
+            self.get_logger().warning("time of the measurements has jumped: the scenario goes on where it is")
+            self._first_ns += stamp_ns - before_ns - TICK_NS
+            present = self._course.programme_at(self._tick)
+            if self._course.followed:
+                self._course.resume(present, self._tick)
+                self._restart(present)
+        if "depth" in believed.samples:
+            self._on_depth(stamp_ns)
+
+    def _on_depth(self, stamp_ns: int) -> None:
         if self._first_ns is None:
             self._first_ns = TICK_NS if self._simulated else stamp_ns
             self._began_s = time.monotonic()
-            for subscription in self._extra_subscriptions:
-                self.destroy_subscription(subscription)
             if not self._simulated:
                 self._announce()
         self._heard_s = time.monotonic()
@@ -148,6 +165,11 @@ class ScenarioNode(Node):
             machine, self._stamp_ns = self._programme.machine, stamp_ns
             machine.follow(self._tick)
             self._tick, self._held = machine.tick, machine.held
+            self._received.at(stamp_ns)
+            if self._course.followed and self._mark_heard and self._received.mark != self._mark:
+                self.get_logger().warning("set-points by hand are in force: the programme's follow after a resume")
+                self._course.leave()
+                self._announce()
             self._programme.on_tick(stamp_ns)
             if machine.state in (State.HELD, State.ABORTED):
                 return
@@ -161,39 +183,50 @@ class ScenarioNode(Node):
         if self._tick >= self._scenario.n_ticks:
             self._end("")
 
-    def _on_hold(self) -> None:
-        """Keep the present set-points: one issued now voids those that were sent ahead."""
-        present = max(tick for tick in self._all_references if tick <= self._tick)
-        self._setpoints.publish(convert.reference_message(self._all_references[present], 0))
-        self._references.clear()
-        self._announce()
+    def _on_heard(self, mark: str) -> None:
+        """Note that this node's newest set-points have come back; from then on others are somebody else's."""
+        self._mark_heard = self._mark_heard or mark == self._mark
 
-    def _on_resume(self) -> None:
-        self._references.extend((tick, one) for tick, one in self._all_references.items() if tick > self._tick)
+    def _in_force(self) -> Reference:
+        """The set-points that the controllers follow now."""
+        return self._received.at(self._stamp_ns) or self._course.programme_at(self._tick)
+
+    def _restart(self, present: Reference) -> None:
+        """Send set-points that hold at once and void whatever was sent ahead, and then what is coming."""
+        self._restarts += 1
+        self._mark, self._mark_heard = _MARK.format(self._restarts), False
         self._announce()
+        self._send(present, 0)
         self._send_ahead()
+
+    def _send(self, one: Reference, stamp_ns: int) -> None:
+        message = convert.reference_message(one, stamp_ns)
+        if self._scenario.phases:
+            message.header.frame_id = self._mark
+        self._setpoints.publish(message)
 
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._references)]
+            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._course.coming)]
             self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
 
     def _time_ns(self, tick: int) -> int:
         return (tick + self._held) * TICK_NS + (0 if self._first_ns is None else self._first_ns - TICK_NS)
 
     def _send_ahead(self) -> None:
+        coming = self._course.coming
         for _ in range(_AHEAD):
-            if not self._references or self._references[0][0] > self._horizon():
+            if not coming or coming[0][0] > self._horizon():
                 return
-            tick, reference = self._references.popleft()
-            self._setpoints.publish(convert.reference_message(reference, self._time_ns(tick)))
+            tick, reference = coming.popleft()
+            self._send(reference, self._time_ns(tick))
 
     def _horizon(self) -> int:
         if not self._simulated:
             return self._tick + _AHEAD_REAL_NS // TICK_NS
         # Steps are few and all go out at the start; a ramp or a sine has a reference per tick.
-        return self._tick + _AHEAD if len(self._references) > _AHEAD else self._scenario.n_ticks
+        return self._tick + _AHEAD if len(self._course.coming) > _AHEAD else self._scenario.n_ticks
 
     def _end(self, failure: str) -> None:
         if self.finished:
@@ -231,10 +264,14 @@ def main(args: Sequence[str] | None = None) -> int:
         nodes.append(ScenarioNode(source))
         return nodes[0]
 
-    code = run(make, argv)
+    code = run(
+        make,
+        argv,
+        NodeArguments("fsw_scenario", __doc__ or "", load_parameters("fsw_experiment", "player.yaml"), "[SCENARIO]"),
+    )
     if code == 0 and nodes and nodes[0].failure:
         return 1
-    if code == 0 and not (nodes and nodes[0].finished):
+    if code == 0 and not (nodes and nodes[0].finished) and not asks_for_help(argv):
         print("scenario: ended before the scenario was over", file=sys.stderr)
     return code
 

@@ -15,7 +15,9 @@ from fsw_analysis.messages import SENSOR_FIELDS, recorded_parameters
 from fsw_analysis.set_points import HELD, SENT
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.free_domain import NoFreeDomainError, free_domain
+from fsw_control.parameters import load, load_source, validate
 from fsw_control.weld import TICK_S
+from fsw_experiment.controllers import described_in, name_of, program, variant_of
 from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_recorder.errors import BagError
 
@@ -46,9 +48,7 @@ class ShadowRun:
     folder : Path
         Gets ``bag/`` and ``log/``; must not exist.
     controller : str
-        Name of the controller.
-    module : str
-        Python module that runs it as a node.
+        Label of the controller, as of :func:`fsw_experiment.controllers.make`.
     rate : float
         Weld time per wall time.
     duration_s : float
@@ -60,10 +60,14 @@ class ShadowRun:
     bag: Path
     folder: Path
     controller: str
-    module: str
     rate: float = 5.0
     duration_s: float = 0.0
     parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the controller."""
+        return name_of(self.controller)
 
     @property
     def recorded(self) -> Path:
@@ -84,7 +88,10 @@ class ShadowRun:
         ------
         BagError
             The bag lacks what a controller needs, the folder exists, or a process fails.
+        ParameterError
+            A parameter of the controller is unknown or does not fit.
         """
+        self._own_parameters()
         missing = [name for name in _SENSORS if not weld.counts.get(name)]
         missing += [] if weld.counts.get(SENT) or weld.counts.get(HELD) else [SENT]
         if missing:
@@ -106,8 +113,9 @@ class ShadowRun:
         try:
             with free_domain() as domain, Launcher(self.folder / "log", domain) as launcher:
                 launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
-                launcher.start("controller", self.module, ros_args)
-                launcher.wait_for_text("recorder", f"subscribed to /fsw/{self.controller}/proposal")
+                package, executable, words = program(self.name)
+                launcher.start("controller", f"{package}.{executable}_node", [*words, *ros_args])
+                launcher.wait_for_text("recorder", f"subscribed to /fsw/{self.name}/proposal")
                 replay = launcher.start("replay", "fsw_recorder.replay_node", [*ros_args, *remaps])
                 launcher.wait_for_text("replay", "playing ", _PATIENCE_S)
                 begin = time.monotonic()
@@ -143,10 +151,10 @@ class ShadowRun:
             "fsw_recorder": {
                 "output": str(self.recorded.resolve()),
                 "topics": [*names, "/diagnostics"],
-                "regex": f"/fsw/{self.controller}/.*",
+                "regex": f"/fsw/{self.name}/.*",
                 "custom_data": [f"shadow_of={self.bag.name}", f"shadow_rate={self.rate:g}"],
             },
-            f"fsw_{self.controller}": {**self._recorded_parameters(weld), **self.parameters, "use_sim_time": True},
+            f"fsw_{self.name}": {**self._recorded_parameters(weld), **self._own_parameters(), "use_sim_time": True},
         }
         scenario = weld.attachments.get("scenario.yaml")
         if scenario is not None and self.folder.is_dir():
@@ -155,10 +163,16 @@ class ShadowRun:
             nodes["fsw_recorder"]["scenario"] = str(path.resolve())
         return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
+    def _own_parameters(self) -> dict[str, Any]:
+        """Parameters of the controller that are given, checked."""
+        own = {**variant_of(self.controller), **self.parameters}
+        validate(load("fsw_control", "controller.yaml") | load_source(described_in(self.controller)), own)
+        return own
+
     def _recorded_parameters(self, weld: WeldSignals) -> dict[str, Any]:
         """Parameters that the controller was recorded with; else where it has to begin."""
         try:
-            values = recorded_parameters(weld.attachments, weld.namespace, self.controller)
+            values = recorded_parameters(weld.attachments, weld.namespace, self.name)
             return {key: value for key, value in values.items() if key not in _FOREIGN}
         except BagError:
             pass  # the controller was not in the bag

@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 import fsw_decentral
 from fsw_decentral import Gains, tunings
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.outputs import add_force, check_new
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.decentral_loop import errors, noise_moves, sensitivity, simulated_sensitivity
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, nominal
@@ -269,6 +270,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--evaluations", type=_count, default=_EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write gains and figures as JSON")
+    add_force(parser)
     parsed = parser.parse_args(arguments)
     if parsed.write and parsed.model:
         parser.error("--write is for the tunings of the paper's process: leave out --model, or use --json")
@@ -294,13 +296,9 @@ def _count(text: str) -> int:
 def _run(parsed: argparse.Namespace) -> None:
     parameters = nominal()
     if parsed.model is not None:
-        try:
-            parameters = ModelParameters.from_file(parsed.model)
-        except OSError as error:
-            raise CommandError(f"cannot read model {parsed.model}: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise CommandError(f"cannot read model {parsed.model}: not a text file in UTF-8") from None
+        parameters = ModelParameters.from_file(parsed.model)
     if parsed.json is not None:
+        check_new([parsed.json], parsed.force)
         _save(parsed.json, "")  # better now than after the search
     sets = dict(tunings())
     for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else NAMES:

@@ -11,8 +11,10 @@ from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
+from fsw_control.contract import Reference
 from fsw_control.topics_ros import LATEST
 from fsw_experiment.weld_programme import PhaseMachine, State
+from fsw_experiment.weld_programme_course import Course
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import SetMode
 
@@ -29,8 +31,11 @@ class ProgrammeServer:
     ----------
     node : Node
     machine : PhaseMachine
-    on_hold, on_resume : callable
-        Called after the transition; ``on_hold`` also when the weld is aborted.
+    course : Course
+    in_force : callable
+        Set-points that hold now.
+    restart : callable
+        Sends set-points that hold at once, and what is coming of the course.
 
     Attributes
     ----------
@@ -39,30 +44,32 @@ class ProgrammeServer:
     """
 
     def __init__(
-        self, node: Node, machine: PhaseMachine, on_hold: Callable[[], object], on_resume: Callable[[], object]
+        self,
+        node: Node,
+        machine: PhaseMachine,
+        course: Course,
+        in_force: Callable[[], Reference],
+        restart: Callable[[Reference], object],
     ) -> None:
-        self._node, self.machine, self._on_hold = node, machine, on_hold
+        self._node, self.machine, self._course = node, machine, course
+        self._in_force, self._restart = in_force, restart
         self.stopped = ""
         self._asked: Future | None = None
         self._stamp_ns = 0
-        self._told: tuple[State, str] | None = None
+        self._told: tuple[object, ...] | None = None
         self._told_tick = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
-        for name, ask, then in (
-            ("hold", machine.hold, on_hold),
-            ("resume", machine.resume, on_resume),
-            ("abort", machine.abort, on_hold),  # the node asks for the safe stop at its next turn
-        ):
-            self._serve(name, ask, then)
+        self._serve("hold", self._hold)
+        self._serve("resume", self._resume)
+        self._serve("abort", self._abort)
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
-    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]], then: Callable[[], object]) -> None:
+    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]]) -> None:
         def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = ask()
             if response.success:
                 self._node.get_logger().info(f"{name}: {response.message}")
-                then()
                 self.publish(self._stamp_ns)
             else:
                 self._node.get_logger().warning(f"{name}: {response.message}")
@@ -70,9 +77,33 @@ class ProgrammeServer:
 
         self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)
 
+    def _hold(self) -> tuple[bool, str]:
+        return self._keep(*self.machine.hold())
+
+    def _abort(self) -> tuple[bool, str]:
+        return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
+
+    def _keep(self, ok: bool, words: str) -> tuple[bool, str]:
+        """Keep the set-points in force: sent now, they void what was sent ahead."""
+        if ok:
+            present = self._in_force()
+            self._course.leave()
+            self._restart(present)
+        return ok, words
+
+    def _resume(self) -> tuple[bool, str]:
+        """Go back to the programme, from a hold or from set-points by hand."""
+        by_hand = self.machine.state is State.RUNNING and not self._course.followed
+        ok, words = (True, self.machine.describe()) if by_hand else self.machine.resume()
+        if not ok:
+            return ok, words
+        present = self._in_force()
+        way = self._course.resume(present, self.machine.tick)
+        self._restart(present)
+        return ok, f"{words}; {way}"
+
     def _on_supervisor(self, message: SupervisorState) -> None:
-        if message.actual_mode == SAFE_STOP and self.machine.abort()[0]:
-            self._on_hold()
+        if message.actual_mode == SAFE_STOP and self._abort()[0]:
             self.stopped = f"safe stop by the supervisor: {message.reason}"
 
     def ask_safe_stop(self) -> None:
@@ -96,14 +127,21 @@ class ProgrammeServer:
         """Report where due."""
         self._stamp_ns = stamp_ns
         self._told_tick += 1
-        now = self.machine.progress()
-        if (now.state, now.phase) != self._told or self._told_tick >= _TICKS_PER_REPORT:
+        if self._state() != self._told or self._told_tick >= _TICKS_PER_REPORT:
             self.publish(stamp_ns)
+
+    def _state(self) -> tuple[object, ...]:
+        """What is reported at once when it changes."""
+        now = self.machine.progress()
+        return now.state, now.phase, self._course.followed, self._course.programme_at(self.machine.tick)
 
     def publish(self, stamp_ns: int) -> None:
         """Report the progress."""
         now = self.machine.progress()
-        self._told, self._told_tick = (now.state, now.phase), 0
+        planned = self._course.programme_at(self.machine.tick)
+        left = not self._course.followed
+        way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
+        self._told, self._told_tick = self._state(), 0
         self._publisher.publish(
             WeldProgress(
                 header=convert.header(stamp_ns),
@@ -112,5 +150,9 @@ class ProgrammeServer:
                 angle=radians(now.angle_deg),
                 length=units.m_from_mm(now.length_mm),
                 time_left=now.time_left_s,
+                depth=units.m_from_mm(planned.depth_mm),
+                temperature=planned.temperature_c,
+                left=left,
+                way_back=way_s,
             )
         )

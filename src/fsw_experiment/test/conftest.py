@@ -1,5 +1,6 @@
 """Fixtures of the tests of fsw_experiment."""
 
 from fsw_test_support.bags import genuine, genuine_bag, weld_bag
+from fsw_test_support.ros_graph import domain_id
 
-__all__ = ["genuine", "genuine_bag", "weld_bag"]
+__all__ = ["domain_id", "genuine", "genuine_bag", "weld_bag"]

@@ -11,6 +11,7 @@ import pytest
 from fsw_analysis.signals import load_weld
 from fsw_control.contract import Command, Measurement, Proposal, Reference
 from fsw_experiment.cli.main import main
+from fsw_experiment.controllers import KNOWN
 from fsw_experiment.shadow_run import ShadowRun
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
@@ -158,12 +159,13 @@ def test_verify(
     module = ModuleType("own_controller")
     module.Holder = Holder  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "own_controller", module)
-    assert run("verify", str(weld_bag), "--controller", "nmpc", "--class", "own_controller:Holder") == 1
+    monkeypatch.setitem(KNOWN, "nmpc", "own_controller:Holder")
+    assert run("verify", str(weld_bag), "--controller", "nmpc") == 1
     captured = capsys.readouterr()
     assert "first at tick 0" in captured.out and "no parameters of nmpc" in captured.err
     assert run("verify", str(weld_bag), "--controller", "nobody") == 1
-    assert "no proposals of nobody" in capsys.readouterr().err
-    assert run("verify", str(weld_bag), "--controller", "nmpc", "--class", "own_controller:Nothing") == 1
+    assert "nobody is not available" in capsys.readouterr().err
+    assert run("verify", str(weld_bag), "--controller", "own_controller:Nothing") == 1
     assert "not available" in capsys.readouterr().err
     assert run("verify", str(genuine / "mcap_default")) == 1
     assert "no proposals of any controller" in capsys.readouterr().err
@@ -173,7 +175,7 @@ def test_what_a_shadow_is_shown(tmp_path: Path) -> None:
     write_sample_weld(tmp_path / "weld", 20)
     signals = load_weld(tmp_path / "weld")
     for space in ("", "/hall/cell1"):
-        shadow = ShadowRun(tmp_path / "weld", tmp_path / "shadow", "decentral", "fsw_decentral.decentral_node")
+        shadow = ShadowRun(tmp_path / "weld", tmp_path / "shadow", "decentral")
         nodes = shadow.parameter_file(replace(signals, namespace=space))
         replay, recorder = (nodes[name]["ros__parameters"] for name in ("fsw_replay", "fsw_recorder"))
         assert f"{space}/fsw/reference" in replay["topics"] and "/fsw/reference" in recorder["topics"]

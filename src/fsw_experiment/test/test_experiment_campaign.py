@@ -286,6 +286,7 @@ def test_reports(folder, tmp_path, capsys):
     assert main(["campaign", "report", str(folder)]) == 0
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
+    assert "<code>temperature_c</code>" in html and "`" not in html
     assert "every change settles" in html and "while the depth is stepped" not in html  # quick has no such figures
     page = tmp_path / "page.md"
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
@@ -321,7 +322,7 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
         ("[", "not valid YAML"),
     ):
         limits.write_text(text)
-        assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits)]) == 1
+        assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits), "--force"]) == 1
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and words in error
 

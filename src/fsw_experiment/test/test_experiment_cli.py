@@ -72,11 +72,30 @@ def test_nothing_is_overwritten(capsys, tmp_path):
         ["simulate", "quick", "--parameter", "decentral.tuning"],
         ["simulate", "quick", "--parameter", "nmpc.preset=paper"],
         ["simulate", "open_loop_force_steps", "--controller", "decentral"],
+        ["simulate", "quick", "--set", "plant.model_file=/usr/bin/env"],
+        ["simulate", "quick", "--set", "plant.model_file=/dev/null"],
+        ["simulate", "quick", "--controller", "nmpc", "--parameter", "nmpc.model_file=/usr/bin/env"],
+        ["simulate", "quick", "--params-file", "/usr/bin/env"],
+        ["tune", "--model", "/usr/bin/env", "--out", "/nowhere/at/all"],
+        ["tune", "--model", "/dev/null", "--out", "/nowhere/at/all"],
+        ["identify", "--design", "--model", "/usr/bin/env"],
+        ["identify", "--design", "--drive-lag", "nan"],
+        ["identify", "--design", "--drive-lag=-1"],
+        ["simulate", "quick", "--parameter", ".tuning=tight"],
+        ["simulate", "quick", "--parameter", "decentral=tight"],
+        ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration=-5"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration", "nan"],
         ["bag", "kpi", "/nowhere/at/all"],
         ["bag", "compare", "/nowhere/at/all"],
         ["reference"],
         ["disturb", "depth", "step", "5"],
         ["disturb", "temperature", "step", "nan"],
+        ["disturb", "temperature", "step"],
+        ["disturb", "temperature", "step", "5", "--period", "3"],
+        ["disturb", "temperature", "ramp", "5"],
+        ["disturb", "temperature", "clear", "5"],
+        ["fault", "depth", "freeze", "0.1"],
         ["fault", "depth", "bias"],
         ["fault", "depth", "delay", "100"],
         ["mode", "manual"],
@@ -127,6 +146,59 @@ def test_notes_on_a_damaged_bag_leave_the_output_to_the_result(capsys, tmp_path)
     assert code == 0
     assert "note: " in error and "note: " not in printed
     assert json.loads((tmp_path / "kpi.json").read_text())
+
+
+OVERWRITING = [
+    ["model", "--events", "fig4", "--csv", "{file}"],
+    ["model", "--events", "fig4", "--csv", "{new}.csv", "--figure", "{file}.png"],
+    ["bag", "export", "{bag}", "{file}.csv"],
+    ["bag", "kpi", "{bag}", "--json", "{file}"],
+    ["bag", "compare", "{bag}", "{bag}", "--json", "{file}"],
+    ["bag", "plot", "{bag}", "--out", "{folder}"],
+    ["bag", "shadow", "{bag}", "--controller", "decentral", "--json", "{file}"],
+    ["campaign", "report", "{folder}", "--out", "{file}.md"],
+    ["identify", "{bag}", "--out", "{file}"],
+]
+
+
+@pytest.mark.parametrize("arguments", OVERWRITING, ids=" ".join)
+def test_no_file_is_replaced_without_being_told(capsys, tmp_path, arguments):
+    write_sample_weld(tmp_path / "bag", 50)
+    files = [tmp_path / name for name in ("precious", "precious.csv", "precious.png", "precious.md", "overview.png")]
+    for file in files:
+        file.write_text("x")
+    places = {"file": files[0], "new": tmp_path / "new", "bag": tmp_path / "bag", "folder": tmp_path}
+    code, _, error = run(capsys, *(word.format(**places) for word in arguments))
+    assert code == 1
+    assert "exists" in error.splitlines()[-1] and "--force" in error.splitlines()[-1]
+    assert all(file.read_text() == "x" for file in files)
+
+
+@pytest.mark.parametrize("command", ["export c", "export fmu decentral"])
+def test_an_export_is_refused_before_any_work(capsys, tmp_path, monkeypatch, command):
+    monkeypatch.setattr("fsw_experiment.cli.export.make", lambda *_: pytest.fail("the controller was made"))
+    monkeypatch.setattr("fsw_export.fmu.make", lambda *_: pytest.fail("the unit was made"))
+    for name in ("taken", "taken.fmu"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "letter").write_text("x")
+    end = ".fmu" if "fmu" in command else ""
+    for out, words in (
+        (f"taken{end}", ("holds something else", "exists already")),
+        (f"no/out{end}", ("cannot write",)),
+    ):
+        code, _, error = run(capsys, *command.split(), "--out", str(tmp_path / out))
+        assert code == 1 and any(word in error for word in words)
+
+
+def test_a_name_that_the_system_refuses(capsys, tmp_path):
+    code, _, error = run(capsys, "bag", "kpi", str(tmp_path), "--json", str(tmp_path / ("x" * 300)))
+    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_a_wrong_environment_is_told_in_one_line(capsys, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    code, _, error = run(capsys, "status", "--timeout", "0.1")
+    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1 and "ROS_DOMAIN_ID" in error
 
 
 def test_list_of_scenarios(capsys):

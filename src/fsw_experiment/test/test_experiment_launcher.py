@@ -10,7 +10,7 @@ import textwrap
 import pytest
 
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher, LaunchError
+from fsw_experiment.launcher import REFUSED, Launcher, LaunchError, Respawn
 
 pytestmark = pytest.mark.slow
 
@@ -50,6 +50,14 @@ def test_arguments_environment_and_exit_code(modules, tmp_path):
             launcher.check()
 
 
+def test_the_last_words_tell_no_progress(modules, tmp_path):
+    modules("w", "def main():\n    print('progress 1 9\\nit broke\\nprogress 2 9', flush=True)\n    return 3")
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        child = launcher.start("w", "w")
+        assert child.process.wait() == 3
+    assert child.last_words() == "it broke"
+
+
 def test_waiting_for_text_and_for_too_long(modules, tmp_path):
     modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
@@ -78,6 +86,73 @@ def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
         launcher.wait_for_text("d", "ready")
         raise RuntimeError("on purpose")
     assert not child.running
+
+
+class Kept:
+    """Processes that are started again, and a clock by hand."""
+
+    def __init__(self, launcher, *names):
+        self.launcher, self.now_s, self.told = launcher, 1000.0, []
+        self.respawn = Respawn(launcher, names, self.told.append, lambda: self.now_s)
+
+    def child(self, name):
+        return self.launcher.children[name]
+
+    def ends(self, name):
+        """Wait for its end; returns the process that comes in its place once the pause is over."""
+        ended = self.child(name)
+        ended.process.wait(60.0)
+        self.respawn.look()
+        assert self.child(name) is ended
+        self.now_s += 9.0
+        self.respawn.look()
+        return self.child(name)
+
+
+@pytest.mark.requirement("S34")
+def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, tmp_path):
+    modules("child_f", STUBBORN.format(term="signal.SIG_DFL"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        first, other = [launcher.start(name, "child_f") for name in ("f", "g")]
+        launcher.wait_for_text("f", "ready")
+        kept = Kept(launcher, "f", "g")
+        first.process.kill()
+        again = kept.ends("f")
+        launcher.wait_until(lambda: again.log.read_text().count("ready") == 2, 60.0, "the second start in the same log")
+        assert (again.running, other.running, launcher.children["g"]) == (True, True, other)
+        assert len(kept.told) == 1
+        assert "exit code -9" in kept.told[0]
+        kept.respawn.look()
+        assert launcher.children["f"] is again
+
+
+def test_what_ends_at_once_again_and_again_is_given_up(modules, tmp_path):
+    modules("child_h", "def main():\n    return 1\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("h", "child_h")
+        kept = Kept(launcher, "h")
+        starts = [kept.ends("h") for _ in range(6)]
+        assert len(set(map(id, starts))) == 5  # the sixth end was the last
+        assert "given up" in kept.told[-1]
+        assert len(kept.told) == 6
+
+
+def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
+    modules("child_i", f"def main():\n    return {REFUSED}\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("i", "child_i").process.wait()
+        kept = Kept(launcher, "i")
+        with pytest.raises(LaunchError, match=f"exit code {REFUSED}"):
+            kept.respawn.look()  # its first start
+    modules("child_j", f"import os\ndef main():\n    return {REFUSED} if os.path.exists('{tmp_path}/j') else 1\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("j", "child_j").process.wait()
+        kept = Kept(launcher, "j")
+        (tmp_path / "j").touch()
+        for _ in range(8):
+            before = kept.child("j")
+            kept.now_s += 11.0
+            assert kept.ends("j") is not before
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")

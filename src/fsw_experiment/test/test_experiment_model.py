@@ -67,7 +67,9 @@ def test_another_model_and_a_figure(tmp_path):
     events = "{duration_s: 5.0, events: [{at_s: 1.0, speed_rpm: 420}]}"
     assert run(tmp_path, events) == 0
     papers = (tmp_path / "out.csv").read_text()
-    arguments = ["--model", str(tmp_path / "model.yaml"), "--figure", str(tmp_path / "out.png")]
+    assert run(tmp_path, events) == 1
+    assert (tmp_path / "out.csv").read_text() == papers
+    arguments = ["--force", "--model", str(tmp_path / "model.yaml"), "--figure", str(tmp_path / "out.png")]
     assert run(tmp_path, events, *arguments) == 0
     assert (tmp_path / "out.csv").read_text() != papers
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
@@ -84,6 +86,9 @@ BAD = [
     ("[{at_s: -1, force_kn: 80}]", "outside 0 to"),
     ("[{at_s: 1, force_kn: strong}]", "not a number"),
     ("[{at_s: 1, force_kn: .inf}]", "outside"),
+    ("[{at_s: 1, force_kn: 1e300}]", "1e+300 is outside"),
+    (f"[{{at_s: 1, force_kn: {10**400}}}]", "outside 0 to"),
+    ("[{at_s: 2026-13-45, force_kn: 80}]", "not valid YAML"),
     ("[{at_s: 2, force_kn: 80}, {at_s: 1, force_kn: 81}]", "earlier than"),
     ("{duration_s: 1, events: [{at_s: 2, force_kn: 80}]}", "after the end at 1 s"),
     ("{duration_s: 1.05, events: []}", "multiple of 0.1 s"),
@@ -111,7 +116,7 @@ def test_bad_input_is_one_line_and_leaves_no_file(tmp_path, capsys, events, word
 def test_bad_arguments(tmp_path, capsys, arguments, words):
     (tmp_path / "out.csv").write_text("precious")
     given = [word.format(tmp=tmp_path) for word in arguments]
-    assert main(["model", "--csv", str(tmp_path / "out.csv"), *given]) == 1
+    assert main(["model", "--force", "--csv", str(tmp_path / "out.csv"), *given]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and words in error
     assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]

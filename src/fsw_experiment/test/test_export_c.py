@@ -140,7 +140,7 @@ def test_another_model_and_tuning(tmp_path):
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")
     out = tmp_path / "made"
     command = [sys.executable, "-c", "import sys; from fsw_experiment.cli.main import main; sys.exit(main())"]
-    command += ["export", "c", "--model", "model.yaml", "--parameter", "depth_aggressiveness=0.5", "--out", str(out)]
+    command += ["export", "c", "--model", "model.yaml", "--parameter", "depth_aggressiveness=0.5", "--out", out.name]
     for force, code in (([], 0), ([], 1), (["--force"], 0)):
         ran = subprocess.run([*command, *force], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert ran.returncode == code, ran.stderr

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from math import inf, isfinite, nextafter
+from math import inf, nextafter
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+_LARGEST = sys.float_info.max  # also compares with an int that no float can hold
 _POSITIVE, _NOT_NEGATIVE, _ANY = (nextafter(0.0, 1.0), inf), (0.0, inf), (-inf, inf)
 
 
@@ -83,7 +85,7 @@ class ModelParameters:
     def __post_init__(self) -> None:
         for one in fields(self):
             value, (low, high) = getattr(self, one.name), one.metadata["allowed"]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
                 raise ModelParameterError(f"model parameter {one.name!r} is {value!r}: give a finite number")
             if not low <= value <= high:
                 bounds = f"{low:g} to {high:g}" if high < inf else "> 0" if low > 0.0 else ">= 0"
@@ -116,13 +118,14 @@ class ModelParameters:
         Raises
         ------
         ModelParameterError
-            If the text is not a mapping, or a name or value is not valid.
+            If the text is not a mapping or empty, or a name or value is not valid.
         """
         try:
             data = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ModelParameterError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-        data = {} if data is None else data
+        if data is None:
+            raise ModelParameterError(f"{where}: holds no parameters; give some, e.g. dead_time_s: 2.5")
         if not isinstance(data, dict):
             raise ModelParameterError(
                 f"{where}: expected a mapping of parameter names to numbers, got {type(data).__name__}"
@@ -135,8 +138,14 @@ class ModelParameters:
 
     @classmethod
     def from_file(cls, path: str | Path) -> ModelParameters:
-        """Read a YAML file, see :meth:`from_yaml`."""
-        return cls.from_yaml(Path(path).read_text(encoding="utf-8"), str(path))
+        """Read a YAML file, see :meth:`from_yaml`; also one that cannot be read is a ModelParameterError."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise ModelParameterError(f"cannot read model {path}: {error.strerror}") from None
+        except ValueError:
+            raise ModelParameterError(f"cannot read model {path}: not a text file in UTF-8") from None
+        return cls.from_yaml(text, str(path))
 
 
 #: Where each value comes from: the equation of the paper, or chosen for this project.

@@ -39,7 +39,24 @@ def test_some_parameters_over_the_nominal_ones(tmp_path):
     parameters = ModelParameters.from_file(path)
     changed = {"copper_lag_s": 70.0, "sticking_stress_pa": 1e5, "spindle_inertia_kgm2": 2.5}
     assert asdict(parameters) == asdict(nominal()) | changed
-    assert ModelParameters.from_yaml("") == nominal()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "holds no parameters"),
+        (b"# nothing\n", "holds no parameters"),
+        (b"\x89PNG\xff\xfe", "not a text file"),
+        (b"\x00\x01", "not valid YAML"),
+    ],
+)
+def test_a_file_that_is_no_model(tmp_path, content, words):
+    path = tmp_path / "model.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ModelParameterError, match=words):
+        ModelParameters.from_file(path)
+    with pytest.raises(ModelParameterError, match="cannot read model"):
+        ModelParameters.from_file(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -52,6 +69,9 @@ def test_some_parameters_over_the_nominal_ones(tmp_path):
         ("copper_lag_s: true", "give a finite number"),
         ("copper_lag_s: .nan", "give a finite number"),
         ("copper_lag_s: nan", "give a finite number"),
+        (f"copper_lag_s: {10**400}", "give a finite number"),
+        ("copper_lag_s: 2026-13-45", "not valid YAML"),
+        ("[" * 2000, "not valid YAML"),
         ("copper_lag_s: 0", "must be > 0"),
         ("spindle_inertia_kgm2: -1", "must be >= 0"),
         ("depth_pole_slow_s: 1.0e-4", "must be larger than 'depth_pole_fast_s'"),

@@ -35,7 +35,8 @@ class NmpcController:
 
     Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C library (``kernel/``);
     this class hands data in and out. Every parameter but the model acts at runtime without a bump; another horizon or
-    solver is made in the background, while the present one works on.
+    solver is made in the background, while the present one works on. If it cannot be made, the present one stays, the
+    proposals say why, and the next change of any parameter tries again.
 
     Parameters
     ----------
@@ -43,6 +44,8 @@ class NmpcController:
         Parameters as described in ``nmpc.yaml``; what is missing has its default.
     log : callable, optional
         Gets one line that names the solver in use.
+    complain : callable, optional
+        Gets one line when another solver cannot be made; by default the same.
 
     Attributes
     ----------
@@ -56,14 +59,22 @@ class NmpcController:
     """
 
     name = "nmpc"
+    parameters, variant = ("fsw_nmpc", "nmpc.yaml"), "preset"
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
-    def __init__(self, values: Mapping[str, Any] | None = None, log: Callable[[str], object] | None = None) -> None:
+    def __init__(
+        self,
+        values: Mapping[str, Any] | None = None,
+        log: Callable[[str], object] | None = None,
+        complain: Callable[[str], object] | None = None,
+    ) -> None:
         self._log = log or (lambda text: None)
-        self._values = defaults(load("fsw_nmpc", "nmpc.yaml")) | dict(values or {})
+        self._complain = complain or self._log
+        self._values = defaults(load(*self.parameters)) | dict(values or {})
         self.settings = Settings.of(self._values)
         self._maker: threading.Thread | None = None
-        self._made: tuple[Settings, Library, Solver | None] | None = None
+        self._made: tuple[Settings, tuple[Library, Solver | None] | str] | None = None
+        self._failure = ""
         self._use(self.settings, *_make(self.settings))
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
@@ -80,38 +91,50 @@ class NmpcController:
             If the values cannot be used.
         """
         merged = self._values | dict(values)
-        new, old = Settings.of(merged), self.settings
+        new = Settings.of(merged)
         self._values, self.settings = merged, new
         self.library.configure(new.struct())
-        if _solver_key(new) != _solver_key(old):
-            self._prepare(new)
+        self._prepare()
 
     def _use(self, settings: Settings, library: Library, solver: Solver | None) -> None:
-        self.library, self.solver = library, solver
+        self.library, self.solver, self._used = library, solver, _solver_key(settings)
         self._time_s = tuple(library.horizon.time_s.tolist())
         name = solver.name if solver else "rti"
         self._log(f"solver: {name}, {settings.tuning.blocks} blocks, library {library.path.name}")
 
-    def _prepare(self, settings: Settings) -> None:
-        if self._maker is None:
-            self._maker = threading.Thread(target=self._make, args=(settings,), name="nmpc solver", daemon=True)
+    def _prepare(self) -> None:
+        """Make the solver of the settings in the background, unless it is in use."""
+        if self._maker is not None:
+            return
+        self._failure = ""
+        if _solver_key(self.settings) != self._used:
+            self._maker = threading.Thread(target=self._make, args=(self.settings,), name="nmpc solver", daemon=True)
             self._maker.start()
 
     def _make(self, settings: Settings) -> None:
-        self._made = (settings, *_make(settings))
+        try:
+            self._made = settings, _make(settings)
+        except Exception as error:
+            self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
     def _take(self) -> None:
-        """Go on with the solver that was made in the background, if it is ready."""
+        """Go on with the solver that was made in the background, if it is ready; else say why there is none."""
         if self._made is None:
             return
-        made_for, library, solver = self._made
+        made_for, made = self._made
         self._maker = self._made = None
         if _solver_key(made_for) != _solver_key(self.settings):
-            self._prepare(self.settings)
-            return
-        library.configure(self.settings.struct())
-        library.go_on_from(self.library)
-        self._use(self.settings, library, solver)
+            self._prepare()
+        elif isinstance(made, str):
+            self._failure = (
+                f"another solver cannot be made, {self._used[0]} with {self._used[1]} blocks goes on: {made}"
+            )
+            self._complain(self._failure)
+        else:
+            library, solver = made
+            library.configure(self.settings.struct())
+            library.go_on_from(self.library)
+            self._use(self.settings, library, solver)
 
     def finish_changes(self, timeout_s: float = 60.0) -> None:
         """Wait until a new solver is in use; only tests need that."""
@@ -150,7 +173,7 @@ class NmpcController:
             fate, moves, depth_mm, temperature_c = self.solver.solve(library.state.problem, moves)
             library.end(moves, depth_mm, temperature_c, fate)
         command = Command(told.force_kn, told.speed_rpm)
-        reason = self._reason(m) if told.reason else ""
+        reason = self._reason(m) if told.reason else self._failure
         if told.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
             return Proposal(command, False, reason)
         diagnosis = Diagnosis(
@@ -177,6 +200,8 @@ class NmpcController:
         if told.reason == Reason.BLIND:
             blind = ", ".join(name for bit, name in _BLIND if told.blind & bit)
             return f"no valid {blind} for {s.blind_limit_s:g} s"
+        if told.reason == Reason.OUT_OF_BOUNDS:
+            return "the applied command is more than a move outside the bounds"
         return f"solver: {FATES[told.fate]}; following the last plan ({told.bad_in_a_row} of {s.plan_reuse})"
 
     def _plan(self) -> Plan:

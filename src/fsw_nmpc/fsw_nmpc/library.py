@@ -60,6 +60,7 @@ class Reason(IntEnum):
     WAITING_FOR_REFERENCE = 2
     SOLVER_FAILED = 3
     BLIND = 4
+    OUT_OF_BOUNDS = 5
 
 
 class Tables:

@@ -17,12 +17,13 @@ from fsw_nmpc import NmpcController
 
 
 def _make(values: Mapping[str, Any]) -> NmpcController:
-    return NmpcController(values, log=get_logger("fsw_nmpc").info)
+    logger = get_logger("fsw_nmpc")
+    return NmpcController(values, logger.info, logger.error)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run_controller(_make, name=NmpcController.name, parameters=("fsw_nmpc", "nmpc.yaml"), args=args)
+    return run_controller(_make, name=NmpcController.name, parameters=NmpcController.parameters, args=args)
 
 
 if __name__ == "__main__":

@@ -40,10 +40,7 @@ class Settings:
             If a value is unknown or out of range, values contradict each other, or a file cannot be used.
         """
         v = validate(load("fsw_nmpc", "nmpc.yaml"), values)
-        try:
-            model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
-        except OSError as error:
-            raise ValueError(f"model_file: cannot read {v['model_file']}: {error.strerror}") from None
+        model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
         tuning = Tuning.preset(v["preset"], model)
         if v["tuning_file"]:
             tuning = Tuning.from_file(v["tuning_file"], tuning)

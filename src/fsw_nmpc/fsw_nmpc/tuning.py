@@ -11,6 +11,7 @@ import yaml
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, load
+from fsw_control.yaml_text import load_yaml
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.horizon import BLOCKS
 from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
@@ -220,7 +221,7 @@ class Tuning:
             If the file cannot be read or something in it is wrong; the message is one line.
         """
         try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+            content = load_yaml(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise ValueError(f"tuning_file: cannot read {path}: {error.strerror}") from None
         except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -72,7 +72,7 @@ def test_wrong_tuning_files_are_one_clear_line(tmp_path, text, words):
 def test_missing_files():
     with pytest.raises(ValueError, match="tuning_file: cannot read /nowhere"):
         Settings.of({"tuning_file": "/nowhere"})
-    with pytest.raises(ValueError, match="model_file: cannot read /nowhere"):
+    with pytest.raises(ValueError, match="cannot read model /nowhere"):
         Settings.of({"model_file": "/nowhere"})
 
 

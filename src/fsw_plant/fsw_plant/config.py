@@ -97,7 +97,5 @@ def _model(values: Mapping[str, Any]) -> ModelParameters:
     try:
         parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
         return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
-    except OSError as error:
-        raise ParameterError(f"model_file: cannot read {file}: {error.strerror}") from None
     except ModelParameterError as error:
         raise ParameterError(str(error)) from None

@@ -10,6 +10,7 @@ import yaml
 
 from fsw_control.ranges import Range
 from fsw_control.weld import TICK_S
+from fsw_control.yaml_text import NumberLoader, load_yaml
 from fsw_plant.events import (
     CHANNELS,
     DISTURBANCE_SHAPES,
@@ -38,12 +39,15 @@ FAULT_MAGNITUDE = {
     "thermocouple": ("c", Range(-1000.0, 1000.0, "degC")),
 }
 FAULT_DELAY_S = Range(0.0, MAX_DELAY_S, "s")
-_WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
+#: kinds of faults that have a magnitude
+WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
+#: a limit is still allowed when it was converted to SI and back
+_WIRE_DIGITS = 9
 #: keys that a shape needs besides its amplitude
 _NEEDED = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(NumberLoader):
     """Safe loader that refuses a key given twice."""
 
 
@@ -56,7 +60,7 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
         if key in seen:
             raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
         seen.add(key)
-    return yaml.SafeLoader.construct_mapping(loader, node, deep=True)
+    return NumberLoader.construct_mapping(loader, node, deep=True)
 
 
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
@@ -94,12 +98,12 @@ class Place:
     def yaml(self, text: str) -> Any:
         """Content of YAML text, in which no key is given twice."""
         try:
-            return yaml.load(text, Loader=_Loader)
+            return load_yaml(text, _Loader)
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark
             line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
             raise self.failure(f"{self.where}{line}: not valid YAML: {error.problem or 'broken'}") from None
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
+        except yaml.YAMLError as error:
             raise self.failure(f"{self.where}: not valid YAML: {' '.join(str(error).split())}") from None
 
     def keys(self, entry: Mapping[Any, Any], known: Sequence[str], required: Sequence[str] = ()) -> None:
@@ -129,7 +133,7 @@ class Place:
         value = entry.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.inside(key).error(f"is {value!r}, not a number ({allowed})")
-        complaint = allowed.complaint(float(value))
+        complaint = allowed.complaint(value)
         if complaint:
             raise self.inside(key).error(f"= {complaint}")
         return float(value)
@@ -174,8 +178,35 @@ def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
     sensor = at.choice(entry, "sensor", tuple(FAULT_MAGNITUDE))
     kind = at.choice(entry, "kind", FAULT_KINDS)
     unit, allowed = FAULT_MAGNITUDE[sensor] if kind != "delay" else ("s", FAULT_DELAY_S)
-    magnitude = (f"magnitude_{unit}",) if kind in _WITH_MAGNITUDE else ()
+    magnitude = (f"magnitude_{unit}",) if kind in WITH_MAGNITUDE else ()
     at.keys(entry, ("sensor", "kind", "duration_s", *magnitude), magnitude)
     amount = at.number(entry, magnitude[0], allowed) if magnitude else 0.0
     duration_s = at.number(entry, "duration_s", Range(0.0, DURATION_S.high, "s"), 0.0)
     return Fault(sensor, kind, amount, duration_s, at_s)
+
+
+def check_disturbance(
+    channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
+) -> None:
+    """Refuse a disturbance asked for at runtime that no scenario may hold; what its shape does not use may be anything.
+
+    Raises
+    ------
+    DisturbanceError
+        The message says what and what is allowed.
+    """
+    entry: dict[str, Any] = {"channel": channel, "shape": shape}
+    if shape != "none":
+        entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude",))[0]] = round(amplitude, _WIRE_DIGITS)
+    times = {"duration_s": duration_s, "period_s": period_s}
+    used = (*_NEEDED.get(shape, ()), *(("duration_s",) if shape == "sine" and duration_s else ()))
+    read_disturbance(entry | {key: times[key] for key in used}, Place("request", whole="disturbance"), 0.0)
+
+
+def check_fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
+    """The same for a fault."""
+    entry: dict[str, Any] = {"sensor": sensor, "kind": kind, "duration_s": duration_s}
+    if kind in WITH_MAGNITUDE:
+        unit = "s" if kind == "delay" else FAULT_MAGNITUDE.get(sensor, ("",))[0]
+        entry[f"magnitude_{unit}"] = round(magnitude, _WIRE_DIGITS)
+    read_fault(entry, Place("request", whole="fault"), 0.0)

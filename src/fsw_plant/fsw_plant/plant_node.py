@@ -18,6 +18,7 @@ from sensor_msgs.msg import Temperature
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
@@ -30,6 +31,7 @@ from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
+from fsw_plant.event_schema import check_disturbance, check_fault
 from fsw_plant.events import DisturbanceError
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tick_stamps import TickStamps
@@ -269,7 +271,9 @@ class PlantNode(Node):
     ) -> SetDisturbance.Response:
         def act() -> str:
             amplitude = FROM_WIRE.get(request.channel, float)(request.amplitude)
-            self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
+            asked = (request.channel, request.shape, amplitude, request.duration, request.period)
+            check_disturbance(*asked)
+            self._plant.set_disturbance(*asked)
             return f"{request.channel}: {request.shape} from the next tick on"
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
@@ -279,6 +283,7 @@ class PlantNode(Node):
         def act() -> str:
             in_metres = request.sensor == "depth" and request.kind != "delay"
             magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
+            check_fault(request.sensor, request.kind, magnitude, request.duration)
             self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
             return f"{request.sensor}: {request.kind} from the next tick on"
 
@@ -302,7 +307,7 @@ class PlantNode(Node):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(PlantNode, args)
+    return run(PlantNode, args, NodeArguments("fsw_plant", __doc__ or "", specs()))
 
 
 if __name__ == "__main__":

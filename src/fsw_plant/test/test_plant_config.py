@@ -1,13 +1,17 @@
 """Settings and schedules from data, and what is said of wrong ones."""
 
+import math
+
 import pytest
 import yaml
 
 from fsw_control import Limits
 from fsw_control.parameters import ParameterError
+from fsw_control.units import m_from_mm, mm_from_m, rad_s_from_rpm, rpm_from_rad_s
 from fsw_model.parameters import ORIGIN
 from fsw_plant import DisturbanceError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_plant.config import specs
+from fsw_plant.event_schema import check_disturbance, check_fault
 
 
 def test_defaults_are_those_of_the_design():
@@ -86,6 +90,34 @@ def test_wrong_events(events, words):
     with pytest.raises(DisturbanceError, match=words) as caught:
         PlantSchedule.from_yaml(yaml.safe_dump(events))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("check", "asked", "words"),
+    [
+        (check_disturbance, ("depth", "step", 1e9), "amplitude_mm = 1e+09 is outside -1 to 1 mm"),
+        (check_disturbance, ("depth", "step", math.nan), "nan is outside"),
+        (check_disturbance, ("temperature", "ramp", 5.0, 0.0), "duration_s = 0 is outside"),
+        (check_disturbance, ("temperature", "sine", 5.0, 0.0, 1e9), "period_s = 1e+09 is outside"),
+        (check_disturbance, ("nose", "step", 1.0), "is 'nose'; one of depth"),
+        (check_disturbance, ("depth", "jump", 1.0), "is 'jump'; one of step"),
+        (check_fault, ("depth", "bias", 1e9), "magnitude_mm = 1e+09 is outside -5 to 5 mm"),
+        (check_fault, ("depth", "delay", 61.0), "magnitude_s = 61 is outside 0 to 60 s"),
+        (check_fault, ("depth", "freeze", 0.0, -1.0), "duration_s = -1 is outside"),
+        (check_fault, ("nose", "bias", 1.0), "is 'nose'; one of depth"),
+    ],
+)
+def test_what_is_asked_for_at_runtime_is_held_to_the_ranges_of_scenarios(check, asked, words):
+    with pytest.raises(DisturbanceError) as caught:
+        check(*asked)
+    assert words in str(caught.value)
+
+
+def test_limits_survive_the_wire_and_unused_fields_are_free():
+    check_disturbance("spindle_speed", "step", rpm_from_rad_s(rad_s_from_rpm(-100.0)))
+    check_disturbance("depth", "step", mm_from_m(m_from_mm(1.0)), duration_s=7.0, period_s=math.inf)
+    check_disturbance("depth", "none", 1e9)
+    check_fault("thermocouple", "freeze", 1e9)
 
 
 SCENARIO = """

@@ -17,6 +17,7 @@ from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_test_support.ros_graph import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
@@ -133,6 +134,7 @@ def test_use_sim_time_means_that_the_plant_makes_it(graph):
     assert peer.stamps("depth")[:3] == [TICK_NS, 2 * TICK_NS, 3 * TICK_NS]
 
 
+@pytest.mark.requirement("S10")
 def test_watchdog_holds_and_ramps_and_a_command_ends_it(graph):
     peer = graph.start(speed=50.0, noise="false")
     graph.until(lambda: peer.got["depth"])
@@ -162,7 +164,9 @@ def test_disturbance_and_fault_services(graph):
     assert graph.call(disturb, speed).ok
     graph.until(lambda: peer.got["truth"][-1].speed_disturbance == pytest.approx(1.0))
     answer = graph.call(disturb, SetDisturbance.Request(channel="traverse", shape="step", amplitude=1.0))
-    assert not answer.ok and answer.message.startswith("refused: disturbance channel 'traverse' is none of depth")
+    assert not answer.ok and answer.message.startswith("refused: ") and "'traverse'; one of depth" in answer.message
+    answer = graph.call(disturb, SetDisturbance.Request(channel="depth", shape="step", amplitude=1e6))
+    assert not answer.ok and "outside -1 to 1 mm" in answer.message
     assert graph.call(disturb, SetDisturbance.Request(channel="depth", shape="none")).ok
     graph.until(lambda: peer.got["truth"][-1].depth_disturbance == 0.0)
 
@@ -172,7 +176,9 @@ def test_disturbance_and_fault_services(graph):
     assert graph.call(fault, SetFault.Request(sensor="thermocouple", kind="nan")).ok
     graph.until(lambda: math.isnan(peer.got["temperature"][-1].temperature))
     answer = graph.call(fault, SetFault.Request(sensor="depth", kind="odd"))
-    assert not answer.ok and "fault kind 'odd' is none of freeze" in answer.message
+    assert not answer.ok and "'odd'; one of freeze" in answer.message
+    answer = graph.call(fault, SetFault.Request(sensor="depth", kind="bias", magnitude=1e6))
+    assert not answer.ok and "outside -5 to 5 mm" in answer.message
     graph.until(lambda: (report := peer.report("sensors")) and "thermocouple:nan" in report.message)
 
 
@@ -204,6 +210,7 @@ def test_first_tick_waits_for_subscribers(graph):
     assert all(message.header.stamp.nanosec == TICK_NS for message in second)
 
 
+@pytest.mark.requirement("S11")
 def test_with_two_publishers_of_commands_only_known_sources_are_obeyed(graph):
     peer = graph.start(speed=50.0, noise="false")
     states = peer.node.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
@@ -261,9 +268,9 @@ def test_second_plant_is_refused(graph):
     from fsw_plant.plant_node import PlantNode
 
     graph.start(speed=0.0, discovery_s=0.3)  # lockstep: silent but alive
-    ended = run_plant(graph, "discovery_s:=0.3")
+    ended = run_plant(graph, "discovery_s:=10.0")  # ends as soon as it hears the other's report or a repeated tick
     assert ended.returncode == 2
-    assert "a plant runs already on /fsw/depth of domain" in ended.stderr and ended.stderr.count("\n") == 1
+    assert f"/fsw/depth of domain {graph.domain}" in ended.stderr and ended.stderr.count("\n") == 1
     assert issubclass(AnotherPlantError, RuntimeError) and PlantNode is type(graph.plant)
 
 
@@ -281,7 +288,7 @@ def run_plant(graph, *parameters):
     try:
         if graph.plant is not None:
             graph.until(lambda: process.poll() is not None)
-        out, err = process.communicate(timeout=20.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
     return subprocess.CompletedProcess(process.args, process.returncode, out, err)

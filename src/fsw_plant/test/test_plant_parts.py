@@ -141,6 +141,7 @@ def drive_watchdog(dog, force, ticks):
     return history
 
 
+@pytest.mark.requirement("S10")
 def test_watchdog_holds_then_ramps_to_the_safe_force():
     dog = Watchdog(DEFAULTS)
     dog.feed()
@@ -155,12 +156,14 @@ def test_watchdog_holds_then_ramps_to_the_safe_force():
     assert drive_watchdog(dog, 65.0, 1) == [(WatchdogState.OK, 65.0)]
 
 
+@pytest.mark.requirement("S10")
 def test_watchdog_does_not_raise_a_low_force():
     dog = Watchdog(DEFAULTS)
     dog.feed()
     assert drive_watchdog(dog, 61.0, 100)[-1] == (WatchdogState.SAFE, 61.0)
 
 
+@pytest.mark.requirement("S10")
 def test_watchdog_before_the_first_command():
     assert drive_watchdog(Watchdog(DEFAULTS), 78.4, 100)[-1] == (WatchdogState.HOLD, 78.4)
     armed = PlantConfig.from_values({"watchdog.armed_at_start": True})
@@ -175,6 +178,7 @@ GOOD = Command(78.4, 407.0)
 NOW = 50 * TICK_NS
 
 
+@pytest.mark.requirement("S4")
 @pytest.mark.parametrize(
     "command, stamp, source, healthy, reason",
     [

@@ -2,6 +2,18 @@
 
 Pure: no middleware, every time is handed in (steady seconds), every input is a method, and what has to be sent
 comes back as a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
+
+What always holds:
+
+- Each tick gets one command, or is counted as lost: before the first command, and in a gap.
+- Each command is finite, inside the limits and one move at most from the command in force; after a start or a gap,
+  from where the drives are.
+- While an interlock is tripped the mode is safe stop, from the tick's judgement on: interlocks act by level. A safe
+  stop is left only by the operator, with valid sensors, after an acknowledgement that no cause has followed. A restart
+  goes on with it.
+- Nothing without control lasts for ever: start, hold and manual with an invalid sensor have time-outs that lead to
+  safe stop.
+- Each request is answered once, with the reason if it is refused.
 """
 
 from __future__ import annotations
@@ -146,9 +158,12 @@ class Arbiter:
         self.registry.take(name, proposal, self.tick, now_s)
         return self._decide()
 
-    def on_status(self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float) -> list[Decision]:
-        """Take what a controller declares of itself."""
+    def on_status(
+        self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float, applied_source: str = ""
+    ) -> list[Decision]:
+        """Take what a controller declares of itself, and whose command it has seen applied last."""
         self._pass_time(now_s)
+        self.hear_source(applied_source)
         if self.registry.hear_status(name, tolerated_sensors):
             self._start.hear_status(name, selected)
         return self._decide()
@@ -168,10 +183,19 @@ class Arbiter:
         if self.watch.is_own(stamp_ns, source, command):
             return True
         self._start.hear_command(command)
+        self.hear_source(source)
         if self.watch.note_foreign(self._now_s, self.machine.tick):
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
         return False
+
+    def hear_source(self, source: str) -> None:
+        """Take whose command is in force, as others have seen it: a safe stop outlives the supervisor that began it.
+
+        Before the first command, sent here or by a leader, that can only be one of the supervisor before.
+        """
+        if source == Mode.SAFE_STOP and self.last is None:
+            self.machine.fire(Trigger.RESTARTED, "a safe stop was in force before the restart", "start")
 
     # ---------------------------------------------------------------- leader and standby
 
@@ -188,7 +212,9 @@ class Arbiter:
             self.tick.answered, self.tick.decision = True, None
         elif self.tick is not None:
             self.tick.before = applied
-        self.machine.mirror(source)
+        if not self.safety.tripped:
+            # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader has missed.
+            self.machine.mirror(source)
 
     def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
         """On standby: take over what the operator has asked the leader for, and who is inhibited there and why."""
@@ -275,7 +301,7 @@ class Arbiter:
         if back:
             self.machine.log(Level.WARN, "clock", "time went back: counting on from there")
             self.safety.forget_time()
-            self.registry.forget_time()
+            self.registry.forget_time(stamp_ns)
         self._start.begin(now_s)
         self._silent = False
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
@@ -286,6 +312,8 @@ class Arbiter:
         if gap:
             self._interrupt("measurements are back after a gap")
         self._change_between_ticks()
+        # Before any proposal to it, so that it does not matter which comes first.
+        self.tick.ready = self.registry.all_ready()
         self.registry.take_early(self.tick, now_s)
 
     def _end(self, tick: Tick, gap: bool) -> None:
@@ -297,6 +325,9 @@ class Arbiter:
             tick.stalled = True
             self._advance(final=True)
         self.registry.close(tick)
+        if not self.foreign_writer:
+            # Only now, so that it does not depend on what of the tick has come first.
+            self._start.learn_offset(tick, self.settings.limits)
 
     def _interrupt(self, reason: str) -> None:
         """The plant or this process was away: whatever acts now must be found out again."""
@@ -314,13 +345,29 @@ class Arbiter:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
                 machine.fire(Trigger.CONTROLLER_BACK, f"{name} is ready again", "failover", name)
-            elif machine.ticks_in_mode >= settings.ticks(settings.hold_timeout_s):
-                text = f"held for {settings.hold_timeout_s:g} s: {machine.reason}"
-                machine.fire(Trigger.HOLD_TIMEOUT, text, "failover")
         elif machine.mode is Mode.AUTO and settings.return_to_target and machine.active != machine.target:
             name = machine.target
             if not self.operator.waiting and not self.registry.why_not_ready(name) and not machine.storming():
                 machine.swap(name, f"{name} is ready again", "failover", automatic=True)
+        self._time_out()
+
+    def _time_out(self) -> None:
+        """Neither start, hold nor a blind manual mode lasts for ever: the force acts, nothing controls the process."""
+        machine, settings = self.machine, self.machine.settings
+        ticks, why = machine.ticks_in_mode, machine.reason
+        if machine.mode is Mode.START:
+            trigger, limit_s = Trigger.START_TIMEOUT, settings.start_timeout_s
+        elif machine.mode is Mode.HOLD:
+            asked_for = machine.target_mode is not Mode.AUTO
+            trigger = Trigger.HOLD_TIMEOUT
+            limit_s = settings.operator_hold_timeout_s if asked_for else settings.hold_timeout_s
+        elif machine.mode is Mode.MANUAL:
+            trigger, limit_s = Trigger.BLIND_TIMEOUT, settings.operator_hold_timeout_s
+            ticks, why = min(ticks, self.safety.blind_ticks), self.safety.blind
+        else:
+            return
+        if ticks >= settings.ticks(limit_s):
+            machine.fire(trigger, f"{machine.mode} for {limit_s:g} s: {why}", "failover")
 
     # ---------------------------------------------------------------- decisions
 

@@ -47,8 +47,6 @@ class Arbitration:
             return
         if not tick.judged:
             self.safety.judge(tick, self.start.acting(tick, self.safety.hold_s))
-            if not self.watch.seen_lately(now_s):
-                self.start.learn_offset(tick, self.machine.settings.limits)
         if tick.answered:
             tick.decide()
             return
@@ -110,6 +108,7 @@ class Arbitration:
     def _begin_from(self, tick: Tick, found: Command, origin: str) -> Command:
         applied = tick.before = self.machine.settings.limits.clip(found, None)
         self.start.begin_from(applied)
+        self.registry.check_again(tick)
         text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
         self.machine.log(Level.INFO, "start", text)
         return applied
@@ -150,7 +149,7 @@ class Arbitration:
                 machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
                 return
             # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
-            substitute = "" if start.was_active else self._patient_substitute()
+            substitute = "" if start.was_active else self._patient_substitute(tick)
             if substitute:
                 machine.fire(Trigger.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
                 return
@@ -174,13 +173,15 @@ class Arbitration:
         applied = self._begin_from(tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}")
         tick.candidates[name] = check(name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits)
 
-    def _patient_substitute(self) -> str:
+    def _patient_substitute(self, tick: Tick) -> str:
         """Fallback that has proposed well for so long that the configured controller need not be waited for."""
         settings = self.machine.settings
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
             record = self.registry.get(name)
-            if record is not None and record.consecutive_good > patience and not self.registry.why_not_ready(name):
+            if record is None or name not in tick.ready or self.registry.why_not_ready(name):
+                continue
+            if record.consecutive_good - (name in tick.candidates) >= patience:
                 return name
         return ""
 
@@ -239,7 +240,7 @@ class Arbitration:
             machine.fire(Trigger.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
-            if name == machine.active or self.registry.why_not_ready(name):
+            if name == machine.active or name not in tick.ready or self.registry.blind(name):
                 continue
             candidate = tick.candidates.get(name)
             if candidate is None and self.lockstep and final and not (tick.extended or tick.stalled):

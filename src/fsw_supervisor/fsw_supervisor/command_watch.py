@@ -11,6 +11,12 @@ from fsw_supervisor.tick import Decision, Tick, same
 
 #: for so long a foreign command is remembered [s]
 _FOREIGN_S = 5.0
+#: ticks for which drives and command must agree before it is believed that the drives follow (chosen)
+_SURE_TICKS = 3
+#: fastest drift of a push per tick, in moves: a quarter of the safe ramp (chosen)
+_DRIFT = 0.05
+#: largest push, in moves; what is further off is no push (chosen)
+_LARGEST_PUSH = 10.0
 
 
 class CommandWatch:
@@ -46,6 +52,59 @@ class CommandWatch:
         return self._foreign_s is not None and now_s - self._foreign_s <= _FOREIGN_S
 
 
+class Push:
+    """What moves one drive besides its command (kN or rpm): a load cell sees a disturbance, too.
+
+    It must be told from a command that the machine does not obey: a PLC that ramps down by itself, a drive that stands
+    still. So a difference between drive and command is taken for a push only where the drive has followed the command:
+    if the difference set in from one tick to the next by more than any command or safe ramp moves, and has stayed; or
+    if it has drifted more slowly than a safe ramp. Otherwise control begins again where the drive is; so it does if
+    the drive has not followed since the gap before, as after a takeover that was refused.
+    """
+
+    def __init__(self) -> None:
+        self.value = 0.0  #: that is taken off what the drive reports
+        self._push = 0.0
+        self._before: float | None = None
+        self._candidate = 0.0
+        self._stays = 0
+        self._follows = 0
+
+    def learn(self, difference: float | None, move: float) -> None:
+        """Take the difference of drive and command at a tick (None: unknown); up to ``move`` it may be under way."""
+        before, self._before = self._before, difference
+        if difference is None:
+            self._stays = 0
+            return
+        off = difference - self._push
+        if abs(off) > move:
+            jumped = self._follows and before is not None and abs(difference - before) > move
+            self._follows = 0
+            if not self._lasts(difference, jumped, move):
+                return
+            off, self._push, self._follows = 0.0, difference, _SURE_TICKS
+        if abs(off) <= move / 2.0:
+            drift = _DRIFT * move
+            self._push += min(max(off, -drift), drift)
+        self._follows, self._stays = self._follows + 1, 0
+        self.value = self._push if abs(self._push) > move else 0.0
+
+    def _lasts(self, difference: float, jumped: object, move: float) -> bool:
+        """Whether a difference that set in at once has stayed for long enough."""
+        if jumped:
+            self._candidate, self._stays = difference, 1
+        elif self._stays and abs(difference - self._candidate) <= move / 2.0:
+            self._stays += 1
+        else:
+            self._stays = 0
+        return self._stays >= _SURE_TICKS and abs(difference) <= _LARGEST_PUSH * move
+
+    def interrupt(self) -> None:
+        """At a gap: keep only what the drive has shown to hold since the gap before."""
+        self._push = self.value = self.value if self._follows >= _SURE_TICKS else 0.0
+        self._before, self._stays, self._follows = None, 0, 0
+
+
 class BumplessStart:
     """The command in force, and after a start or a gap all that helps to find it out.
 
@@ -60,7 +119,8 @@ class BumplessStart:
         self.seen: Command | None = None  #: last command known from before
         self._started_s: float | None = None
         self._drives: tuple[int, Command] | None = None
-        self._offset = Command(0.0, 0.0)
+        self._force_push, self._speed_push = Push(), Push()
+        self._just_begun = False
 
     def begin(self, now_s: float) -> None:
         """Note that measurements come; the time to listen counts from the first."""
@@ -73,7 +133,7 @@ class BumplessStart:
 
     def begin_from(self, found: Command) -> None:
         """Take the command that was found to be in force; none has been sent yet."""
-        self.applied = found
+        self.applied, self._just_begun = found, True
 
     def forget_applied(self) -> None:
         """Find out again which command is in force."""
@@ -85,6 +145,8 @@ class BumplessStart:
 
     def interrupt(self, active: str) -> None:
         """Keep the own state for later at a gap in the measurements: what acts must be found out again."""
+        for push in (self._force_push, self._speed_push):
+            push.interrupt()
         self.asking, self.was_active = False, active or self.was_active
         self.seen, self.applied = self.applied or self.seen, None
 
@@ -114,16 +176,19 @@ class BumplessStart:
         return self._started_s + wait_s if self.asking and self._started_s is not None else None
 
     def learn_offset(self, tick: Tick, limits: Limits) -> None:
-        """Learn what pushes besides the command; up to one move it may as well be a command on its way."""
-        if tick.drives is not None and tick.before is not None:
-            self._offset = Command(
-                _more_than(limits.force_step_kn, tick.drives.force_kn - tick.before.force_kn),
-                _more_than(limits.speed_step_rpm, tick.drives.speed_rpm - tick.before.speed_rpm),
-            )
+        """Learn what pushes besides the command."""
+        drives, before = tick.drives, tick.before
+        if drives is None or before is None or self._just_begun:  # where control has just begun, the two agree anyway
+            self._force_push.learn(None, limits.force_step_kn)
+            self._speed_push.learn(None, limits.speed_step_rpm)
+        else:
+            self._force_push.learn(drives.force_kn - before.force_kn, limits.force_step_kn)
+            self._speed_push.learn(drives.speed_rpm - before.speed_rpm, limits.speed_step_rpm)
+        self._just_begun = False
 
     def commanded(self, drives: Command) -> Command:
         """The command that the drives obey when they report ``drives``: a load cell sees everything that pushes."""
-        return Command(drives.force_kn - self._offset.force_kn, drives.speed_rpm - self._offset.speed_rpm)
+        return Command(drives.force_kn - self._force_push.value, drives.speed_rpm - self._speed_push.value)
 
     def acting(self, tick: Tick, hold_s: float) -> Command | None:
         """Force and speed that act: as the drives report, or have reported within ``hold_s``; else as commanded."""
@@ -131,7 +196,3 @@ class BumplessStart:
             return tick.drives or self.applied
         stamp_ns, feedback = self._drives
         return feedback if 0 <= tick.stamp_ns - stamp_ns <= round(hold_s * NANOSECONDS) else self.applied
-
-
-def _more_than(move: float, difference: float) -> float:
-    return difference if abs(difference) > move else 0.0

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from fsw_control.contract import SENSORS
+from fsw_control.message_synchronizer import JUMP_NS
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import Level, Machine
 from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
@@ -104,6 +105,10 @@ class ControllerRegistry:
         needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
         return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
 
+    def all_ready(self) -> frozenset[str]:
+        """Controllers that may be selected now."""
+        return frozenset(name for name in self._records if not self.why_not_ready(name))
+
     def first_ready(self) -> str:
         """First controller that may be selected: the target, then the fallback list; empty if none."""
         names = (self._machine.target, *self._machine.settings.fallbacks)
@@ -149,12 +154,12 @@ class ControllerRegistry:
 
     # ---------------------------------------------------------------- candidate commands
 
-    def forget_time(self) -> None:
-        """The clock went back: stamps seen before mean nothing any more."""
+    def forget_time(self, stamp_ns: int) -> None:
+        """The clock went back to ``stamp_ns``: other stamps seen before mean nothing any more."""
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
-            record.early.clear()
+            record.early = {stamp: item for stamp, item in record.early.items() if stamp == stamp_ns}
 
     def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
         """Take a proposal of ``name``: to the present tick, to one that is over, or to one that has not begun here."""
@@ -162,10 +167,12 @@ class ControllerRegistry:
         record = self.get(name)
         if record is None:
             return
-        if tick is None or proposal.stamp_ns > tick.stamp_ns:
+        # What answers a time far back is perhaps of a clock that has gone back, and the measurement comes later.
+        far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
+        if tick is None or proposal.stamp_ns > tick.stamp_ns or (far_back and proposal.stamp_ns not in self._past):
             record.early.setdefault(proposal.stamp_ns, proposal)
             if len(record.early) > _KEPT_EARLY:
-                del record.early[min(record.early)]
+                del record.early[next(iter(record.early))]
         elif proposal.stamp_ns == tick.stamp_ns:
             self._take_present(record, proposal, tick, now_s)
         else:
@@ -178,6 +185,15 @@ class ControllerRegistry:
             record.early = {stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns}
             if early is not None:
                 self._take_present(record, early, tick, now_s)
+
+    def check_again(self, tick: Tick) -> None:
+        """Check the candidates that came before it was known what is applied."""
+        for name, candidate in tick.candidates.items():
+            if not candidate.refusal:
+                checked = self._check(self._records[name], ProposalInput(tick.stamp_ns, name, candidate.command), tick)
+                if checked.refusal:
+                    tick.candidates[name] = checked
+                    self._enter(self._records[name], checked)
 
     def close(self, tick: Tick) -> None:
         """Close the books of a tick: who answered and who did not."""

@@ -123,6 +123,7 @@ class Failover:
         self._heard_term = max(self._heard_term, term)
         if age_ns < 0:
             # Its measurement has not come here yet.
+            self._arbiter.hear_source(source)
             self._early = (stamp_ns, source, command)
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)

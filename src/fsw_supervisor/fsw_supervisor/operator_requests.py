@@ -94,6 +94,10 @@ class OperatorRequests:
         if mode not in OPERATOR_TRIGGERS:
             return False, f"refused: unknown mode {mode[:40]!r}; known: {', '.join(OPERATOR_TRIGGERS)}"
         wanted = Mode(mode)
+        if wanted is not Mode.SAFE_STOP and (why_stop := self._why_stop()):
+            return False, f"refused: {why_stop}"
+        if wanted is not Mode.SAFE_STOP and machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
+            return False, "refused: the safe stop is not acknowledged: call fsw/acknowledge"
         if wanted is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.limits)
@@ -101,19 +105,41 @@ class OperatorRequests:
                 return False, f"refused: {refused.words}"
             self.manual = manual
         if wanted is Mode.AUTO:
-            if self.safety.tripped:
-                return False, f"refused: interlock {', '.join(self.safety.tripped)} is tripped"
             self.registry.readmit_all(who)
             controller = machine.active or self.registry.first_ready()
             if not controller:
                 return False, f"refused: {self.registry.why_not_ready(machine.target)}"
         machine.want(mode=wanted)
         if wanted is machine.mode:
+            machine.renew()
             return True, f"{wanted} already"
         if wanted is not Mode.AUTO:
             self.drop(f"refused: the mode has become {wanted}")
         machine.fire(OPERATOR_TRIGGERS[wanted], f"{who} asked for {wanted}", who, controller)
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
+
+    def acknowledge(self, who: str) -> tuple[bool, str]:
+        """Acknowledge the safe stop, so that it may be left; returns whether, and why in words.
+
+        Refused while a cause is there, or a sensor is invalid that could show it. Either voids it later, and so does
+        another safe stop.
+        """
+        if self.machine.mode is not Mode.SAFE_STOP:
+            return False, "refused: there is no safe stop to acknowledge"
+        if why_stop := self._why_stop():
+            message = f"refused: {why_stop}"
+            self.machine.log(Level.WARN, who, f"acknowledge: {message}")
+            return False, message
+        self.machine.acknowledge(who)
+        return True, "acknowledged: ask for the mode to go on with"
+
+    def _why_stop(self) -> str:
+        """Why the mode must be, or must stay, a safe stop; empty when it need not."""
+        if self.safety.tripped:
+            return f"the cause is still there: {self.safety.causes}"
+        if self.machine.mode is Mode.SAFE_STOP and self.safety.blind:
+            return f"{self.safety.blind}: whether the cause is gone cannot be judged"
+        return ""
 
     def keep(self, applied: Command | None) -> None:
         """Let the manual mode of a standby that leads from now on go on with the command in force."""

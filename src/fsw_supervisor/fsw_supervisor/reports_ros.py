@@ -68,6 +68,7 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
         interlocks=list(arbiter.safety.active),
+        acknowledged=machine.acknowledged,
     )
     message.header.stamp, message.header.frame_id = now, token
     if arbiter.last is not None:

@@ -12,7 +12,7 @@ from fsw_control.contract import SENSORS, Command
 from fsw_control.parameters import defaults, load
 from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import SensorGuard, sensor_limits
-from fsw_supervisor.state_machine import Level, Machine, Trigger
+from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Tick
 
 
@@ -24,6 +24,7 @@ class Severity(StrEnum):
     TRIP = "trip"
 
 
+_ORDER = tuple(Severity)
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 #: by interlock, the value that it watches
 _QUANTITIES = {
@@ -34,6 +35,8 @@ _QUANTITIES = {
     "torque_high": "torque_nm",
     "power_high": "power_kw",
 }
+#: by value, the sensor that it needs
+_SENSOR = {"temperature_c": "thermocouple", "depth_mm": "depth", "torque_nm": "torque", "power_kw": "torque"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +89,15 @@ class SafetyMonitor:
 
     def __init__(self, machine: Machine) -> None:
         self.invalid_sensors: tuple[str, ...] = ()  #: those that may not be used at present
+        self.blind_ticks = 0  #: ticks in a row with one of them: each is needed by an interlock
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self._machine = machine
         self._guard = SensorGuard()
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
-        self._worse = dict.fromkeys(_QUANTITIES, 0)
+        self._runs = {name: dict.fromkeys(_ORDER, 0) for name in _QUANTITIES}
+        self._leaving = dict.fromkeys(_QUANTITIES, 0)
+        self._causes = dict.fromkeys(_QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Judge by the node's parameters from now on, without forgetting."""
@@ -119,13 +125,24 @@ class SafetyMonitor:
         """Names of the tripped interlocks."""
         return tuple(name for name, level in self._levels.items() if level is Severity.TRIP)
 
+    @property
+    def causes(self) -> str:
+        """The tripped interlocks with the values at which they tripped, in words."""
+        return "; ".join(self._causes[name] for name in self.tripped)
+
+    @property
+    def blind(self) -> str:
+        """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
+        return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in self.invalid_sensors)
+
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick, and fire the interlocks that trip; ``acting``: force and speed that act."""
+        """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = True
         tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
+        self.blind_ticks = self.blind_ticks + 1 if self.invalid_sensors else 0
         for name in self.invalid_sensors:
             if name not in before:
                 self._machine.log(Level.WARN, "sensors", f"sensor {name} is invalid: {reasons[name]}")
@@ -139,29 +156,47 @@ class SafetyMonitor:
                 "temperature_c": measurement.temperature_c,
                 "force_kn": measurement.force_kn,
                 "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
-            }
+            },
+            measurement.held,
         )
+        if self.invalid_sensors and self._machine.acknowledged:
+            self._machine.renew()  # from now on nobody can tell whether a cause is there
 
-    def watch(self, values: Mapping[str, float]) -> None:
+    def watch(self, values: Mapping[str, float], held: tuple[str, ...] = ()) -> None:
         """Hold values by quantity against the interlocks; one that is absent or not finite changes nothing.
 
-        A worse level must last ``interlocks.persistence_ticks`` before it is believed: a spike is no trip.
+        A level is believed when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
+        spike is no trip. A trip is gone after as many values without it, not counting those of sensors that are
+        ``held``: a single one does not free a safe stop. It acts for as long as it is there, in every mode and not
+        only when it begins.
         """
-        order = list(Severity)
         for item in self._interlocks:
-            value, present = values.get(item.quantity, nan), self._levels[item.name]
-            if not isfinite(value):
-                continue
-            level = item.level(value, present)
-            if order.index(level) > order.index(present):
-                self._worse[item.name] += 1
-                if self._worse[item.name] < self._persistence_ticks:
-                    continue
-            self._worse[item.name] = 0
-            if level is present:
-                continue
-            self._levels[item.name] = level
-            text = f"{item.name} is {level}: {item.quantity} {value:.4g}"
-            self._machine.log(_LOG_LEVELS[level], "interlock", text)
-            if level is Severity.TRIP:
-                self._machine.fire(Trigger.INTERLOCK_TRIP, text, "interlock")
+            value = values.get(item.quantity, nan)
+            if isfinite(value):
+                self._judge(item, value, _SENSOR.get(item.quantity) in held)
+        if not self.tripped:
+            return
+        if self._machine.mode is Mode.SAFE_STOP:
+            if self._machine.acknowledged:
+                self._machine.renew()
+        else:
+            self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
+
+    def _judge(self, item: Interlock, value: float, is_held: bool) -> None:
+        """Find the level of one interlock."""
+        present, runs = self._levels[item.name], self._runs[item.name]
+        shown = item.level(value, present)
+        for level in _ORDER:
+            runs[level] = runs[level] + 1 if _ORDER.index(shown) >= _ORDER.index(level) else 0
+        leaves = present is Severity.TRIP and shown is not Severity.TRIP
+        self._leaving[item.name] = self._leaving[item.name] + (not is_held) if leaves else 0
+        if leaves and self._leaving[item.name] < self._persistence_ticks:
+            return
+        lasting = (level for level in _ORDER if level is present or runs[level] >= self._persistence_ticks)
+        level = min(shown, max(lasting, key=_ORDER.index), key=_ORDER.index)
+        if level is present:
+            return
+        self._levels[item.name] = level
+        text = f"{item.name} is {level}: {item.quantity} {value:.4g}"
+        self._causes[item.name] = text
+        self._machine.log(_LOG_LEVELS[level], "interlock", text)

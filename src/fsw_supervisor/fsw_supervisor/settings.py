@@ -39,7 +39,9 @@ class ArbiterSettings:
     force_transition_kn: float
     speed_transition_rpm: float
     transition_ticks: int
+    start_timeout_s: float
     hold_timeout_s: float
+    operator_hold_timeout_s: float
     storm_swaps: int
     storm_window_s: float
     switch_interval_s: float

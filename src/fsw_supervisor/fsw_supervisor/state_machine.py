@@ -1,6 +1,7 @@
 """The supervisor's state machine: modes, the transitions between them as data, and how they came about.
 
 A pair of mode and trigger that is not in ``TRANSITIONS`` changes nothing; ``scripts/draw_state_machine.py`` draws them.
+A safe stop is latched: no row leads out of it before it is acknowledged.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ class Trigger(StrEnum):
     STORM = "storm"
     CONTROLLER_BACK = "controller_back"
     HOLD_TIMEOUT = "hold_timeout"
+    START_TIMEOUT = "start_timeout"
+    BLIND_TIMEOUT = "blind_timeout"
+    RESTARTED = "restarted"
     INTERLOCK_TRIP = "interlock_trip"
 
 
@@ -62,19 +66,25 @@ def _but(mode: Mode) -> tuple[Mode, ...]:
     return tuple(item for item in Mode if item is not mode)
 
 
+_FREE = "operator, who has acknowledged a safe_stop"
+_BEFORE = "before its first command: a safe_stop was in force"
+
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
     Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the controller that was active is silent"),
     Transition(Mode.AUTO, Trigger.INTERRUPTED, Mode.START, "measurements are back after a gap"),
-    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, "operator, a controller is ready") for m in _but(Mode.AUTO)),
-    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, "operator, values in limits") for m in _but(Mode.MANUAL)),
-    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, "operator") for m in _but(Mode.HOLD)),
+    *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready") for m in _but(Mode.AUTO)),
+    *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits") for m in _but(Mode.MANUAL)),
+    *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
     *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
     Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no controller left that may be applied"),
     Transition(Mode.AUTO, Trigger.STORM, Mode.HOLD, "too many automatic swaps"),
     Transition(Mode.HOLD, Trigger.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
-    Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "target auto, held too long"),
-    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock trips") for m in _but(Mode.SAFE_STOP)),
+    Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
+    Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller has come"),
+    Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
+    *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
+    *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
 )
 
 _TABLE: dict[tuple[Mode, Trigger], Mode] = {(row.source, row.trigger): row.target for row in TRANSITIONS}
@@ -120,6 +130,7 @@ class Machine:
         self.revision = 0  #: changes whenever something that an operator sees has changed
         self.tick = 0  #: number of the present tick
         self.slewing = 0  #: ticks left in which the transition limits hold after a swap
+        self.acknowledged = False  #: the present safe stop may be left
         self.events: deque[Event] = deque(maxlen=200)  #: the latest; who publishes them takes them out
         self._stamp_ns = 0
         self._mode_tick = 0
@@ -147,15 +158,30 @@ class Machine:
         ``controller`` becomes the active one where the transition leads to auto.
         """
         target = next_mode(self.mode, trigger)
-        if target is None:
+        if target is None or (self.mode is Mode.SAFE_STOP and not self.acknowledged):
             return
-        before, self.mode = self.mode, target
-        self._mode_tick = self.tick
+        before = self.mode
+        self._enter(target)
         self.active = controller if target is Mode.AUTO else ""
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Trigger.CONTROLLER_BACK:
             self._automatic.append(self.tick)
         self._note(reason, who, f"{before} -> {target}" + (f" ({controller})" if self.active else ""))
+
+    def _enter(self, mode: Mode) -> None:
+        """Be in a mode from this tick on; a safe stop has to be acknowledged, each one anew."""
+        self.mode, self._mode_tick, self.acknowledged = mode, self.tick, False
+
+    def renew(self) -> None:
+        """The present mode is asked for once more, or has a new cause: its time and its latch begin anew."""
+        self.revision += self.acknowledged
+        self._enter(self.mode)
+
+    def acknowledge(self, who: str) -> None:
+        """Let the present safe stop be left when the operator asks for another mode."""
+        if not self.acknowledged:
+            self.acknowledged = True
+            self.log(Level.INFO, who, f"{who} has acknowledged the safe stop")
 
     def swap(self, name: str, reason: str, who: str, automatic: bool) -> None:
         """Make ``name`` the active controller; only in auto."""
@@ -181,12 +207,14 @@ class Machine:
         mode = Mode(source) if source in BUILT_IN_SOURCES else Mode.AUTO
         active = source if mode is Mode.AUTO else ""
         if (mode, active) != (self.mode, self.active):
-            self.mode, self.active = mode, active
-            self._mode_tick = self.tick
+            if mode is not self.mode:
+                self._enter(mode)
+            self.active = active
             self.reason = f"as the leading supervisor: {source}"
 
     def lead(self, reason: str) -> None:
-        """Record that a standby leads from now on, in the state that it has."""
+        """Record that a standby leads from now on, in the state that it has; nobody has acknowledged that to it."""
+        self.acknowledged = False
         self.slewing = self.settings.transition_ticks
         self._note(f"{reason} ({self.reason})", "takeover", f"leads in {self.mode}")
 

@@ -17,12 +17,15 @@ from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.task import Future
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import BUILT_IN_SOURCES, Command
 from fsw_control.deadline_timer_ros import DeadlineTimer
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
+from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
@@ -104,7 +107,8 @@ class SupervisorNode(Node):
 
     def _on_status(self, name: str, message: ControllerStatus) -> None:
         sensors = tuple(message.tolerated_sensors)
-        self._publish(self._arbiter.on_status(name, sensors, message.selected, time.monotonic()))
+        now_s, source = time.monotonic(), message.applied_source
+        self._publish(self._arbiter.on_status(name, sensors, message.selected, now_s, source))
 
     def _on_command(self, message: WeldCommand) -> None:
         token, stamp_ns = message.header.frame_id, convert.stamp_ns(message.header.stamp)
@@ -169,6 +173,14 @@ class SupervisorNode(Node):
         self._publish([])
         return response
 
+    def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._role is not Role.ACTIVE:
+            response.success, response.message = False, _ON_STANDBY
+            return response
+        response.success, response.message = self._arbiter.operator.acknowledge("operator")
+        self._publish([])
+        return response
+
     # ---------------------------------------------------------------- leader and standby
 
     def _publish(self, decisions: list[Decision]) -> None:
@@ -209,6 +221,7 @@ class SupervisorNode(Node):
                 create(SwitchController, "fsw/switch_controller", self._on_switch),
                 create(ListControllers, "fsw/list_controllers", self._on_list),
                 create(SetMode, "fsw/set_mode", self._on_set_mode),
+                create(Trigger, "fsw/acknowledge", self._on_acknowledge),
             ]
 
     def _close(self) -> None:
@@ -247,6 +260,7 @@ class SupervisorNode(Node):
 
     def _on_housekeeping(self) -> None:
         now_s = time.monotonic()
+        self._kept_reference.look(now_s)
         self._look_for_controllers()
         own = self._commands is not None
         self._failover.note_writers(others=self.count_publishers(f"{self._prefix}command") > own)
@@ -294,12 +308,16 @@ class SupervisorNode(Node):
             limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
             writers = self.count_publishers(f"{self._prefix}command")
             report = reports.diagnostics(self._arbiter, now_ns, writers, namesakes, limits)
+            part, level, text, values = self._kept_reference.report()
+            report.status.append(convert.diagnostic_status(f"fsw_supervisor: {part}", level, text, values))
         self._diagnostics.publish(report)
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node; returns the exit code."""
-    return run(SupervisorNode, args)
+    return run(
+        SupervisorNode, args, NodeArguments("fsw_supervisor", __doc__ or "", load("fsw_supervisor", "supervisor.yaml"))
+    )
 
 
 if __name__ == "__main__":

@@ -97,6 +97,7 @@ class Tick:
     samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
     drives: Command | None = None  #: force and speed that act, as the drives report them
     candidates: dict[str, Candidate] = field(default_factory=dict)  #: by controller, those that came in time
+    ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
     doubled: set[str] = field(default_factory=set)  #: controllers that proposed more than once
     conflicts: set[str] = field(default_factory=set)  #: controllers that proposed different commands
     judged: bool = False  #: the safety monitor has seen it

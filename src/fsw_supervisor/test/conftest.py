@@ -49,6 +49,7 @@ class Rig:
         self.now_s = 100.0
         self.stamp_ns = 1_000_000_000_000
         self.ticks: list[list[Decision]] = []
+        self.seen_source = ""  #: of the last command that the controllers have seen
         self._late: list[tuple[float, str, ProposalInput]] = []
 
     @property
@@ -89,8 +90,8 @@ class Rig:
                 continue
             out += self._until(at_s)
             out += arbiter.on_proposal(name, proposal, at_s)
-            selected = arbiter.last is not None and arbiter.last.source == name
-            out += arbiter.on_status(name, self.tolerated.get(name, ()), selected, at_s)
+            source = out[-1].source if out else self.seen_source
+            out += arbiter.on_status(name, self.tolerated.get(name, ()), source == name, at_s, source)
         out += self._until(deadline_s)
         for decision in out:
             arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
@@ -99,7 +100,14 @@ class Rig:
             assert abs(out[-1].command.force_kn - before.force_kn) <= limits.force_step_kn + 1e-9
             assert abs(out[-1].command.speed_rpm - before.speed_rpm) <= limits.speed_step_rpm + 1e-9
         self.ticks.append(out)
+        self.seen_source = out[-1].source if out else self.seen_source
         return out
+
+    def restart(self) -> Rig:
+        """Replace the arbiter by a new one, which knows nothing; controllers and drives go on."""
+        self.drives = self.arbiter.applied or self.drives
+        self.arbiter = Arbiter(self.arbiter.settings, lockstep=self.arbiter.lockstep)
+        return self
 
     def run(self, count: int) -> Rig:
         """Run some ticks, each of which must give exactly one command."""

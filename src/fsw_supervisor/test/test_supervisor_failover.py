@@ -17,6 +17,7 @@ def test_the_configured_controller_is_applied_from_the_first_tick(make_rig):
     assert rig.arbiter.machine.mode is Mode.AUTO
 
 
+@pytest.mark.requirement("S6")
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -43,6 +44,7 @@ def test_a_refused_proposal_is_replaced_in_the_same_tick(rig, changes, words):
     assert record.rejected == (0 if changes.get("healthy") is False else 1)
 
 
+@pytest.mark.requirement("S6")
 def test_a_silent_controller_is_replaced_at_the_deadline_of_the_same_tick(rig):
     rig.silent.add("decentral")
     rig.run(1)
@@ -65,6 +67,7 @@ def test_a_tick_without_any_sensor_is_held_and_blames_nobody(rig):
     assert [record.missed for record in rig.arbiter.registry] == [0, 0]
 
 
+@pytest.mark.requirement("S6")
 def test_a_controller_late_by_150_ms_is_replaced_and_counted(rig):
     rig.delays_s["decentral"] = 0.15
     rig.run(10)
@@ -75,6 +78,7 @@ def test_a_controller_late_by_150_ms_is_replaced_and_counted(rig):
     assert "late" in record.problem or "no proposal" in record.problem
 
 
+@pytest.mark.requirement("S6")
 def test_a_controller_that_repeats_old_stamps_is_replaced(rig):
     old = rig.stamp_ns
     rig.edit["decentral"] = lambda proposal: replace(proposal, stamp_ns=old)
@@ -83,12 +87,14 @@ def test_a_controller_that_repeats_old_stamps_is_replaced(rig):
     assert rig.arbiter.registry.get("decentral").rejected == 3
 
 
+@pytest.mark.requirement("S6")
 def test_a_stamp_from_the_future_answers_nothing(rig):
     rig.edit["decentral"] = lambda proposal: replace(proposal, stamp_ns=proposal.stamp_ns + 10**12)
     rig.run(3)
     assert rig.last.source == "nmpc"
 
 
+@pytest.mark.requirement("S3", "S7")
 def test_no_controller_left_means_hold_then_safe_stop(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"hold_timeout_s": 2.0})).run(10)
     rig.silent |= {"decentral", "nmpc"}
@@ -200,6 +206,7 @@ def test_two_controllers_of_one_name_are_distrusted_and_reported(rig):
     assert rig.arbiter.registry.get("decentral").duplicates >= 4
 
 
+@pytest.mark.requirement("S12")
 def test_all_controllers_follow_whatever_is_applied_so_the_swap_is_bumpless(rig):
     rig.force_wish_kn = 90.0
     rig.run(5)

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import Temperature  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
@@ -45,7 +46,7 @@ class Peer(Node):
         self.torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", 10)
         self.temperatures = self.create_publisher(Temperature, "fsw/thermocouple", 10)
         self.drives = self.create_publisher(DriveFeedback, "fsw/drives", 10)
-        self.pushed_kn, self.reasons = 0.0, {}
+        self.pushed_kn, self.reasons, self.seen_before = 0.0, {}, ""
         self.requests = self.create_publisher(String, "fsw/switch_request", 10)
         self.voices = {}
         self.wild = set()
@@ -88,7 +89,9 @@ class Peer(Node):
             command = Command(force, self.applied.speed_rpm)
             reason = self.reasons.get(name, "")
             proposals.publish(convert.command_message(command, self.stamp_ns, name, not reason, reason))
-            statuses.publish(ControllerStatus(header=header, controller=name, tolerated_sensors=["depth"]))
+            seen = self.commands[-1].source if self.commands else self.seen_before
+            status = ControllerStatus(header=header, controller=name, applied_source=seen, tolerated_sensors=["depth"])
+            statuses.publish(status)
 
     def report(self, part):
         for array in reversed(self.reports):
@@ -157,6 +160,17 @@ def bench(make_bench):
     return bench
 
 
+@pytest.mark.requirement("S25")
+def test_a_safe_stop_that_the_controllers_have_seen_goes_on_after_a_restart(make_bench):
+    bench = make_bench()
+    bench.peer.seen_before = "safe_stop"
+    bench.run()
+    assert {message.source for message in bench.peer.commands} == {"safe_stop"}
+    assert bench.peer.states[-1].actual_mode == "safe_stop"
+    assert not bench.peer.states[-1].acknowledged
+
+
+@pytest.mark.requirement("S5")
 def test_forwards_the_selected_controller_and_answers_each_tick_once(bench):
     stamps = [convert.stamp_ns(message.header.stamp) for message in bench.peer.commands]
     assert stamps == [STEP_NS * count for count in range(1, len(stamps) + 1)]
@@ -249,6 +263,7 @@ def test_a_third_controller_appears_by_itself_and_leaves(bench):
     bench.until(lambda: not bench.supervisor._arbiter.registry.get("third").present)
 
 
+@pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
     bench.until(lambda: bench.peer.report("command topic") is not None)
     assert bench.peer.report("command topic").message == "only writer of the command topic"
@@ -301,11 +316,23 @@ def test_names_that_are_sources_already_are_no_controllers(bench):
     assert "unknown controller 'manual'" in bench.switch("manual").message
 
 
+@pytest.mark.requirement("S1")
 def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.peer.pushed_kn = 97.5 - bench.peer.applied.force_kn
     bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
     bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
     assert bench.peer.states[-1].reason.startswith("force_high is trip: force_kn 97.5")
+    acknowledge = bench.peer.create_client(Trigger, "fsw/acknowledge")
+    refused = bench.call(acknowledge, Trigger.Request())
+    assert not refused.success and "force_high" in refused.message
+    bench.peer.pushed_kn = 0.0
+    bench.until(lambda: not bench.peer.states[-1].interlocks)
+    assert bench.call(acknowledge, Trigger.Request()).success
+    bench.until(lambda: bench.peer.states[-1].acknowledged)
+    mode = bench.peer.create_client(SetMode, "fsw/set_mode")
+    assert bench.call(mode, SetMode.Request(mode="auto")).ok
+    bench.until(lambda: bench.peer.states[-1].actual_mode == "auto")
+    assert not bench.peer.states[-1].acknowledged
 
 
 def test_without_a_set_point_the_state_says_so(make_bench):

@@ -9,6 +9,7 @@ import pytest
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import ParameterError, defaults, load
 from fsw_supervisor.arbiter import problem
+from fsw_supervisor.command_watch import Push
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -89,6 +90,7 @@ def test_each_pair_of_mode_and_trigger_leads_to_one_mode():
     assert leaving == {Trigger.OPERATOR_AUTO, Trigger.OPERATOR_MANUAL, Trigger.OPERATOR_HOLD}
 
 
+@pytest.mark.requirement("S3")
 def test_a_safe_stop_can_be_reached_from_everywhere_at_once():
     for mode in Mode:
         if mode is not Mode.SAFE_STOP:
@@ -134,3 +136,69 @@ def test_new_interlock_limits_hold_at_once():
     safety.configure(values | {f"interlocks.{key}": value for key, value in changes.items()})
     safety.watch({"temperature_c": 850.0})
     assert safety.tripped == ("temperature_high",)
+
+
+@pytest.fixture
+def push():
+    """What pushes a drive that has followed its command for long; one move is 1."""
+    push = Push()
+    for _ in range(20):
+        push.learn(0.0, 1.0)
+    return push
+
+
+def test_a_push_sets_in_at_once_and_stays(push):
+    for difference in (4.0, 4.2, 3.9):
+        push.learn(difference, 1.0)
+    assert push.value == pytest.approx(4.0, abs=0.2)
+    push.interrupt()
+    assert push.value == pytest.approx(4.0, abs=0.2)
+
+
+def test_a_spike_is_no_push(push):
+    for difference in (4.0, 0.0, 4.0, 4.0, 0.0):
+        push.learn(difference, 1.0)
+    assert push.value == 0.0
+
+
+@pytest.mark.parametrize("ramp", [-0.15, -0.2, -0.9, 0.3])
+@pytest.mark.parametrize("ticks", [6, 7, 8, 12, 60])
+@pytest.mark.parametrize("stands", [0, 20])
+def test_a_drive_that_ramps_by_itself_is_taken_over_where_it_is(push, ramp, ticks, stands):
+    """A command that is refused, and a PLC that ramps down and then stands still."""
+    for count in range(1, ticks + 1):
+        push.learn(ramp * count, 1.0)
+    for _ in range(stands):
+        push.learn(ramp * ticks, 1.0)
+    push.interrupt()
+    assert push.value == 0.0
+
+
+def test_a_drift_slower_than_any_ramp_is_a_push(push):
+    for count in range(1, 101):
+        push.learn(0.03 * count, 1.0)
+    push.interrupt()
+    assert push.value == pytest.approx(3.0)
+
+
+def test_a_push_too_large_to_be_one_is_none(push):
+    for _ in range(10):
+        push.learn(-18.4, 1.0)
+    push.interrupt()
+    assert push.value == 0.0
+
+
+def test_a_push_that_ends_is_forgotten(push):
+    for difference in (4.0,) * 5 + (0.0,) * 5:
+        push.learn(difference, 1.0)
+    assert push.value == 0.0
+
+
+def test_a_takeover_that_is_refused_is_not_repeated(push):
+    for _ in range(5):
+        push.learn(4.0, 1.0)
+    push.interrupt()
+    assert push.value == 4.0
+    push.learn(None, 1.0)
+    push.interrupt()
+    assert push.value == 0.0

@@ -6,10 +6,12 @@ import math
 from dataclasses import replace
 
 import hypothesis.strategies as st
+import pytest
 from hypothesis import settings as hypothesis_settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from fsw_control.contract import SENSORS, Command
+from fsw_control.parameters import defaults, load
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Mode
@@ -17,6 +19,7 @@ from fsw_supervisor.tick import Decision, ProposalInput
 
 NAMES = ("decentral", "nmpc", "third")
 STEP_NS = 100_000_000
+TRIPPING = {"depth": 3.8, "torque": 1700.0, "thermocouple": 920.0}
 GOOD = {"depth": 2.66, "torque": 1050.0, "thermocouple": 850.0}
 
 numbers = st.one_of(
@@ -25,10 +28,11 @@ numbers = st.one_of(
 behaviours = st.sampled_from(
     ["good"] * 6 + ["silent", "wild", "late", "old", "future", "jump", "unhealthy", "liar", "twice", "early", "edge"]
 )
-samples = st.sampled_from(["good"] * 8 + ["nan", "missing", "wild", "old"])
+samples = st.sampled_from(["good"] * 8 + ["nan", "missing", "wild", "old", "trip", "trip"])
 delays = st.sampled_from([0.0, 0.001, 0.02, 0.05, 0.0799, 0.08, 0.09, 0.15])
 
 
+@pytest.mark.requirement("S4", "S5")
 class ArbiterMachine(RuleBasedStateMachine):
     """Plays plant, controllers, operator and clock against the arbiter."""
 
@@ -39,8 +43,9 @@ class ArbiterMachine(RuleBasedStateMachine):
         storm=st.integers(0, 4),
         warm=st.integers(1, 4),
         drives=st.booleans(),
+        persistence=st.sampled_from([1, 3]),
     )
-    def start(self, transition, lockstep, returning, storm, warm, drives):
+    def start(self, transition, lockstep, returning, storm, warm, drives, persistence):
         """Make an arbiter with some settings."""
         self.settings = ArbiterSettings.from_values(
             {
@@ -52,9 +57,13 @@ class ArbiterMachine(RuleBasedStateMachine):
                 "readmit_ticks": 3,
                 "hold_timeout_s": 0.5,
                 "storm_window_s": 2.0,
+                "operator_hold_timeout_s": 1.0,
+                "start_timeout_s": 1.0,
             }
         )
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
+        values = defaults(load("fsw_supervisor", "supervisor.yaml"))
+        self.arbiter.safety.configure(values | {"interlocks.persistence_ticks": persistence})
         self.drives = Command(78.4, 407.5) if drives else None
         self.now_s = 50.0
         self.stamp_ns = 10**12
@@ -91,7 +100,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             self._take(self.arbiter.on_drives(self.stamp_ns, acting, start_s))
         for sensor, kind in zip(SENSORS, seen, strict=True):
             if kind != "missing":
-                value = {"nan": math.nan, "wild": force}.get(kind, GOOD[sensor])
+                value = {"nan": math.nan, "wild": force, "trip": TRIPPING[sensor]}.get(kind, GOOD[sensor])
                 stamp = self.stamp_ns - (STEP_NS if kind == "old" else 0)
                 self._take(self.arbiter.on_sample(sensor, stamp, value, start_s))
         # A tick that no input has announced does not exist for the arbiter.
@@ -202,10 +211,22 @@ class ArbiterMachine(RuleBasedStateMachine):
     def ask_mode(self, mode, force):
         """The operator asks for a mode."""
         wanted = Command(force, 400.0)
+        before = self.arbiter.machine.mode
+        latched = before is Mode.SAFE_STOP and not self.arbiter.machine.acknowledged
         ok, message = self.arbiter.operator.ask_mode(mode, wanted, "operator")
         assert message
+        assert not (ok and latched) or mode == "safe_stop"
         if ok and mode == "manual":
             self.manual = wanted
+
+    @rule()
+    def acknowledge(self):
+        """The operator acknowledges a safe stop."""
+        ok, message = self.arbiter.operator.acknowledge("operator")
+        assert message
+        safety = self.arbiter.safety
+        unknown = safety.tripped or safety.invalid_sensors
+        assert ok == (self.arbiter.machine.mode is Mode.SAFE_STOP and not unknown)
 
     @rule(name=st.sampled_from(NAMES), joins=st.booleans())
     def graph_changes(self, name, joins):
@@ -247,6 +268,13 @@ class ArbiterMachine(RuleBasedStateMachine):
         open_ticks = 1 if arbiter.wakeup_s is not None else 0
         assert arbiter.machine.tick == arbiter.commands + arbiter.lost_ticks + open_ticks
         assert arbiter.commands == len(self.decisions)
+
+    @invariant()
+    def a_cause_means_a_safe_stop(self):
+        """While an interlock is tripped nothing else is commanded, and nothing is acknowledged."""
+        if hasattr(self, "arbiter") and self.arbiter.safety.tripped:
+            assert self.arbiter.machine.mode is Mode.SAFE_STOP
+            assert not self.arbiter.machine.acknowledged
 
     @invariant()
     def the_state_is_consistent(self):

@@ -126,8 +126,8 @@ class World:
         for name in self.names:
             proposal = ProposalInput(stamp, name, Command(force, acting.speed_rpm))
             self.later(0.005, lambda member, n=name, p=proposal: member.arbiter.on_proposal(n, p, self.now_s))
-            chosen = self.source == name
-            self.later(0.006, lambda member, n=name, c=chosen: member.arbiter.on_status(n, (), c, self.now_s))
+            source = self.source
+            self.later(0.006, lambda member, n=name, s=source: member.arbiter.on_status(n, (), s == n, self.now_s, s))
         start_s, together = self.now_s, 0
         for step in range(100):
             self.now_s = start_s + step * 1e-3
@@ -167,6 +167,7 @@ def world():
     return world
 
 
+@pytest.mark.requirement("S9")
 def test_the_standby_takes_over_after_two_ticks_and_loses_one(world):
     a, b = world.members
     world.members.remove(a)
@@ -197,6 +198,29 @@ def test_it_stays_in_the_mode_that_the_operator_chose(world, mode):
     world.tick(10)
     assert world.source == mode
     assert (b.arbiter.machine.mode, b.arbiter.machine.target_mode) == (mode, mode)
+
+
+@pytest.mark.requirement("S25")
+def test_it_keeps_the_latch_of_a_safe_stop_and_wants_an_acknowledgement_of_its_own(world):
+    a, b = world.members
+    a.arbiter.operator.ask_mode("safe_stop", None, "operator")
+    world.tick(3)
+    assert a.arbiter.operator.acknowledge("operator")[0]
+    world.tick(3)
+    a.running = False
+    world.tick(5)
+    assert b.failover.role is Role.ACTIVE
+    assert not b.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    a.go_on()
+    world.tick(5)
+    b.running = False
+    world.tick(5)
+    assert a.failover.role is Role.ACTIVE
+    assert not a.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    assert a.arbiter.operator.acknowledge("operator")[0]
+    assert a.arbiter.operator.ask_mode("auto", None, "operator")[0]
+    world.tick(2)
+    assert world.source == "decentral"
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 3, 5, 9, 30])
@@ -248,6 +272,7 @@ def test_of_two_leaders_each_command_settles_it():
     assert len(world.active) == 1
 
 
+@pytest.mark.requirement("S11")
 @pytest.mark.parametrize("token", ["", "stranger", ".x", "-1.x", "9" * 5000 + ".x", "2."])
 def test_a_claim_or_command_that_is_not_signed_moves_nobody(world, token):
     for member in world.members:
@@ -351,6 +376,7 @@ steps = st.lists(
 )
 
 
+@pytest.mark.requirement("S9")
 @pytest.mark.slow
 @given(steps=steps, takeover_ticks=st.integers(1, 3))
 @hypothesis_settings(max_examples=40, deadline=None)
@@ -381,3 +407,24 @@ def test_whatever_stops_and_goes_on_one_leads_in_the_end_without_a_bump(steps, t
     assert len(world.active) == 1
     assert world.lost(10) == 0
     assert world.together_s < 0.005
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("standby_first", [True, False])
+def test_leader_and_standby_die_together_in_a_safe_stop_and_it_goes_on(world, standby_first):
+    a, _ = world.members
+    a.arbiter.operator.ask_mode("safe_stop", None, "operator")
+    world.tick(5)
+    assert world.source == "safe_stop"
+    world.members.clear()
+    world.tick(8)
+    world.add("c", standby=standby_first)
+    world.add("d", standby=not standby_first)
+    for _ in range(20):
+        world.tick()
+        assert world.source == "safe_stop"
+    assert len(world.active) == 1
+    assert world.lost(5) == 0
+    leader = next(member for member in world.members if member.identity in world.active)
+    assert leader.arbiter.machine.mode is Mode.SAFE_STOP
+    assert not leader.arbiter.machine.acknowledged

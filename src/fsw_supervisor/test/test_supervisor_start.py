@@ -11,6 +11,7 @@ from fsw_supervisor.tick import ProposalInput
 SECOND_NS = 1_000_000_000
 
 
+@pytest.mark.requirement("S9")
 def test_a_restart_goes_on_with_the_controller_that_was_active(make_rig):
     rig = make_rig()
     rig.drives = Command(83.0, 420.0)
@@ -35,6 +36,7 @@ def test_a_restart_goes_on_with_the_controller_that_was_active(make_rig):
     assert out[-1].command.force_kn == pytest.approx(83.2)
 
 
+@pytest.mark.requirement("S12")
 def test_the_first_command_starts_from_what_the_drives_say(make_rig):
     rig = make_rig()
     rig.drives = Command(70.0, 350.0)
@@ -56,6 +58,7 @@ def test_without_drives_feedback_the_first_proposal_is_the_start(make_rig):
     assert rig.last.command.force_kn == pytest.approx(78.4)
 
 
+@pytest.mark.requirement("S7")
 def test_without_any_controller_it_holds_and_waits(make_rig):
     rig = make_rig()
     rig.names = []
@@ -104,6 +107,7 @@ def test_a_restart_whose_controller_is_gone_holds_then_takes_the_fallback(make_r
     assert rig.last.source == "nmpc"
 
 
+@pytest.mark.requirement("S12")
 def test_after_a_gap_it_starts_from_what_acts_then(rig):
     rig.now_s += 5.0
     rig.stamp_ns += 5 * SECOND_NS
@@ -124,6 +128,7 @@ def test_after_a_gap_it_starts_from_what_acts_then(rig):
     assert "measurements are back after a gap" in rig.events()
 
 
+@pytest.mark.requirement("S15")
 @pytest.mark.parametrize("jump_s", [-3600, -0.5 * 3600, 3600])
 def test_a_jump_of_the_clock_costs_no_tick(rig, jump_s):
     rig.stamp_ns += int(jump_s * SECOND_NS)
@@ -133,6 +138,7 @@ def test_a_jump_of_the_clock_costs_no_tick(rig, jump_s):
     assert rig.arbiter.machine.transitions == 1
 
 
+@pytest.mark.requirement("S15")
 def test_one_sensor_with_a_broken_clock_stops_nobody(rig):
     for count in range(20):
         rig.arbiter.on_sample("depth", rig.stamp_ns + 10**15 + count, 2.66, rig.now_s + 0.0999)
@@ -140,6 +146,7 @@ def test_one_sensor_with_a_broken_clock_stops_nobody(rig):
     assert rig.last.source == "decentral"
 
 
+@pytest.mark.requirement("S5")
 def test_a_repeated_or_old_sample_begins_no_tick(rig):
     assert rig.arbiter.on_sample("depth", rig.stamp_ns, 2.6, rig.now_s + 0.09) == []
     assert rig.arbiter.on_sample("depth", rig.stamp_ns - SECOND_NS // 10, 2.6, rig.now_s + 0.09) == []
@@ -163,6 +170,7 @@ def test_own_hold_ups_blame_nobody(rig):
     assert arbiter.registry.why_not_ready("decentral") == ""
 
 
+@pytest.mark.requirement("S5")
 def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
     arbiter, out, now_s = rig.arbiter, [], rig.now_s + 0.9
     stamps = [rig.stamp_ns + count * SECOND_NS // 10 for count in range(1, 9)]
@@ -179,6 +187,7 @@ def test_a_queue_of_ticks_after_a_hold_up_is_worked_off_one_command_each(rig):
     assert arbiter.registry.why_not_ready("nmpc") == ""
 
 
+@pytest.mark.requirement("S11")
 def test_a_foreign_command_is_reported_once_and_counted(rig):
     for _ in range(3):
         rig.arbiter.on_command(rig.stamp_ns, "decentral", Command(60.0, 300.0))
@@ -190,6 +199,7 @@ def test_a_foreign_command_is_reported_once_and_counted(rig):
     assert not rig.arbiter.foreign_writer
 
 
+@pytest.mark.requirement("S11")
 def test_a_controller_misled_by_a_foreign_command_is_not_blamed(rig):
     rig.arbiter.on_command(1, "x", Command(61.0, 310.0))
     for name in rig.names:

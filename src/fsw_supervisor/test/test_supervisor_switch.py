@@ -139,6 +139,7 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
     assert "third has left" in rig.events()
 
 
+@pytest.mark.requirement("S12")
 def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})).run(10)
     rig.edit["nmpc"] = lambda p: replace(p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm))
@@ -151,6 +152,7 @@ def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
     assert rig.last.reason == ""
 
 
+@pytest.mark.requirement("S3")
 def test_modes_an_operator_can_ask_for(rig):
     desk, machine = rig.arbiter.operator, rig.arbiter.machine
     assert desk.ask_mode("hold", None, "operator") == (True, "hold from the next command on")
@@ -158,7 +160,7 @@ def test_modes_an_operator_can_ask_for(rig):
     assert rig.last.source == "hold"
     assert machine.active == ""
     rig.run(200)
-    assert machine.mode is Mode.HOLD, "a hold that the operator wants does not time out"
+    assert machine.mode is Mode.HOLD, "a hold that the operator wants lasts longer than another"
     ok, message = desk.ask_mode("manual", Command(82.0, 400.0), "operator")
     assert ok, message
     rig.run(1)

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fsw_analysis.figures import COLOURS, STYLE
+from fsw_analysis.figure_style import COLOURS, STYLE
 from fsw_analysis.identification.estimation import Fit
 from fsw_analysis.identification.statistics import LAGS, Judgement
 from fsw_analysis.identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks

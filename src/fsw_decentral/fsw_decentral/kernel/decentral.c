@@ -2,7 +2,8 @@
  * with the tracking time (back-calculation); a command from somewhere else sets it at once, so that the loop continues from
  * that command without a bump.
  *
- * Finite but absurd samples may overflow to infinity or NaN anywhere in between; the step tests what comes out. */
+ * Finite but absurd samples may overflow to infinity or NaN anywhere in between; the step tests what comes out. An applied
+ * command outside the bounds is cut to them before anything works with it. */
 #include <limits.h>
 #include <math.h>
 
@@ -15,6 +16,8 @@
 /* a limit is touched within this distance */
 #define TOUCHING 1e-9
 #define LONGEST_STEP_S 1.0
+/* A loop that wants more (kN, rpm) has had samples beyond all range: its integrator would take minutes to come back. */
+#define MOST_WANTED 1e6
 /* Less counts as this: without contact there is no power, and the feed-forward divides by the torque. */
 #define LEAST_TORQUE_NM 100.0
 
@@ -29,6 +32,8 @@ const char *fsw_decentral_id(void) { return FSW_DECENTRAL_ID; }
 static int is_finite(double x) { return x - x == 0.0; }
 static double at_least(double x, double low) { return low > x ? low : x; }
 static double at_most(double x, double high) { return high < x ? high : x; }
+static int is_within(double x, double most) { return x <= most && x >= -most; }
+static double clipped(double x, double low, double high) { return at_most(at_least(x, low), high); }
 static int is_elsewhere(double a, double b) { return a - b >= SAME || b - a >= SAME; }
 
 /* Share of its input that a first-order filter takes over in one step. */
@@ -207,8 +212,8 @@ void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm) {
   c->dt_s = FSW_DECENTRAL_TICK_S;
   start_loops(c);
   if (is_finite(force_kn + speed_rpm)) {
-    c->proposed_force_kn = force_kn;
-    c->proposed_speed_rpm = speed_rpm;
+    c->proposed_force_kn = clipped(force_kn, c->tuning.force_min_kn, c->tuning.force_max_kn);
+    c->proposed_speed_rpm = clipped(speed_rpm, c->tuning.speed_min_rpm, c->tuning.speed_max_rpm);
   }
   c->speed_before_rpm = c->proposed_speed_rpm;
   c->reference_depth_mm = c->reference_temperature_c = NAN;
@@ -290,10 +295,13 @@ static int reason_of(const fsw_decentral *c) {
   return FSW_DECENTRAL_PROPOSING;
 }
 
-/* Nearest to `wanted` within the bounds and one step of what is applied; the step wins over the bounds. */
+/* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
 static double limited(double wanted, double low, double high, double applied, double step) {
-  const double bounded = at_most(at_least(wanted, low), high);
-  return at_most(at_least(bounded, applied - step), applied + step);
+  return clipped(clipped(wanted, applied - step, applied + step), low, high);
+}
+
+static int is_beyond(double x, double low, double high, double step) {
+  return x < low - step - SAME || x > high + step + SAME;
 }
 
 static int touched(double x, double low, double high, double applied, double step, int min_bit, int max_bit, int rate_bit) {
@@ -309,22 +317,27 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
     configure_loops(c);
   }
   const int is_known = is_finite(in->applied_force_kn + in->applied_speed_rpm);
-  const double applied_kn = is_known ? in->applied_force_kn : c->proposed_force_kn;
-  const double applied_rpm = is_known ? in->applied_speed_rpm : c->proposed_speed_rpm;
+  const double told_kn = is_known ? in->applied_force_kn : c->proposed_force_kn;
+  const double told_rpm = is_known ? in->applied_speed_rpm : c->proposed_speed_rpm;
+  const double applied_kn = clipped(told_kn, t->force_min_kn, t->force_max_kn);
+  const double applied_rpm = clipped(told_rpm, t->speed_min_rpm, t->speed_max_rpm);
   if (is_finite(in->reference_depth_mm + in->reference_temperature_c)) {
     c->reference_depth_mm = in->reference_depth_mm;
     c->reference_temperature_c = in->reference_temperature_c;
   }
   double force_kn = wanted_force_kn(c, in, applied_kn), speed_rpm = wanted_speed_rpm(c, in, applied_rpm);
   out->reason = reason_of(c);
-  if (!is_finite(force_kn + speed_rpm)) {
+  if (!(is_within(force_kn, MOST_WANTED) && is_within(speed_rpm, MOST_WANTED))) {
     start_loops(c);
     force_kn = applied_kn;
     speed_rpm = applied_rpm;
     out->reason = FSW_DECENTRAL_OVERFLOW;
   }
-  out->force_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, applied_kn, t->force_step_kn);
-  out->speed_rpm = limited(speed_rpm, t->speed_min_rpm, t->speed_max_rpm, applied_rpm, t->speed_step_rpm);
+  if (is_beyond(told_kn, t->force_min_kn, t->force_max_kn, t->force_step_kn) ||
+      is_beyond(told_rpm, t->speed_min_rpm, t->speed_max_rpm, t->speed_step_rpm))
+    out->reason = FSW_DECENTRAL_OUT_OF_BOUNDS;
+  out->force_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, told_kn, t->force_step_kn);
+  out->speed_rpm = limited(speed_rpm, t->speed_min_rpm, t->speed_max_rpm, told_rpm, t->speed_step_rpm);
   out->healthy = out->reason == FSW_DECENTRAL_PROPOSING;
   out->active_limits = 0;
   if (out->force_kn != force_kn || out->speed_rpm != speed_rpm)

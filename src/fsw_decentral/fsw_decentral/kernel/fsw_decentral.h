@@ -53,7 +53,8 @@ enum {
   FSW_DECENTRAL_NO_DEPTH,                    /* force held */
   FSW_DECENTRAL_NO_TORQUE,                   /* for longer than blind_limit_s */
   FSW_DECENTRAL_NO_TEMPERATURE,              /* likewise */
-  FSW_DECENTRAL_OVERFLOW                     /* samples beyond all range: the loops start again */
+  FSW_DECENTRAL_OVERFLOW,                    /* samples beyond all range: the loops start again */
+  FSW_DECENTRAL_OUT_OF_BOUNDS                /* what is applied is more than a step outside the bounds */
 };
 
 /* Limits that a proposal touches, as bits. */
@@ -124,8 +125,9 @@ void fsw_decentral_reset(fsw_decentral *c, double force_kn, double speed_rpm);
 /* An input of which nothing is known: no sample, NaN, one tick since the last. */
 void fsw_decentral_input_clear(fsw_decentral_input *in);
 
-/* One tick, to be called once every FSW_DECENTRAL_TICK_S: the largest moves are per call. The proposal is always within one step of the applied command, or of the last proposal where that is not
- * finite; and within the bounds, or as far on the way there as the step allows. */
+/* One tick, to be called once every FSW_DECENTRAL_TICK_S: the largest moves are per call. The proposal is always within the
+ * bounds, and within one step of the applied command, or of the last proposal where that is not finite. Where both cannot
+ * be, it is the nearest bound and not healthy. */
 void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_decentral_output *out);
 
 #ifdef __cplusplus

@@ -21,7 +21,7 @@ from fsw_control.ranges import Range
 from fsw_experiment import scenario_file
 from fsw_experiment.campaign.distributions import SAMPLERS, Distribution, draw, values, weld_seed
 from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.controllers import make_all
+from fsw_experiment.controllers import make_all, name_of, short, source_of
 from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_plant.event_schema import DURATION_S, Place
 
@@ -57,7 +57,7 @@ class Entrant:
     @property
     def name(self) -> str:
         """Name without variant."""
-        return self.controller.partition(":")[0]
+        return name_of(self.controller)
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,9 @@ class Campaign:
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides the results, but for the software."""
-        return hashlib.sha256(self.text.encode()).hexdigest()[:16]
+        """Digest of all that decides the results, users' controllers included, but for our software."""
+        own = (source_of(one.controller) for one in self.entrants)
+        return hashlib.sha256(b"".join([self.text.encode(), *own])).hexdigest()[:16]
 
     @cached_property
     def shares(self) -> NDArray[np.float64]:
@@ -213,7 +214,11 @@ def _entrants(entries: list[Any], at: Place) -> tuple[Entrant, ...]:
         here.keys(entry, ("controller", "parameters", "label"), required=("controller",))
         controller = str(entry["controller"])
         parameters = here.inside("parameters").mapping(entry.get("parameters") or {})
-        found.append(Entrant(str(entry.get("label", controller)), controller, parameters))
+        try:
+            label = str(entry.get("label", short(controller)))
+        except ScenarioError as error:
+            raise here.error(f"cannot be: {error}") from None
+        found.append(Entrant(label, controller, parameters))
     labels = [one.label for one in found]
     if not labels or len(set(labels)) < len(labels):
         raise at.error("needs at least one controller, and a label of its own for each")

@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from fsw_analysis.figure_style import colours_of
 from fsw_analysis.kpi_table import ROWS
 from fsw_experiment.campaign.statistics import MAIN, Results, Vector
 
@@ -45,10 +46,11 @@ def _panels(count: int, draw: Callable[[Any, int], None]) -> bytes:
     return _png(figure)
 
 
-def _steps(axes: Any, values: Vector, label: str) -> None:
+def _steps(axes: Any, values: Vector, label: str, colour: str) -> None:
     """Share of the welds up to each value."""
     if values.size:
-        axes.step(np.sort(values), np.linspace(0.0, 100.0, values.size), where="post", label=label, lw=1.2)
+        shares = np.linspace(0.0, 100.0, values.size)
+        axes.step(np.sort(values), shares, where="post", label=label, color=colour, lw=1.2)
 
 
 def ratios(results: Results) -> bytes | None:
@@ -58,9 +60,11 @@ def ratios(results: Results) -> bytes | None:
     if not others or not keys:
         return None
 
+    colours = dict(zip(results.labels, colours_of(results.labels), strict=True))
+
     def draw(axes: Any, i: int) -> None:
         for label in others:
-            _steps(axes, results.ratio(keys[i], label), label)
+            _steps(axes, results.ratio(keys[i], label), label, colours[label])
         axes.axvline(1.0, color="0.4", lw=0.8)
         axes.set(xscale="log", title=ROWS[keys[i]][0], xlabel=f"ratio to {first}", ylabel="welds up to [%]")
         axes.title.set_fontsize("medium")
@@ -85,8 +89,8 @@ def times_outside(results: Results) -> bytes | None:
     limits = [limit for limit, times in found.items() if np.max(times) > 0.0]
 
     def draw(axes: Any, i: int) -> None:
-        for label, times in zip(results.labels, found[limits[i]], strict=True):
-            _steps(axes, times, label)
+        for label, times, colour in zip(results.labels, found[limits[i]], colours_of(results.labels), strict=True):
+            _steps(axes, times, label, colour)
         shown_s = max(_WIDEST * limits[i].at_most_s, float(np.quantile(found[limits[i]], _SHOWN_SHARE)))
         axes.set_xlim(0.0, shown_s or None)
         axes.axvline(limits[i].at_most_s, color="0.4", lw=0.8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -306,7 +307,7 @@ def _html(title: str, sections: Sequence[_Section]) -> str:
         for block in blocks:
             if isinstance(block, _Table):
                 rows = [("th", block.header), *(("td", row) for row in block.rows)]
-                cells = ("".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) for tag, row in rows)
+                cells = ("".join(f"<{tag}>{_words_html(cell)}</{tag}>" for cell in row) for tag, row in rows)
                 lines.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>")
             elif isinstance(block, _Figure):
                 data = base64.b64encode(block.png).decode()
@@ -314,5 +315,10 @@ def _html(title: str, sections: Sequence[_Section]) -> str:
             elif isinstance(block, _Code):
                 lines.append(f"<pre>{escape(block.text)}</pre>")
             else:
-                lines.append(f"<p>{escape(block).replace('`', '')}</p>")
+                lines.append(f"<p>{_words_html(block)}</p>")
     return "\n".join([*lines, "</html>"]) + "\n"
+
+
+def _words_html(text: str) -> str:
+    """Words with their ``code`` as HTML."""
+    return re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text))

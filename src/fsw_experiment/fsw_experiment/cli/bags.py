@@ -20,6 +20,7 @@ from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.units import NANOSECONDS
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.outputs import add_force, check_new, write_json
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.scenario import ScenarioError
 from fsw_experiment.scenario_file import parse
@@ -65,6 +66,7 @@ def add_commands(commands: Any) -> None:
         commands, "kpi", _kpi, "figures of merit of a weld, and of each phase of a whole weld"
     )
     figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
+    add_force(figures_of_merit)
 
     text = "the paper's figures of a weld; several bags are overlaid"
     plot = add_command(commands, "plot", _plot, text, several=True)
@@ -72,16 +74,19 @@ def add_commands(commands: Any) -> None:
     plot.add_argument(
         "--figures", type=int, nargs="*", choices=range(4, 10), help="figures 4 to 9 (default: the scenario's)"
     )
+    add_force(plot)
 
     text = "figures of merit of two or more welds side by side"
     compare = add_command(commands, "compare", _compare, text, several=True)
     compare.add_argument("--json", type=Path, metavar="FILE", help="also write them as JSON")
     compare.add_argument("--out", type=Path, help="also draw the welds overlaid, into this folder")
+    add_force(compare)
 
     text = "write the aligned signals of a weld as a table, one row per tick, in paper's units"
     export = add_command(commands, "export", _export, text)
     export.add_argument("output", type=Path, nargs="?", help="CSV file to write (default: <bag>.csv)")
     export.add_argument("--all", action="store_true", help="also the ticks after the end of the attached scenario")
+    add_force(export)
 
 
 def print_notes(notes: Iterable[str]) -> None:
@@ -96,16 +101,6 @@ def read_weld(bag: Path) -> WeldSignals:
         signals = load_weld(bag, bar)
     print_notes(signals.problems)
     return signals
-
-
-def write_json(path: Path | None, values: Any) -> None:
-    """Write values as JSON where a file is given; CommandError when it cannot be written."""
-    if path is None:
-        return
-    try:
-        path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _info(arguments: argparse.Namespace) -> int:
@@ -213,7 +208,7 @@ def _print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
     )
 
 
-def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | None = None) -> None:
+def _draw(welds: dict[str, WeldSignals], folder: Path, force: bool, numbers: Sequence[int] | None = None) -> None:
     """Draw figures of the paper, by default those that the first weld's scenario names."""
     from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
 
@@ -223,6 +218,7 @@ def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | 
             numbers = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures
         except ScenarioError as error:
             print_notes([str(error)])
+    check_new([folder / f"{name}.png" for name in (*(f"fig{one}" for one in numbers or ()), "overview")], force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths = draw([Run(label, signals) for label, signals in welds.items()], numbers or (), folder)
@@ -232,28 +228,31 @@ def _draw(welds: dict[str, WeldSignals], folder: Path, numbers: Sequence[int] | 
 
 
 def _kpi(arguments: argparse.Namespace) -> int:
+    check_new([arguments.json], arguments.force)
     _print_kpis(_welds([arguments.bag]), arguments.json)
     return 0
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    _draw(_welds(arguments.bag), arguments.out, arguments.figures)
+    _draw(_welds(arguments.bag), arguments.out, arguments.force, arguments.figures)
     return 0
 
 
 def _compare(arguments: argparse.Namespace) -> int:
     if len(arguments.bag) < 2:
         raise CommandError("bag compare: give two bags or more")
+    check_new([arguments.json], arguments.force)
     welds = _welds(arguments.bag)
     _print_kpis(welds, arguments.json)
     if arguments.out is not None:
-        _draw(welds, arguments.out)
+        _draw(welds, arguments.out, arguments.force)
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
     target = arguments.output or source.absolute().parent / f"{source.absolute().name}.csv"
+    check_new([target], arguments.force)
     signals = read_weld(source)
     if not arguments.all:
         whole, signals = signals.n_ticks, cut_to_scenario(signals)

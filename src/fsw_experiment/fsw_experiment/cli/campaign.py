@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.outputs import add_force, check_new
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import default_folder
 
@@ -19,7 +20,7 @@ def add_command(commands: Any) -> None:
     parser = commands.add_parser(
         "campaign",
         usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
-        "       %(prog)s report DIR [--out FILE] [--limits FILE]",
+        "       %(prog)s report DIR [--out FILE] [--limits FILE] [--force]",
         help="run many welds with random parameters on Dask; report on them",
         description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
         "'report', write a report on the welds in such a folder.",
@@ -41,6 +42,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--limits", type=Path, metavar="FILE", help="after report: limits on figures of merit (YAML) instead of its own"
     )
+    add_force(parser)
     parser.set_defaults(run=run)
 
 
@@ -57,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise CommandError("campaign: --limits is for a report; the limits of a campaign are in its file")
     if arguments.folder is not None:
         raise CommandError(f"campaign: {arguments.folder} is one argument too many; the folder is given by --out")
+    if arguments.force:
+        raise CommandError("campaign: --force is for a report; a folder with welds is never replaced")
     if arguments.resume and arguments.out is None:
         raise CommandError("campaign: --resume needs --out, the folder to go on with")
     if arguments.workers is not None and (arguments.workers < 1 or arguments.scheduler):
@@ -86,10 +90,11 @@ def _report(arguments: argparse.Namespace) -> int:
     wrong = [name for name in ("welds", "workers", "scheduler", "resume") if getattr(arguments, name)]
     if arguments.folder is None or wrong:
         raise CommandError(
-            "campaign report: needs the folder of a campaign, and takes no options but --out and --limits"
+            "campaign report: needs the folder of a campaign, and takes no options but --out, --limits and --force"
         )
     from fsw_experiment.campaign import report
 
     target = arguments.out or arguments.folder / "report.html"
+    check_new([target], arguments.force)
     print(report.write(arguments.folder, target, arguments.limits))
     return 0

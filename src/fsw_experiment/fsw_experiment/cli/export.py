@@ -10,6 +10,7 @@ import yaml
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError
+from fsw_control.yaml_text import load_yaml
 from fsw_decentral import DecentralController
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
@@ -100,21 +101,18 @@ def add_command(commands: Any) -> None:
 
 
 def _model(path: Path | None) -> ModelParameters:
-    if path is None:
-        return nominal()
-    try:
-        return ModelParameters.from_file(path)
-    except OSError as error:
-        raise CommandError(f"cannot read model {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise CommandError(f"cannot read model {path}: not a text file in UTF-8") from None
+    return nominal() if path is None else ModelParameters.from_file(path)
 
 
 def _run_c(arguments: argparse.Namespace) -> int:
-    from fsw_export.c_folder import ExportError, write_folder
+    from fsw_export.c_folder import ExportError, check_folder, write_folder
     from fsw_export.c_library import decentral_sources, nmpc_sources
     from fsw_export.vectors import VectorRecorder, with_faults
 
+    try:
+        check_folder(arguments.out, arguments.force)
+    except ExportError as error:
+        raise CommandError(f"export c: {error}") from None
     model = _model(arguments.model)
     controller = _controller(arguments, model)
     if isinstance(controller, NmpcController):
@@ -145,8 +143,9 @@ def _run_fmu(arguments: argparse.Namespace) -> int:
 
     if arguments.unit == "plant" and arguments.tuning is not None:
         raise CommandError("export fmu: the plant has no tuning; leave out --tuning")
-    model = _model(arguments.model)
     try:
+        fmu.check_file(arguments.out, arguments.force)
+        model = _model(arguments.model)
         content = fmu.make(arguments.unit, _parameters(arguments.unit, arguments, model), model)
         fmu.write(content, arguments.out, arguments.force, arguments.platform)
     except (ValueError, ExportError) as error:
@@ -193,7 +192,7 @@ def _gains(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise CommandError(f"cannot read tuning {path}: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:

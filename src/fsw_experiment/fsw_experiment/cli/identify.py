@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.outputs import add_force, check_new, write_text
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_plant.config import specs
 
 #: lengths of an experiment that can be proposed
 _SHORTEST_S, _DURATION_S, _LONGEST_S = 60.0, 300.0, 1800.0
-_DRIVE_LAG_S = float(specs()["actuators.lag_s"].default)
+_DRIVE_LAG = replace(specs()["actuators.lag_s"], name="--drive-lag")
 
 
 def add_command(commands: Any) -> None:
@@ -36,7 +38,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--drive-lag",
         type=float,
-        default=_DRIVE_LAG_S,
+        default=_DRIVE_LAG.default,
         metavar="S",
         help="time constant of the drives (default %(default)s s, the emulator's)",
     )
@@ -48,11 +50,12 @@ def add_command(commands: Any) -> None:
         help=f"of the proposed experiment, {_SHORTEST_S:g} to {_LONGEST_S:g} s (default {_DURATION_S:g})",
     )
     parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
-    parser.add_argument("--overwrite", action="store_true", help="replace the file of --out")
+    add_force(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    arguments.drive_lag = _DRIVE_LAG.check(arguments.drive_lag)
     if arguments.design:
         return _design(arguments)
     if arguments.duration is not None or arguments.open_loop:
@@ -61,7 +64,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError("identify: give the bag of a weld, or --design")
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
-    check_new(arguments.out, arguments.overwrite)
+    check_new([arguments.out], arguments.force)
     folder: Path | None = arguments.report
     if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise CommandError(f"{folder} exists and is no empty folder; nothing is overwritten, choose another --report")
@@ -93,7 +96,7 @@ def _run(arguments: argparse.Namespace) -> int:
     sources = ", ".join(weld.name for weld in welds)
     result = summary.Summary(sources, fit, validation, tuple(note for weld in welds for note in weld.notes), air)
     print(summary.text(result), end="")
-    write(arguments.out, model_file.text(fit, sources, air))
+    write_text(arguments.out, model_file.text(fit, sources, air))
     files = [arguments.out]
     if arguments.report is not None:
         from fsw_analysis.identification import report
@@ -109,8 +112,7 @@ def _design(arguments: argparse.Namespace) -> int:
         raise CommandError("identify: --design takes no bags and writes no report")
     if not _SHORTEST_S <= duration_s <= _LONGEST_S:
         raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
-    if arguments.out is not None:
-        check_new(arguments.out, arguments.overwrite)
+    check_new([arguments.out], arguments.force)
     from fsw_analysis.identification.summary import table
     from fsw_experiment.identification_design import SAFE_C, SAFE_MM, propose
 
@@ -131,7 +133,7 @@ def _design(arguments: argparse.Namespace) -> int:
             "bounds. Weld it only with the model of this machine (--model), and watch it; else weld the closed-loop one"
         )
     if arguments.out is not None:
-        write(arguments.out, found.scenario)
+        write_text(arguments.out, found.scenario)
         print(f"written: {arguments.out}")
     return 0
 
@@ -139,10 +141,7 @@ def _design(arguments: argparse.Namespace) -> int:
 def _model(file: Path | None) -> Any:
     from fsw_model import ModelParameters
 
-    try:
-        return ModelParameters() if file is None else ModelParameters.from_file(file)
-    except OSError as error:
-        raise CommandError(f"cannot read model {file}: {error.strerror}") from None
+    return ModelParameters() if file is None else ModelParameters.from_file(file)
 
 
 def _data(bag: Path, drive_lag_s: float, what: str = "") -> Any:
@@ -154,18 +153,3 @@ def _data(bag: Path, drive_lag_s: float, what: str = "") -> Any:
         return prepare(signals, drive_lag_s)
     except IdentificationError as error:
         raise CommandError(f"identify: {what}{error}") from None
-
-
-def check_new(file: Path, overwrite: bool) -> None:
-    """Refuse a file that exists, unless it is to be replaced."""
-    if file.exists() and (not overwrite or file.is_dir()):
-        raise CommandError(f"{file} exists; choose another --out" + ("" if file.is_dir() else " or give --overwrite"))
-
-
-def write(file: Path, text: str) -> None:
-    """Write a text file."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"cannot write {file}: {error.strerror}") from None

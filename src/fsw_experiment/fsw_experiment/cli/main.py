@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fsw_experiment.cli import bags, campaign, export, identify, model, operate, replays, simulate, tune
+from fsw_experiment.cli import bags, campaign, export, identify, model, operate, params, replays, simulate, tune
 from fsw_experiment.cli.errors import exit_code
 
 
@@ -19,6 +19,7 @@ def parser() -> argparse.ArgumentParser:
     )
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     operate.add_commands(commands)
+    params.add_command(commands)
     simulate.add_command(commands)
     campaign.add_command(commands)
     model.add_command(commands)

@@ -16,6 +16,7 @@ import numpy as np
 from fsw_analysis.export import write_table
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.outputs import add_force, check_new
 from fsw_experiment.ranges import DURATION_S, Range
 from fsw_experiment.scenario import ScenarioError
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, ProcessModel
@@ -65,6 +66,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--csv", required=True, type=Path, metavar="FILE", help="table to write")
     parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw it like the paper's Figs. 4 and 5")
     parser.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    add_force(parser)
     parser.set_defaults(run=_run)
 
 
@@ -141,13 +143,14 @@ def simulate(steps: list[InputStep], last_tick: int, model: ProcessModel) -> dic
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
         raise CommandError(f"--figure {arguments.figure}: end the name in .png")
+    if arguments.csv == arguments.figure:
+        raise CommandError(f"model: --csv and --figure are both {arguments.csv}; give two files")
+    check_new([arguments.csv, arguments.figure], arguments.force)
     steps, last_tick = read_steps(_text(arguments.events), arguments.events)
     try:
         parameters = ModelParameters.from_file(arguments.model) if arguments.model is not None else None
         course = simulate(steps, last_tick, ProcessModel(parameters))
-    except OSError as error:
-        raise CommandError(f"cannot read model {arguments.model}: {error.strerror}") from None
-    except (ModelParameterError, OperatingPointError, UnicodeDecodeError) as error:
+    except (ModelParameterError, OperatingPointError) as error:
         raise CommandError(f"model: {error}") from None
     files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: write_table(course, path)}
     if arguments.figure is not None:
@@ -181,8 +184,6 @@ def _write_all(files: dict[Path, Callable[[Path], None]]) -> None:
     try:
         for target, write in files.items():
             try:
-                if target.is_dir():
-                    raise IsADirectoryError(0, "it is a folder")
                 write(parts[target])
             except OSError as error:
                 raise CommandError(f"cannot write {target}: {error.strerror or error}") from None

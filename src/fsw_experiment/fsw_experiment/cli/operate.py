@@ -9,6 +9,8 @@ from fsw_control.contract import BUILT_IN_SOURCES
 from fsw_experiment import ranges
 from fsw_experiment.ranges import Range
 
+#: what ends a disturbance or a fault; ``none`` in scenarios and services
+CLEAR = "clear"
 _MODES = ("auto", *BUILT_IN_SOURCES)
 
 
@@ -18,21 +20,25 @@ def add_commands(commands: Any) -> None:
 
     reference = _add(commands, "reference", "new set-points; one left out stays")
     _number(reference, "--depth", "MM", ranges.REFERENCE_DEPTH_MM, str(ranges.REFERENCE_DEPTH_MM))
+    reference.add_argument(
+        "--ramp", action="store_true", help="from those in force at the permitted rates; else a step"
+    )
     _number(reference, "--temperature", "C", ranges.REFERENCE_TEMPERATURE_C, str(ranges.REFERENCE_TEMPERATURE_C))
 
     amplitudes = ", ".join(f"{name} {allowed}" for name, (_, allowed) in ranges.DISTURBANCE_AMPLITUDE.items())
     disturb = _add(commands, "disturb", f"disturb the emulated plant; amplitudes: {amplitudes}")
     disturb.add_argument("channel", choices=tuple(ranges.DISTURBANCE_AMPLITUDE))
-    disturb.add_argument("shape", choices=ranges.DISTURBANCE_SHAPES, help="none clears the channel")
-    disturb.add_argument("amplitude", type=float, nargs="?", default=0.0, help="in mm, degC, kN, rpm or N m")
-    _number(disturb, "--duration", "S", ranges.DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]", 0.0)
-    _number(disturb, "--period", "S", ranges.DURATION_S, "of a sine [s]", 0.0)
+    shapes = (*ranges.DISTURBANCE_SHAPES, CLEAR)
+    disturb.add_argument("shape", choices=shapes, help="clear (or none) ends what disturbs the channel")
+    disturb.add_argument("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not of clear")
+    _number(disturb, "--duration", "S", ranges.DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]")
+    _number(disturb, "--period", "S", ranges.DURATION_S, "of a sine [s]")
 
     magnitudes = ", ".join(f"{name} {allowed}" for name, (_, allowed) in ranges.FAULT_MAGNITUDE.items())
     magnitudes += f" (drift: per s), delay {ranges.FAULT_DELAY_S}"
     fault = _add(commands, "fault", f"make a sensor of the emulated plant fail; magnitudes: {magnitudes}")
     fault.add_argument("sensor", choices=tuple(ranges.FAULT_MAGNITUDE))
-    fault.add_argument("kind", choices=ranges.FAULT_KINDS, help="none clears the sensor")
+    fault.add_argument("kind", choices=(*ranges.FAULT_KINDS, CLEAR), help="clear (or none) ends the sensor's fault")
     fault.add_argument("magnitude", type=float, nargs="?", help="of spike, bias, drift, delay")
     _number(fault, "--duration", "S", ranges.DURATION_S, "[s]; without: until cleared", 0.0)
 
@@ -50,16 +56,23 @@ def add_commands(commands: Any) -> None:
     _number(mode, "--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}")
     _number(mode, "--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}")
 
+    _add(commands, "acknowledge", "acknowledge a safe stop whose causes are gone, so that another mode may follow")
+
     weld = _add(commands, "weld", "hold, resume or abort the programme of a whole weld; abort leads to the safe stop")
     weld.add_argument("action", choices=("hold", "resume", "abort"))
 
 
 def _add(commands: Any, name: str, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=f"{name}: {text}.")
-    wait = "longest wait for the graph to answer, 0.1 to 600 s (default 5)"
-    _number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
+    add_timeout(parser)
     parser.set_defaults(run=_run, command=name)
     return parser
+
+
+def add_timeout(parser: argparse.ArgumentParser) -> None:
+    """Add the option of all commands that talk to the graph."""
+    wait = "longest wait for the graph to answer, 0.1 to 600 s (default 5)"
+    _number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -21,12 +21,15 @@ from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
-from fsw_control.references_ros import subscribe_references
-from fsw_control.topics_ros import LATCHED, LATEST, STREAM
+from fsw_control.references_ros import reference_queue, subscribe_references
+from fsw_control.topics_ros import LATEST, STREAM
 from fsw_experiment import ranges
 from fsw_experiment.cli.errors import CommandError
+from fsw_experiment.cli.operate import CLEAR
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
-from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SwitchController
+from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SetReference, SwitchController
+from fsw_plant.event_schema import Place, read_disturbance
+from fsw_plant.events import DisturbanceError
 
 #: how long to go on listening when something has been heard
 _SETTLE_S = 1.0
@@ -59,7 +62,7 @@ class Operator:
         who = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            raise CommandError(f"no node offers {name} on {_domain()}: is the {who} running there?")
+            raise CommandError(f"no node offers {name} on {domain_text()}: is the {who} running there?")
         future = client.call_async(request)
         if not self.wait_until(future.done, self.timeout_s + extra_s):
             raise CommandError(f"{name} did not answer within {self.timeout_s + extra_s:g} s: is the {who} stuck?")
@@ -73,8 +76,8 @@ class Operator:
 
     def watch_set_points(self) -> ReferenceQueue:
         """Set-points as they were sent and as the supervisor keeps them, while this object spins."""
-        queue = ReferenceQueue()
-        subscribe_references(self.node, queue, lambda _: None)
+        queue = reference_queue(self.node)
+        subscribe_references(self.node, queue)
         return queue
 
     def in_force(self, set_points: ReferenceQueue, depths: list[ShoulderDepth]) -> Reference | None:
@@ -84,18 +87,22 @@ class Operator:
         return set_points.at(self.node.get_clock().now().nanoseconds)
 
 
-def _domain() -> str:
+def domain_text() -> str:
+    """The ROS domain in words."""
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
 
 
 def _nothing_there() -> CommandError:
-    return CommandError(f"no weld graph on {_domain()}: start it, or set ROS_DOMAIN_ID")
+    return CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
 
 
 @contextlib.contextmanager
 def operator(timeout_s: float) -> Iterator[Operator]:
     """Join the graph as ``fsw_operator`` for as long as the context lasts."""
-    rclpy.init(args=[])
+    try:
+        rclpy.init(args=[])
+    except RuntimeError as error:  # the environment is wrong, e.g. ROS_DOMAIN_ID
+        raise CommandError(str(error)) from None
     node = rclpy.create_node("fsw_operator")
     try:
         yield Operator(node, timeout_s)
@@ -109,11 +116,12 @@ def status(arguments: argparse.Namespace) -> int:
     with operator(arguments.timeout) as visit:
         states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
         set_points = visit.watch_set_points()
+        stated = visit.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
         commands = visit.watch(WeldCommand, "/fsw/command")
         depths = visit.watch(ShoulderDepth, "/fsw/depth")
         torques = visit.watch(SpindleTorque, "/fsw/spindle_torque")
         temperatures = visit.watch(Temperature, "/fsw/thermocouple")
-        heard = (states, set_points, commands, depths, torques, temperatures)
+        heard = (states, set_points, stated, commands, depths, torques, temperatures)
         if not visit.wait_until(lambda: any(heard)):
             raise _nothing_there()
         visit.wait_until(lambda: all(heard), _SETTLE_S)
@@ -146,6 +154,8 @@ def _print_state(state: SupervisorState | None) -> None:
     print(f"supervisor   {state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")
     if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
         print(f"  wanted     {state.target_mode}, {state.target_controller}")
+    if state.actual_mode == "safe_stop":
+        print(f"  the stop   {'acknowledged' if state.acknowledged else 'has to be acknowledged before it is left'}")
     for controller in state.controllers:
         print(f"  {controller.name:<10} {_health(controller)}")
     if state.interlocks:
@@ -163,28 +173,12 @@ def reference(arguments: argparse.Namespace) -> int:
     depth, temperature = arguments.depth, arguments.temperature
     if depth is None and temperature is None:
         raise CommandError("reference: give --depth, --temperature or both")
-    with operator(arguments.timeout) as visit:
-        if depth is None or temperature is None:
-            set_points = visit.watch_set_points()
-            depths = visit.watch(ShoulderDepth, "/fsw/depth")
-            visit.wait_until(lambda: set_points and depths)
-            present = visit.in_force(set_points, depths)
-            if present is None:
-                missing = "--depth" if depth is None else "--temperature"
-                raise CommandError(f"reference: there is no set-point yet that could stay; give {missing} as well")
-            depth = present.depth_mm if depth is None else depth
-            temperature = present.temperature_c if temperature is None else temperature
-        publisher = visit.node.create_publisher(WeldReference, "/fsw/reference", LATCHED)
-        if not visit.wait_until(lambda: publisher.get_subscription_count() > 0):
-            raise _nothing_there()
-        # Not every controller need have been found at once.
-        visit.wait_until(lambda: False, 0.3)
-        listeners = visit.node.count_subscribers("/fsw/reference")
-        visit.wait_until(lambda: publisher.get_subscription_count() >= listeners, _SETTLE_S)
-        publisher.publish(convert.reference_message(Reference(depth, temperature), 0))
-        visit.wait_until(lambda: False, 0.3)
-    print(f"set-points: {depth:.4g} mm, {temperature:.5g} degC")
-    return 0
+    request = SetReference.Request(
+        depth=nan if depth is None else units.m_from_mm(depth),
+        temperature=nan if temperature is None else temperature,
+        ramp=arguments.ramp,
+    )
+    return _ask(arguments, SetReference, "/fsw/set_reference", request)
 
 
 def _ask(arguments: argparse.Namespace, service: Any, name: str, request: Any, extra_s: float = 0.0) -> int:
@@ -199,16 +193,25 @@ def _ask(arguments: argparse.Namespace, service: Any, name: str, request: Any, e
 
 def disturb(arguments: argparse.Namespace) -> int:
     """Disturb the emulated plant."""
-    complaint = ranges.DISTURBANCE_AMPLITUDE[arguments.channel][1].complaint(arguments.amplitude)
-    if complaint:
-        raise CommandError(f"disturb: amplitude {complaint}")
+    shape = "none" if arguments.shape == CLEAR else arguments.shape
+    key, allowed = ranges.DISTURBANCE_AMPLITUDE[arguments.channel]
+    if shape == "none" and arguments.amplitude is not None:
+        raise CommandError(f"disturb: {arguments.shape} takes no amplitude")
+    if shape != "none" and arguments.amplitude is None:
+        raise CommandError(f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance")
+    given = {key: arguments.amplitude, "duration_s": arguments.duration, "period_s": arguments.period}
+    entry = {name: value for name, value in given.items() if value is not None}
+    try:
+        wanted = read_disturbance({"channel": arguments.channel, "shape": shape} | entry, Place("disturb", shape), 0.0)
+    except DisturbanceError as error:
+        raise CommandError(str(error)) from None
     to_wire = {"depth": units.m_from_mm, "axial_force": units.n_from_kn, "spindle_speed": units.rad_s_from_rpm}
     request = SetDisturbance.Request(
         channel=arguments.channel,
-        shape=arguments.shape,
-        amplitude=to_wire.get(arguments.channel, float)(arguments.amplitude),
-        duration=arguments.duration,
-        period=arguments.period,
+        shape=shape,
+        amplitude=to_wire.get(arguments.channel, float)(wanted.amount),
+        duration=wanted.duration_s,
+        period=wanted.period_s,
     )
     return _ask(arguments, SetDisturbance, "/fsw/plant/set_disturbance", request)
 
@@ -216,7 +219,9 @@ def disturb(arguments: argparse.Namespace) -> int:
 def fault(arguments: argparse.Namespace) -> int:
     """Make a sensor of the emulated plant fail."""
     magnitude = 0.0 if arguments.magnitude is None else arguments.magnitude
-    if arguments.kind in ("spike", "bias", "drift", "delay"):
+    if arguments.kind not in ranges.WITH_MAGNITUDE and arguments.magnitude is not None:
+        raise CommandError(f"fault: {arguments.kind} takes no magnitude")
+    if arguments.kind in ranges.WITH_MAGNITUDE:
         allowed = ranges.FAULT_DELAY_S if arguments.kind == "delay" else ranges.FAULT_MAGNITUDE[arguments.sensor][1]
         if arguments.magnitude is None:
             raise CommandError(f"fault: {arguments.kind} needs a magnitude, {allowed}")
@@ -226,7 +231,10 @@ def fault(arguments: argparse.Namespace) -> int:
         if arguments.sensor == "depth" and arguments.kind != "delay":
             magnitude = units.m_from_mm(magnitude)
     request = SetFault.Request(
-        sensor=arguments.sensor, kind=arguments.kind, magnitude=magnitude, duration=arguments.duration
+        sensor=arguments.sensor,
+        kind="none" if arguments.kind == CLEAR else arguments.kind,
+        magnitude=magnitude,
+        duration=arguments.duration,
     )
     return _ask(arguments, SetFault, "/fsw/plant/set_fault", request)
 
@@ -269,10 +277,20 @@ def mode(arguments: argparse.Namespace) -> int:
     return _ask(arguments, SetMode, "/fsw/set_mode", request)
 
 
+def acknowledge(arguments: argparse.Namespace) -> int:
+    """Acknowledge a safe stop, so that it may be left."""
+    return _trigger(arguments, "/fsw/acknowledge")
+
+
 def weld(arguments: argparse.Namespace) -> int:
     """Hold, resume or abort the programme of a whole weld."""
+    return _trigger(arguments, f"/fsw/weld/{arguments.action}")
+
+
+def _trigger(arguments: argparse.Namespace, name: str) -> int:
+    """Call a service that takes nothing."""
     with operator(arguments.timeout) as visit:
-        response = visit.call(Trigger, f"/fsw/weld/{arguments.action}", Trigger.Request())
+        response = visit.call(Trigger, name, Trigger.Request())
     if not response.success:
         raise CommandError(response.message)
     print(response.message)

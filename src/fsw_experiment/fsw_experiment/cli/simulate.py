@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from fsw_analysis import kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
+from fsw_control.yaml_text import load_yaml
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.graph import WeldGraph
@@ -36,7 +39,8 @@ def add_command(commands: Any) -> None:
         "--controller",
         action="append",
         metavar="NAME[:TUNING]",
-        help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight",
+        help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; one of "
+        "your own: MODULE:CLASS or FILE.py:CLASS",
     )
     parser.add_argument(
         "--parameter",
@@ -80,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run, draw
     from fsw_experiment.closed_loop import ClosedLoop
-    from fsw_experiment.controllers import make_all, variant_of
+    from fsw_experiment.controllers import make_all, name_of, short, variant_of
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -95,22 +99,23 @@ def run(arguments: argparse.Namespace) -> int:
     for text in arguments.parameter:
         key, value = assignment("--parameter", text)
         name, _, inner = key.partition(".")
+        if not name or not inner:
+            raise CommandError(f"simulate: --parameter {text}: write CONTROLLER.NAME=VALUE")
         parameters.setdefault(name, {})[inner] = value
     loops: dict[str, ClosedLoop] = {}
     nodes: dict[str, dict[str, dict[str, Any]]] = {}
     used: set[str] = set()
     for label in labels:
-        name = label.partition(":")[0]
+        name = label if scenario.open_loop else name_of(label)
         chosen = load(arguments.scenario, [*overrides, f"controller={name}"])
         controllers = make_all(chosen, label, parameters)
         used |= controllers.keys()
-        title = label
-        if chosen.open_loop:
-            title = "open loop"
-        elif len(labels) == 1 and len(controllers) > 1:
+        title = "open loop" if chosen.open_loop else short(label)
+        if len(labels) == 1 and len(controllers) > 1:
             title = " and ".join(controllers)
         nodes[title] = {other: {**parameters.get(other, {})} for other in controllers}
-        nodes[title].get(name, {}).update(variant_of(label))
+        if not chosen.open_loop:
+            nodes[title][name].update(variant_of(label))
         loops[title] = ClosedLoop(chosen, controllers)
     unused = [name for name in parameters if name not in used]
     if unused:
@@ -120,6 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
     for title, loop in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
             runs.append(Run(title, loop.run(bar)))
+        _tell_unhealthy(runs[-1])
         export_weld(runs[-1].signals, folder / f"signals_{_file_name(title)}.csv")
         if arguments.bag:
             _record(loop.scenario, folder / f"graph_{_file_name(title)}", nodes[title])
@@ -148,6 +154,17 @@ def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: 
     return paths
 
 
+def _tell_unhealthy(run: Run) -> None:
+    """Say on stderr how often a controller was not healthy, and why at first."""
+    notes = list(run.signals.problems)
+    for name, proposal in run.signals.proposals.items():
+        ticks = np.flatnonzero(proposal.healthy == 0.0)
+        if ticks.size:
+            text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
+            notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
+    print("".join(f"note: {run.label}: {note}\n" for note in notes), end="", file=sys.stderr)
+
+
 def _file_name(title: str) -> str:
     return title.replace(":", "_").replace(" ", "_")
 
@@ -166,7 +183,7 @@ def _record(scenario: Scenario, folder: Path, parameters: dict[str, dict[str, An
 def _parameters_of_nodes(file: Path) -> dict[str, dict[str, Any]]:
     """Parameters by controller from a parameter file of ROS."""
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        content = load_yaml(file.read_text(encoding="utf-8"))
         return {str(node).strip("/").removeprefix("fsw_"): dict(of["ros__parameters"]) for node, of in content.items()}
     except OSError as error:
         raise CommandError(f"cannot read {file}: {error.strerror}") from None
@@ -180,7 +197,7 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
     if not separator or not name.strip():
         raise CommandError(f"{option} {text}: write NAME=VALUE")
     try:
-        return name.strip(), yaml.safe_load(value)
+        return name.strip(), load_yaml(value)
     except yaml.YAMLError:
         return name.strip(), value
 

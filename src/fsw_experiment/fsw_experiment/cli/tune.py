@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -51,11 +52,7 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     if not 1 <= arguments.evaluations <= 1_000_000:
         raise CommandError(f"tune: --evaluations {arguments.evaluations}: give 1 to 1000000")
-    try:
-        text = arguments.model.read_text(encoding="utf-8")
-        model = ModelParameters.from_yaml(text, str(arguments.model))
-    except OSError as error:
-        raise CommandError(f"cannot read model {arguments.model}: {error.strerror}") from None
+    model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
     from fsw_experiment.tune_decentral import NAMES, tune
     from fsw_nmpc.tuning import Tuning
@@ -68,7 +65,7 @@ def _run(arguments: argparse.Namespace) -> int:
     except (OperatingPointError, ModelParameterError) as error:
         raise CommandError(f"tune: {error}") from None
     model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
-    model_file.write_text(text, encoding="utf-8")
+    shutil.copyfile(arguments.model, model_file)
     tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
     tuning_file.write_text(
         f"# By rule from the dead time of {arguments.model.name}.\n{yaml.safe_dump(tuning)}", "utf-8"

@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from fsw_analysis.figures import COLOURS, STYLE, Run, draw, draw_outputs
+from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, STYLE
+from fsw_analysis.figures import Run, draw, draw_outputs
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT, scenario
 from fsw_experiment.comparison.runs import Job, weld
@@ -57,8 +58,8 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
         for axis, (name, found) in zip(axes, bounds.items(), strict=True):
             points = np.array(sorted(found["front"]))
             axis.plot(points[:, 0], points[:, 1], "k.-", label="clairvoyant optimum")
-            for colour, label in zip(COLOURS, CONTROLLERS, strict=False):
-                event = nominal[label]["clean"]["events"][name]
+            for label in CONTROLLERS:
+                event, colour = nominal[label]["clean"]["events"][name], CONTROLLER_COLOURS[label]
                 axis.plot(event["iae_depth_mm_s"], event["iae_temperature_c_s"], "o", color=colour, label=label)
             axis.set(title=name, xlabel="IAE depth [mm s]", ylabel="IAE temperature [°C s]")
         handles, labels = canvas.axes[0].get_legend_handles_labels()

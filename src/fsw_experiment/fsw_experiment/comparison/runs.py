@@ -18,7 +18,7 @@ from fsw_analysis.weld_signals import TruthSignals, WeldSignals
 from fsw_control.contract import Command, Controller
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import scenario
-from fsw_experiment.controllers import make
+from fsw_experiment.controllers import make, name_of
 
 #: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
 KPIS = {
@@ -56,7 +56,7 @@ def _controller(label: str, *parameters: tuple[str, Any]) -> Controller:
 
 
 def _loop(job: Job) -> ClosedLoop:
-    name = job.controller.partition(":")[0]
+    name = name_of(job.controller)
     made = scenario(job.case, {"noise": job.noise, **job.plant}, name)
     return ClosedLoop(made, {name: _controller(job.controller, *job.parameters.items())})
 

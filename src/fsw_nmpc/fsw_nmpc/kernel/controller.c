@@ -8,8 +8,8 @@
 #define LONGEST_GAP_S 3.0
 #define LONGEST_HORIZON_S 600.0
 #define MOST_ITERATIONS 200
-/* an applied command so many times above the bounds is none */
-#define ABSURD 10.0
+/* so far outside (kN, rpm) counts as rounded on the wire */
+#define ROUNDED 1e-6
 /* share of the largest move by which a solution may be beyond a limit; the proposal itself is clipped to it */
 #define ACCEPTED 1e-6
 /* A solve is repeated about its solution when that begins with a move so far from the expected one, in largest moves;
@@ -124,12 +124,35 @@ static void clear_plan(fsw_controller *c) {
   c->plan.has_outputs = 0;
 }
 
-/* The command in force, unless it is not finite or beyond all machines. */
+/* Distance of what is applied from the bounds; positive outside. */
+static double outside(const fsw_controller *c, int q) {
+  const double above = c->told[q] - c->tuning.input_max[q], below = c->tuning.input_min[q] - c->told[q];
+  return above > below ? above : below;
+}
+
+/* Whether no command is both within the bounds and one step of what is applied. */
+static int is_out_of_bounds(const fsw_controller *c) {
+  for (int q = 0; q < 2; q++)
+    if (outside(c, q) > c->tuning.move_max[q] + ROUNDED) return 1;
+  return 0;
+}
+
+/* The command in force, or the last one where it is not finite: `told` as it is; `applied`, with which all is computed,
+ * cut to the bounds, and the last one where it is too far outside to be believed. */
 static void take_applied(fsw_controller *c, double force_kn, double speed_rpm) {
-  const double *most = c->tuning.input_max;
-  if (!(fabs(force_kn) <= ABSURD * most[0]) || !(fabs(speed_rpm) <= ABSURD * most[1])) return;
-  c->applied[0] = force_kn;
-  c->applied[1] = speed_rpm;
+  const double given[2] = {force_kn, speed_rpm};
+  const int is_known = fsw_is_finite(force_kn + speed_rpm);
+  for (int q = 0; q < 2; q++) c->told[q] = is_known ? given[q] : c->applied[q];
+  const int is_believed = !is_out_of_bounds(c);
+  for (int q = 0; q < 2; q++)
+    c->applied[q] = fsw_clip(is_believed ? c->told[q] : c->applied[q], c->tuning.input_min[q], c->tuning.input_max[q]);
+}
+
+/* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
+static double limited(const fsw_controller *c, int q, double wanted) {
+  const fsw_tuning *t = &c->tuning;
+  const double near = fsw_clip(wanted, c->told[q] - t->move_max[q], c->told[q] + t->move_max[q]);
+  return fsw_clip(near, t->input_min[q], t->input_max[q]);
 }
 
 void fsw_input_clear(fsw_input *in) {
@@ -207,8 +230,8 @@ int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out
     c->reference[1] = in->reference_temperature_c;
     c->has_reference = 1;
   }
-  out->force_kn = c->applied[0];
-  out->speed_rpm = c->applied[1];
+  out->force_kn = limited(c, 0, c->applied[0]);
+  out->speed_rpm = limited(c, 1, c->applied[1]);
   out->healthy = out->blind = out->has_plan = 0;
   out->fate = FSW_UNSOLVED;
   out->iterations = 0;
@@ -306,13 +329,6 @@ static void tell_plan(const fsw_controller *c, fsw_output *out) {
   }
 }
 
-/* Nearest to `wanted` within the bounds and one step of what is applied; the step wins over the bounds. */
-static double limited(const fsw_controller *c, int q, double wanted) {
-  const fsw_tuning *t = &c->tuning;
-  const double bounded = fsw_clip(wanted, t->input_min[q], t->input_max[q]);
-  return fsw_clip(bounded, c->applied[q] - t->move_max[q], c->applied[q] + t->move_max[q]);
-}
-
 void fsw_controller_end(fsw_controller *c, const double *moves, const double *depth, const double *temp, int fate,
                         fsw_output *out) {
   const fsw_model *m = &c->model;
@@ -341,6 +357,10 @@ void fsw_controller_end(fsw_controller *c, const double *moves, const double *de
   if (out->blind) {
     out->healthy = 0;
     out->reason = FSW_BLIND;
+  }
+  if (is_out_of_bounds(c)) {
+    out->healthy = 0;
+    out->reason = FSW_OUT_OF_BOUNDS;
   }
   out->bad_cycles = c->bad_cycles;
   out->bad_in_a_row = c->bad_in_a_row;

@@ -114,7 +114,7 @@ typedef struct {
 } fsw_input;
 
 enum { FSW_OK, FSW_CAP, FSW_FAILED, FSW_TOO_FAST, FSW_BEYOND, FSW_UNSOLVED }; /* fate of a solve */
-enum { FSW_PROPOSING, FSW_WAITING_FOR_SENSORS, FSW_WAITING_FOR_REFERENCE, FSW_SOLVER_FAILED, FSW_BLIND };
+enum { FSW_PROPOSING, FSW_WAITING_FOR_SENSORS, FSW_WAITING_FOR_REFERENCE, FSW_SOLVER_FAILED, FSW_BLIND, FSW_OUT_OF_BOUNDS };
 
 typedef struct {
   double force_kn, speed_rpm;              /* the proposal */
@@ -173,6 +173,7 @@ typedef struct {
   double corridor[2], rate[2];             /* of the trajectories of the last tick */
   int has_corridor, has_rate, has_reference;
   double applied[2], reference[2], late_s;
+  double told[2];                          /* what is applied before it is cut to the bounds */
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;
 } fsw_controller;
@@ -197,8 +198,8 @@ void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm);
 /* An input of which nothing is known: no sample, NaN, one tick since the last. */
 void fsw_input_clear(fsw_input *in);
 
-/* One tick, to be called once every FSW_TICK_S: the largest moves are per call. The proposal is finite, within one move of
- * the applied command, and within the bounds or as far on the way there as a move allows, whatever the input. */
+/* One tick, to be called once every FSW_TICK_S: the largest moves are per call. Whatever the input, the proposal is within
+ * the bounds, and within one move of the applied command; where both cannot be, it is the nearest bound and not healthy. */
 void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out);
 
 /* The same in two halves, for another solver in between: begin returns whether there is a problem to solve (in

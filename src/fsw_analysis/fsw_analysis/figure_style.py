@@ -1,0 +1,37 @@
+"""How all figures look, and the one table of the controllers' colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from zlib import crc32
+
+STYLE = {
+    "font.size": 10.0,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "figure.dpi": 110,
+    "lines.linewidth": 1.4,
+    "axes.axisbelow": True,
+}
+#: Of our controllers, in every figure: blue NMPC, red and orange decentralized.
+CONTROLLER_COLOURS = {
+    "nmpc": "#0b62a4",
+    "nmpc:default": "#0b62a4",
+    "nmpc:paper": "#41b6c4",
+    "decentral": "#d1495b",
+    "decentral:conservative": "#d1495b",
+    "decentral:tight": "#e8a33d",
+}
+#: Of everything else.
+COLOURS = ("#2e8540", "#8d5fd3", "#8c564b", "#444444", "#c2569f", "#7a8b00")
+
+
+def colours_of(names: Sequence[str]) -> list[str]:
+    """A colour of its own for each name in a figure: a controller's own, or one that depends on the name alone."""
+    found: list[str] = []
+    for name in names:
+        own = CONTROLLER_COLOURS.get(name, COLOURS[crc32(name.encode()) % len(COLOURS)])
+        found.append(next((one for one in (own, *COLOURS, *CONTROLLER_COLOURS.values()) if one not in found), own))
+    return found

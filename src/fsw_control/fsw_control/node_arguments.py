@@ -1,0 +1,128 @@
+"""The command line of a node: its help, and parameters that the node does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import yaml
+
+from fsw_control.parameters import ParameterSpec, require_known
+from fsw_control.yaml_text import load_yaml
+
+#: parameters that every node has
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_QOS = "qos_overrides."
+_SECTION = "ros__parameters"
+_WIDTH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class NodeArguments:
+    """What the command line of a node may hold.
+
+    Attributes
+    ----------
+    node : str
+        Name of the node, when it is not remapped.
+    about : str
+        What the node is, in a sentence.
+    specs : mapping of str to ParameterSpec
+        Its parameters.
+    positional : str
+        Arguments before ``--ros-args``, as the usage shows them.
+    """
+
+    node: str
+    about: str
+    specs: Mapping[str, ParameterSpec]
+    positional: str = ""
+
+    def help(self, program: str) -> str:
+        """Usage, and every parameter with type, default, range and meaning."""
+        usage = f"usage: {program} {self.positional}".rstrip()
+        options = "[-p NAME:=VALUE ...] [--params-file FILE] [-r FROM:=TO] [--log-level LEVEL]"
+        return f"{usage} [--ros-args {options}]\n\n{self.about.strip()}\n\n{parameter_help(self.specs)}"
+
+    def check(self, argv: Sequence[str]) -> None:
+        """Refuse parameters, by hand or from the node's section of a file, that the node does not have.
+
+        Those of a file's ``/**`` may be for another node. Files that cannot be read are left to ROS.
+
+        Raises
+        ------
+        ParameterError
+            With the names, and similar ones that the node has.
+        """
+        name = self.node
+        for flag, text in _ros_options(argv):
+            left, _, right = text.partition(":=")
+            if flag in ("-r", "--remap") and left.rpartition(":")[2] in ("__node", "__name"):
+                name = right
+        given: list[str] = []
+        for flag, text in _ros_options(argv):
+            if flag in ("-p", "--param"):
+                node, _, parameter = text.partition(":=")[0].rpartition(":")
+                given += [parameter] if node.rpartition("/")[2] in ("", "*", "**", name) else []
+            elif flag == "--params-file":
+                given += _in_file(text, name)
+        require_known(self.specs, [one for one in given if one not in _OF_ROS and not one.startswith(_QOS)])
+
+
+def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:
+    """Every parameter with type, default, range and meaning."""
+    lines = ["parameters:"]
+    for spec in specs.values():
+        default = "[" + ", ".join(map(str, spec.default)) + "]" if isinstance(spec.default, list) else spec.default
+        parts = [spec.type, f"default {default if default != '' else 'empty'} {spec.unit}".rstrip()]
+        if spec.range is not None:
+            parts.append(f"{spec.range[0]:g} to {spec.range[1]:g} {spec.unit}".rstrip())
+        parts += [f"one of {', '.join(spec.options)}"] if spec.options else []
+        parts += ["at start only"] if spec.read_only else []
+        lines.append(f"  {spec.name}  ({'; '.join(parts)})")
+        lines.append(fill(spec.description, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6))
+    return "\n".join(lines)
+
+
+def asks_for_help(argv: Sequence[str]) -> bool:
+    """Whether ``--help`` is among the arguments before ``--ros-args``."""
+    own = list(argv[1:])
+    return bool({"-h", "--help"} & set(own[: own.index("--ros-args")] if "--ros-args" in own else own))
+
+
+def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Options of ROS and what follows each; they stand between ``--ros-args`` and ``--``."""
+    inside = False
+    for word, following in zip(argv, [*argv[1:], ""], strict=True):
+        inside = word == "--ros-args" or (inside and word != "--")
+        if inside:
+            yield word, following
+
+
+def _in_file(path: str, name: str) -> list[str]:
+    """Names of the parameters in a node's sections of a parameter file."""
+    try:
+        content = load_yaml(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return []
+    return [parameter for node, values in _sections("", content) if node == name for parameter in _names(values)]
+
+
+def _sections(node: str, content: Any) -> Iterator[tuple[str, Any]]:
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if key == _SECTION:
+            yield node, value
+        else:
+            yield from _sections(str(key).rpartition("/")[2], value)
+
+
+def _names(values: Any) -> Iterator[str]:
+    """Dotted names of nested parameters."""
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, dict):
+            yield from (f"{key}.{inner}" for inner in _names(value))
+        else:
+            yield str(key)

@@ -1,0 +1,26 @@
+"""Files with a secret: nobody else may read or change them."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+
+def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
+    """Content of a file with a secret, at most its first ``longest_bytes``; ``name`` is the setting that names it.
+
+    Raises
+    ------
+    ValueError
+        When it cannot be read, or others may read or change it; the message says what to do.
+    """
+    try:
+        with path.open("rb") as file:
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            content = file.read(longest_bytes)
+    except OSError as error:
+        raise ValueError(f"{name}: cannot read {path}: {error.strerror}") from None
+    if mode & 0o077:
+        raise ValueError(f"{name}: others may read {path} (mode {mode:03o}): chmod 600 {path}")
+    return content

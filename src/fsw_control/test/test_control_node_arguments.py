@@ -1,0 +1,74 @@
+"""The command line of a node: parameters that it does not have, and its help."""
+
+import pytest
+
+from fsw_control import parameters
+from fsw_control.node_arguments import NodeArguments, asks_for_help
+from fsw_control.parameters import ParameterError
+
+TEXT = """
+deadline: {type: double, default_value: 0.03, description: Wait so long, unit: s, range: [0.001, 1.0]}
+loop.gain: {type: double, default_value: 1.0, description: How strong}
+kind: {type: string, default_value: a, description: Which, options: [a, b], read_only: true}
+"""
+ARGUMENTS = NodeArguments("fsw_one", "One of the nodes.", parameters.parse(TEXT), "[FILE]")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["-p", "deadline:=1.0", "--param", "fsw_one:loop.gain:=2.0", "-p", "use_sim_time:=true"],
+        ["-p", "fsw_other:nmae:=1", "-p", "qos_overrides./fsw/depth.subscription.depth:=3"],
+        ["-r", "nmae:=name", "--log-level", "nmae:=info"],
+        ["-p", "deadline:=1.0", "--", "-p", "nmae:=1"],
+        ["--params-file", "/nowhere/at/all.yaml"],
+    ],
+)
+def test_what_is_taken(words):
+    ARGUMENTS.check(["program", "--ros-args", *words])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-p", "dedaline:=1"],
+        ["--param", "/fsw_one:dedaline:=1"],
+        ["-p", "/**:dedaline:=1"],
+        ["-r", "__node:=renamed", "-p", "renamed:dedaline:=1"],
+    ],
+)
+def test_wrong_names_are_refused(words):
+    with pytest.raises(ParameterError, match="unknown parameters dedaline; did you mean deadline"):
+        ARGUMENTS.check(["program", "--ros-args", *words])
+
+
+@pytest.mark.parametrize(
+    ("content", "wrong"),
+    [
+        ("/**/fsw_one: {ros__parameters: {loop: {gian: 1.0}}}", "loop.gian"),
+        ("hall: {fsw_one: {ros__parameters: {dedaline: 1.0, kind: a}}}", "dedaline"),
+        ("fsw_other: {ros__parameters: {dedaline: 1.0}}", ""),
+        ("/**: {ros__parameters: {dedaline: 1.0}}", ""),
+        ("fsw_one: {ros__parameters: {loop: {gain: 1.0}, deadline: 1e-1}}", ""),
+        ("[no, parameter, file", ""),
+    ],
+)
+def test_files(tmp_path, content, wrong):
+    path = tmp_path / "parameters.yaml"
+    path.write_text(content)
+    words = ["program", "--ros-args", "--params-file", str(path)]
+    if not wrong:
+        ARGUMENTS.check(words)
+        return
+    with pytest.raises(ParameterError, match=f"unknown parameters {wrong}"):
+        ARGUMENTS.check(words)
+
+
+def test_help():
+    assert asks_for_help(["program", "--help"]) and asks_for_help(["program", "file", "-h", "--ros-args"])
+    assert not asks_for_help(["--help"]) and not asks_for_help(["program", "--ros-args", "--help"])
+    text = ARGUMENTS.help("run_one.py")
+    assert text.startswith("usage: run_one.py [FILE] [--ros-args ")
+    assert "deadline  (double; default 0.03 s; 0.001 to 1 s)\n      Wait so long" in text
+    assert "kind  (string; default a; one of a, b; at start only)" in text

@@ -1,0 +1,130 @@
+"""The service for new set-points: checked, in force when it says so, and refusals told."""
+
+from math import nan
+
+import pytest
+import rclpy
+
+from fsw_control import messages_ros as convert
+from fsw_control.contract import Reference
+from fsw_control.references_ros import KeptReference, StatedReference, reference_queue, subscribe_references
+from fsw_control.reports_ros import OK, WARN
+from fsw_control.topics_ros import LATCHED
+from fsw_msgs.msg import WeldReference
+from fsw_msgs.srv import SetReference
+from fsw_test_support.ros_graph import Spinner
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
+STEP_NS = 100_000_000
+
+
+class Graph(Spinner):
+    """A supervisor's part of the set-points, one controller, and who asks."""
+
+    def __init__(self):
+        rclpy.init(args=[])
+        self.nodes = [rclpy.create_node(name) for name in ("supervisor", "controller", "operator")]
+        supervisor, self.controller, operator = self.nodes
+        self.kept = KeptReference(supervisor)
+        self.kept.hear("echo")
+        self.kept.open()
+        self.follows = reference_queue(self.controller)
+        subscribe_references(self.controller, self.follows)
+        self.client = operator.create_client(SetReference, "fsw/set_reference")
+        self.sender = operator.create_publisher(WeldReference, "fsw/reference", LATCHED)
+        self.stated = None
+        self.ticks = 0
+        super().__init__()
+        for node in self.nodes:
+            self.executor.add_node(node)
+        self.until(lambda: self.client.service_is_ready() and self.sender.get_subscription_count() == 2)
+
+    def tick(self):
+        self.ticks += 1
+        stamp_ns = self.ticks * STEP_NS
+        self.kept.on_tick(stamp_ns)
+        present = self.follows.at(stamp_ns)
+        if self.stated is not None:
+            self.stated.update(stamp_ns, present, self.follows.issued_ns)
+
+    def start_controller(self):
+        self.stated = StatedReference(self.controller, "fsw/echo/reference")
+        self.until(lambda: self.nodes[0].count_publishers("/fsw/echo/reference"))
+
+    def ask(self, depth_mm=nan, temperature_c=nan, ramp=False, ticking=True):
+        request = SetReference.Request(depth=depth_mm * 1e-3, temperature=float(temperature_c), ramp=ramp)
+        future = self.client.call_async(request)
+
+        def answered():
+            if ticking:
+                self.tick()
+            else:
+                heard = any(one.heard_ns is not None for one in self.kept._asked)
+                self.kept.look(1e12 if heard else 0.0)
+            return future.done()
+
+        self.until(answered)
+        return future.result()
+
+    def end(self):
+        self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def graph():
+    one = Graph()
+    yield one
+    one.end()
+
+
+@pytest.mark.requirement("S28")
+def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
+    assert "no controller" in graph.ask(2.7, 820.0).message
+    graph.start_controller()
+    assert "no set-point yet" in graph.ask(2.7).message
+    assert "1.5 to 4 mm" in graph.ask(9.0, 820.0).message
+    accepted = graph.ask(2.7, 820.0)
+    assert accepted.ok, accepted.message
+    in_force = graph.kept._queue.at(graph.ticks * STEP_NS)
+    assert (in_force.depth_mm, in_force.temperature_c) == (pytest.approx(2.7), 820.0)
+    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS) == in_force)
+    assert graph.ask(temperature_c=821.0).ok
+    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 821.0)
+    assert graph.follows.at(graph.ticks * STEP_NS).depth_mm == pytest.approx(2.7)
+
+
+def test_a_ramp_begins_at_what_is_in_force_and_is_voided_by_the_next_request(graph):
+    graph.start_controller()
+    refused = graph.ask(2.7, 820.0, ramp=True)
+    assert not refused.ok and "without a ramp" in refused.message
+    assert graph.ask(2.7, 820.0).ok
+    graph.until(lambda: graph.tick() or graph.follows.mark)
+    ramped = graph.ask(2.7, 830.0, ramp=True)
+    assert ramped.ok and "ramp over 10.0 s" in ramped.message
+    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c > 822.0)
+    assert graph.ask(2.7, 815.0).ok
+    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS).temperature_c == 815.0)
+    for _ in range(200):
+        graph.tick()
+    assert graph.follows.at(graph.ticks * STEP_NS).temperature_c == 815.0
+
+
+def test_set_points_before_the_first_measurement_are_for_the_first_one(graph):
+    graph.start_controller()
+    accepted = graph.ask(2.7, 820.0, ticking=False)
+    assert accepted.ok and "next one" in accepted.message
+    graph.until(lambda: graph.tick() or graph.follows.at(graph.ticks * STEP_NS) is not None)
+
+
+@pytest.mark.requirement("S28")
+def test_a_refused_set_point_of_a_plain_publisher_is_in_the_diagnostics(graph):
+    graph.tick()
+    graph.sender.publish(convert.reference_message(Reference(2.7, 820.0), 7200 * 10**9))
+    graph.until(lambda: graph.kept._refused)
+    report = graph.kept.report()
+    assert report.level == WARN and "2.7 mm" in report.text and "another clock" in report.text
+    assert graph.kept.report().level == OK
+    assert graph.kept._queue.at(graph.ticks * STEP_NS) is None

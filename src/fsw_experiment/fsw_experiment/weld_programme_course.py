@@ -1,0 +1,108 @@
+"""The set-points of a programme as they go out: as planned, left for those in force, and back by a ramp."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from fsw_control.contract import Reference
+from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
+from fsw_control.weld import TICK_S
+
+#: a way back begins so many ticks later, so that none of it comes late
+_LEAD_TICKS = 5
+
+
+class WayBack(NamedTuple):
+    """From the set-points in force to the programme.
+
+    Attributes
+    ----------
+    start, goal : Reference
+        Where it begins, and where it meets the programme.
+    duration_s : float
+    changes : dict of int to Reference
+        By tick of the programme.
+    """
+
+    start: Reference
+    goal: Reference
+    duration_s: float
+    changes: dict[int, Reference]
+
+    def __str__(self) -> str:
+        if self.start == self.goal and not self.changes:
+            return "the programme's set-points are in force"
+        start, goal = (f"{one.depth_mm:.4g} mm, {one.temperature_c:.5g} degC" for one in (self.start, self.goal))
+        return f"set-points from {start} back to the programme's {goal} by a ramp over {self.duration_s:.1f} s"
+
+
+class Course:
+    """What goes out of a programme's set-points.
+
+    As long as it is *followed*, its set-points go out as planned. A hold, or set-points by hand, *leave* it: those
+    that are then in force stay. A resume goes back to where the programme is, by a ramp at the permitted rates, while
+    its time goes on; so nothing of it is lost, and nothing jumps that does not jump in the programme.
+
+    Parameters
+    ----------
+    programme : mapping of int to Reference
+        Its changes by tick, in order, with one at tick 0.
+
+    Attributes
+    ----------
+    coming : deque of (int, Reference)
+        What is still to be sent, in order of ticks; the caller takes it from the left.
+    followed : bool
+        Whether the programme, or the way back to it, is what goes out.
+    """
+
+    def __init__(self, programme: Mapping[int, Reference]) -> None:
+        self._programme = dict(programme)
+        self._ticks = list(programme)
+        self.coming: deque[tuple[int, Reference]] = deque(self._programme.items())
+        self.followed = True
+
+    def programme_at(self, tick: int) -> Reference:
+        """What the programme has at a tick."""
+        return self._programme[self._ticks[max(bisect_right(self._ticks, tick) - 1, 0)]]
+
+    def leave(self) -> None:
+        """Send nothing more until :meth:`resume`."""
+        self.coming.clear()
+        self.followed = False
+
+    def way_back(self, in_force: Reference, tick: int) -> WayBack:
+        """The way back from the set-points in force at a tick of the programme."""
+        changes: dict[int, Reference] = {}
+        present, now = in_force, tick
+        if in_force != self.programme_at(tick):
+            now += _LEAD_TICKS
+            while present != self.programme_at(now):
+                now += 1
+                present = _toward(present, self.programme_at(now))
+                changes[now] = present
+        return WayBack(in_force, present, (now - tick) * TICK_S, changes)
+
+    def resume(self, in_force: Reference, tick: int) -> WayBack:
+        """Go back to the programme; the caller sends ``in_force`` first, which voids what others have sent ahead."""
+        way = self.way_back(in_force, tick)
+        met = max(way.changes, default=tick)
+        self.coming = deque(way.changes.items())
+        self.coming.extend((when, one) for when, one in self._programme.items() if when > met)
+        self.followed = True
+        return way
+
+
+def _toward(present: Reference, goal: Reference) -> Reference:
+    """One tick nearer at the permitted rates."""
+    return Reference(
+        _nearer(present.depth_mm, goal.depth_mm, WELD_RATE_DEPTH_MM_PER_S * TICK_S),
+        _nearer(present.temperature_c, goal.temperature_c, WELD_RATE_TEMPERATURE_C_PER_S * TICK_S),
+    )
+
+
+def _nearer(value: float, aim: float, step: float) -> float:
+    return aim if abs(aim - value) <= step else value + (step if aim > value else -step)
