@@ -38,7 +38,9 @@ def step(plant, controller, number):
 
 
 if __name__ == "__main__":
-    plant, controller = Unit(sys.argv[1]), Unit(sys.argv[2], drives_valid=True)
+    plant, controller = Unit(sys.argv[1]), Unit(sys.argv[2])
+    if "drives_valid" in controller.inputs:
+        controller.set(drives_valid=True)
     for number in range(600):
         if number == 100:
             controller.set(reference_depth_mm=2.76)

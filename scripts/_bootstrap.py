@@ -69,8 +69,18 @@ def ensure(dev=False, oldest=False, extras=()):
 
 def start(module, extras=()):
     """Go on inside the project's environment and end with what the ``main`` of a module returns."""
-    ensure(extras=extras)
-    sys.exit(importlib.import_module(module).main())
+    try:
+        ensure(extras=extras)
+        code = importlib.import_module(module).main()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = 130
+    except BrokenPipeError:
+        # whoever read our output has seen enough; nothing is left to be flushed at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 1
+    sys.exit(code)
 
 
 def _python(home):

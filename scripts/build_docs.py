@@ -3,8 +3,9 @@
 
 usage: build_docs.py [--check]
 
-``--check`` writes nothing into docs/; the exit code is 1 when a page of the reference is out of date. MkDocs loads this
-file as well, as its hook: it turns formulas into MathML, which browsers show without any script from the network.
+``--check`` writes nothing into docs/; the exit code is 1 when a generated page is out of date. It is always 1 when a
+requirement of the safety case has no test. MkDocs loads this file as well, as its hook: it turns formulas into MathML,
+which browsers show without any script from the network.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ if __name__ == "__main__":
 
     ensure(dev=True)
 
+import safety_case
 import yaml
+from draw_state_machine import svg_diagram
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
@@ -44,6 +47,7 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
+VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
 def markdown(specs: dict[str, ParameterSpec]) -> str:
@@ -198,7 +202,9 @@ def command_line() -> str:
     """All commands with their arguments."""
     lines = [
         "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments.",
-        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`.",
+        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
+        "lists their parameters.",
+        "A file that exists is replaced only with `--force`.",
     ]
     for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
         lines += ["", f"## scripts/{script}", "", sentence(parser), *commands(parser)]
@@ -237,6 +243,23 @@ def argument(action: argparse.Action) -> str:
     return text if action.required else f"[{text}]"
 
 
+def with_rows(page: str) -> str:
+    """The page with the rows of tables of the results that its marks ask for, as they are there now."""
+
+    def rows(match: re.Match[str]) -> str:
+        name, heading, labels = match[1], match[2], {label.strip() for label in (match[3] or "").split(";")} - {""}
+        text = (WORKSPACE / "docs" / "results" / name).read_text(encoding="utf-8")
+        section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+        lines = list(takewhile(lambda line: line.startswith("|"), section[section.find("\n|") + 1 :].splitlines()))
+        taken = [line for line in lines[2:] if not labels or line.split("|")[1].strip() in labels]
+        if not taken or (labels and len(taken) != len(labels)):
+            raise SystemExit(f"docs/results/{name}, {heading}: not all rows are there: {match[3]}")
+        return "\n".join([match[0].partition("\n")[0], "", *lines[:2], *taken, "", "<!-- rows: end -->"])
+
+    pattern = r"<!-- rows of (\S+), ([^:\n]*?)(?:: (.*?))? -->\n.*?<!-- rows: end -->"
+    return re.sub(pattern, rows, page, flags=re.DOTALL)
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Stand in for the results where they have not been made yet."""
     if files.get_file_from_path(RESULTS) is None:
@@ -246,11 +269,11 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(text: str, page: Any, config: Any, files: Any) -> str:
-    """Leave out figures of results that are not there, and diagrams that need a script from the network."""
+    """Leave out figures of results that are not there; draw what would need a script from the network."""
     if page.file.src_uri == RESULTS:
         there = {Path(file.src_uri).name for file in files if file.src_uri.startswith("results/")}
         text = re.sub(r"!\[([^]]*)\]\(([^)/]+)\)", lambda m: m[0] if m[2] in there else f"*{m[1]}: not made yet*", text)
-    return re.sub(r"```mermaid\n.*?```\n", "", text, flags=re.DOTALL)
+    return re.sub(r"```mermaid\n.*?```\n", lambda _: f"{svg_diagram()}\n", text, flags=re.DOTALL)
 
 
 def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
@@ -260,11 +283,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
         tex = html.unescape(match[2] or match[3])
         tag = re.search(r"\\tag\{(.*?)\}", tex)
         formula = convert(tex.replace(tag[0], "") if tag else tex, display="inline" if match[2] else "block")
-        return (
-            f'<div style="overflow-x:auto"><span style="float:right">({tag[1]})</span>{formula}</div>'
-            if tag
-            else formula
-        )
+        return f'<div class="equation"><span>({tag[1]})</span>{formula}</div>' if tag else formula
 
     pattern = r'<(span|div) class="arithmatex">(?:\\\((.*?)\\\)|\s*\\\[(.*?)\\\]\s*)</\1>'
     return re.sub(pattern, mathml, content, flags=re.DOTALL)
@@ -276,21 +295,27 @@ PAGES = {"parameters": parameters, "messages": messages, "scenarios": scenarios,
 def main() -> int:
     """Run the script; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--check", action="store_true", help="only tell whether the reference is up to date")
+    cli.add_argument("--check", action="store_true", help="only tell whether what is generated is up to date")
     check: bool = cli.parse_args().check
+    requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
+    case = safety_case.PAGE.read_text("utf-8")
+    pages = {REFERENCE / f"{name}.md": make() for name, make in PAGES.items()}
+    pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
+    pages[safety_case.PAGE] = safety_case.renewed(case, requirements, tests)
+    faults = safety_case.faults(requirements, tests, case)
+    print(*(f"safety case: {fault}\n" for fault in faults), sep="", end="")
     stale = []
-    for name, make in PAGES.items():
-        path, text = REFERENCE / f"{name}.md", make()
+    for path, text in pages.items():
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             stale.append(path.name)
             if not check:
                 path.write_text(text, encoding="utf-8")
     if stale:
         found = "out of date; run python3 scripts/build_docs.py" if check else "written again"
-        print(f"docs/reference: {', '.join(stale)} {found}")
+        print(f"docs: {', '.join(stale)} {found}")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
     built = subprocess.run(command, cwd=WORKSPACE, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}).returncode
-    return built or int(bool(stale and check))
+    return built or int(bool(faults or (stale and check)))
 
 
 if __name__ == "__main__":

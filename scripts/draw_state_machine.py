@@ -24,7 +24,7 @@ _NOTES = {
     Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
     Mode.MANUAL: "goes to the operator's values within the move limits",
     Mode.HOLD: "repeats the last command",
-    Mode.SAFE_STOP: "ramps the force down with the spindle turning, only the operator leads out",
+    Mode.SAFE_STOP: "ramps the force down with the spindle turning, left after an acknowledgement only",
 }
 
 
@@ -39,12 +39,40 @@ def mermaid_diagram() -> str:
     return "\n".join(lines)
 
 
-def transition_table() -> str:
-    """The transitions as a markdown table: trigger, meaning, from, to."""
+def by_trigger() -> dict[tuple[str, str, str], list[str]]:
+    """Modes from which a trigger leads to a mode, by trigger, meaning and that mode."""
     rows: dict[tuple[str, str, str], list[str]] = {}
     for row in TRANSITIONS:
         rows.setdefault((str(row.trigger), row.meaning, str(row.target)), []).append(str(row.source))
+    return rows
+
+
+def svg_diagram() -> str:
+    """The diagram for pages without mermaid: a line per mode; an arrow per trigger from the modes where it acts."""
+    x = {str(mode): 230 + 130 * i for i, mode in enumerate(Mode)}
+    height, right = 40 + 26 * len(by_trigger()), max(x.values())
+    lines = [
+        f'<svg viewBox="0 0 {right + 60} {height}" font-family="sans-serif" '
+        'font-size="13" role="img"><title>Modes of the supervisor and what leads from one to another</title>'
+    ]
+    for name, at in x.items():
+        lines.append(f'<text x="{at}" y="16" text-anchor="middle" font-weight="bold">{name}</text>')
+        lines.append(f'<path d="M{at} 24V{height}" stroke="#bbb" stroke-dasharray="3 3"/>')
+    for i, ((trigger, _, target), sources) in enumerate(by_trigger().items()):
+        y, end = 44 + 26 * i, x[target]
+        lines.append(f'<text x="4" y="{y + 4}" font-family="monospace" font-size="12">{trigger}</text>')
+        for begin in (x[source] for source in sources):
+            lines.append(f'<path d="M{begin} {y}H{end}" stroke="#333" stroke-width="1.5"/>')
+            lines.append(f'<circle cx="{begin}" cy="{y}" r="4" fill="#333"/>')
+            side = -10 if begin < end else 10
+            lines.append(f'<path d="M{end} {y}l{side} -5v10z" fill="#333"/>')
+    return "".join([*lines, "</svg>"])
+
+
+def transition_table() -> str:
+    """The transitions as a markdown table: trigger, meaning, from, to."""
     lines = ["| trigger | when | from | to |", "|---|---|---|---|"]
+    rows = by_trigger()
     lines += [f"| `{name}` | {why} | {', '.join(sources)} | {to} |" for (name, why, to), sources in rows.items()]
     return "\n".join(lines)
 

@@ -19,6 +19,9 @@ OLDEST = "--oldest"
 OLDEST_TESTS = [
     f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
 ]
+if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
+    print(__doc__)
+    sys.exit()
 ensure(dev=True, oldest=OLDEST in sys.argv, extras=["fmu", "machine", "campaign", "hmi"])
 
 
@@ -32,9 +35,6 @@ def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it, and so would nodes
     arguments = sys.argv[1:]
-    if arguments[:1] in (["-h"], ["--help"]):
-        print(__doc__)
-        return 0
     if OLDEST in arguments:
         arguments.remove(OLDEST)
         return run("pytest with the oldest supported versions", "pytest", *(arguments or OLDEST_TESTS))

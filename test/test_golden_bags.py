@@ -5,7 +5,6 @@ When a change of plant or controllers is meant, record the bags again with ``scr
 
 import json
 import math
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from fsw_analysis import kpi
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_analysis.verify import Verification, recorded_controllers, verify
-from fsw_experiment.controllers import KNOWN
+from fsw_experiment.controllers import kind_of
 
 GOLDEN = Path(__file__).parent / "golden"
 BAGS = sorted(folder.name for folder in GOLDEN.iterdir() if folder.is_dir())
@@ -68,9 +67,8 @@ def largest(result: Verification) -> float:
 
 
 def replay(name: str, controller: str, **changed: Any) -> Verification:
-    module, kind, file, _ = KNOWN[controller]
-    made = getattr(import_module(module), kind)
-    return verify(GOLDEN / name, controller, lambda values: made({**values, **changed}), (module, file))
+    made = kind_of(controller)
+    return verify(GOLDEN / name, controller, lambda values: made({**values, **changed}), made.parameters)
 
 
 @pytest.mark.parametrize(("name", "controller"), CONTROLLERS)

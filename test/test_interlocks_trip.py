@@ -52,6 +52,7 @@ class Loop:
         return self.arbiter.machine.mode
 
 
+@pytest.mark.requirement("S1")
 @pytest.mark.parametrize("interlock", _CAUSES)
 def test_interlock_trips_into_a_safe_stop(interlock):
     loop = Loop()
@@ -68,6 +69,7 @@ def test_interlock_trips_into_a_safe_stop(interlock):
     assert loop.arbiter.machine.reason.startswith(f"{interlock} is trip"), "by this one and no other"
 
 
+@pytest.mark.requirement("S1", "S2")
 def test_a_push_that_no_command_asked_for_trips_though_the_command_stays_in_its_bounds():
     loop = Loop()
     loop.run(10)
@@ -78,6 +80,7 @@ def test_a_push_that_no_command_asked_for_trips_though_the_command_stays_in_its_
     assert loop.run(1) is Mode.SAFE_STOP
 
 
+@pytest.mark.requirement("S2")
 def test_a_drives_sample_that_is_lost_hides_nothing():
     """Two of three drive samples are lost; the last one stands in, as with the sensors."""
     loop = Loop()

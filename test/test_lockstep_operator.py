@@ -6,7 +6,7 @@ import pytest
 
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.main import main
-from fsw_experiment.graph import CONTROLLER_MODULES, WeldGraph
+from fsw_experiment.graph import WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import load
 
@@ -53,9 +53,9 @@ def test_controllers(fsw):
 
 def test_reference_keeps_what_is_left_out(fsw):
     code, printed, _ = fsw("reference", "--depth", "2.67")
-    assert (code, printed) == (0, "set-points: 2.67 mm, 816.4 degC\n")
+    assert (code, printed) == (0, "set-points 2.67 mm, 816.4 degC\n")
     code, printed, _ = fsw("reference", "--temperature", "817")
-    assert (code, printed) == (0, "set-points: 2.67 mm, 817 degC\n"), "the sender of the depth has left"
+    assert (code, printed) == (0, "set-points 2.67 mm, 817 degC\n"), "the sender of the depth has left"
     code, printed, _ = fsw("status")
     assert "set-point 2.67 mm" in printed and "set-point 817 degC" in printed
 
@@ -64,13 +64,14 @@ def test_reference_keeps_what_is_left_out(fsw):
     "arguments",
     [
         ("disturb", "temperature", "step", "0.5"),
-        ("disturb", "temperature", "none"),
+        ("disturb", "temperature", "clear"),
         ("fault", "thermocouple", "bias", "0.5", "--duration", "0.5"),
-        ("fault", "thermocouple", "none"),
+        ("fault", "thermocouple", "clear"),
         ("mode", "hold"),
         ("mode", "manual", "--force", "78.4", "--speed", "407"),
         ("mode", "auto"),
         ("switch", "decentral"),
+        ("reference", "--temperature", "818", "--ramp"),
         ("weld", "hold"),
         ("weld", "resume"),
     ],
@@ -86,6 +87,8 @@ def test_refusals_are_one_line_and_a_bad_exit_code(fsw):
     assert code == 1
     assert "unknown controller 'nobody'" in error
     assert error.count("\n") == 1
+    code, _, error = fsw("acknowledge")
+    assert (code, error) == (1, "error: refused: there is no safe stop to acknowledge\n")
     code, _, error = fsw("weld", "resume")
     assert (code, error) == (1, "error: refused: the weld is running; it must be held\n")
 
@@ -105,7 +108,7 @@ def test_without_a_set_point_status_says_that_it_is_what_lacks(tmp_path, capsys,
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         for name, module in (
-            ("decentral", CONTROLLER_MODULES["decentral"]),
+            ("decentral", "fsw_decentral.decentral_node"),
             ("supervisor", "fsw_supervisor.supervisor_node"),
             ("plant", "fsw_plant.plant_node"),
         ):

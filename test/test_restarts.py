@@ -7,7 +7,7 @@ from rclpy.context import Context
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_experiment.cli.main import main
-from fsw_experiment.graph import CONTROLLER_MODULES, STANDBY, WeldGraph
+from fsw_experiment.graph import STANDBY, WeldGraph
 from fsw_experiment.launcher import Launcher
 from fsw_experiment.scenario_file import parse
 from fsw_msgs.msg import WeldCommand, WeldReference
@@ -70,7 +70,7 @@ class Weld(Spinner):
         self.follows.pop(name if name != "standby" else "supervisor", None)
 
     def start(self, name):
-        module = CONTROLLER_MODULES.get(name, "fsw_supervisor.supervisor_node")
+        module = "fsw_supervisor.supervisor_node" if name in ("supervisor", "standby") else f"fsw_{name}.{name}_node"
         renamed = ["-r", f"__node:={STANDBY}"] if name == "standby" else []
         self.launcher.start(name, module, [*self.arguments, *renamed])
 
@@ -112,6 +112,7 @@ def assert_stays(weld, capsys, depth_mm):
     assert f"set-point {depth_mm} mm" in fsw(capsys, "status")
 
 
+@pytest.mark.requirement("S21")
 def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=False)
     weld.restart("nmpc", 2.7)
@@ -124,6 +125,7 @@ def test_a_controller_that_is_started_again_follows_the_set_point_in_force(make_
     assert_stays(weld, capsys, 2.72)
 
 
+@pytest.mark.requirement("S21")
 def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_weld, capsys):
     """Without a standby: the sender of the set-point has left, only the controllers know it."""
     weld = make_weld(standby=False)
@@ -133,6 +135,7 @@ def test_a_supervisor_that_is_started_again_knows_the_set_point_in_force(make_we
     assert_stays(weld, capsys, 2.72)
 
 
+@pytest.mark.requirement("S21")
 def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_weld, capsys):
     weld = make_weld(standby=True)
     weld.until(lambda: weld.role("standby") == "standby", "the standby")
@@ -146,3 +149,18 @@ def test_supervisors_that_replace_each_other_know_the_set_point_in_force(make_we
         weld.until(lambda name=dies: weld.role(name) == "standby", "the one that was killed")
     weld.restart("nmpc", 2.72)
     assert_stays(weld, capsys, 2.72)
+
+
+@pytest.mark.requirement("S25")
+def test_a_safe_stop_outlives_all_supervisors(make_weld, capsys):
+    weld = make_weld(standby=True)
+    weld.until(lambda: weld.role("standby") == "standby", "the standby")
+    fsw(capsys, "mode", "safe_stop")
+    weld.until(lambda: weld.commands[-1].source == "safe_stop", "the safe stop")
+    for name in ("supervisor", "standby"):
+        weld.kill(name)
+    before = len(weld.commands)
+    for name in ("supervisor", "standby"):
+        weld.start(name)
+    weld.ticks(20)
+    assert {message.source for message in weld.commands[before:]} == {"safe_stop"}

@@ -71,7 +71,7 @@ def test_another_tuning_is_told_from_what_was_applied(tmp_path: Path, capsys: py
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--controller", "nobody"], "nobody is not one of"),
+        (["--controller", "nobody"], "controller nobody is not available"),
         (["--controller", "decentral", "--rate", "0"], "rate 0 is outside"),
         (["--controller", "decentral", "--set", "nonsense"], "NAME=VALUE"),
         (["--controller", "decentral", "--out", str(WELD)], "exists already"),

@@ -25,7 +25,7 @@ def test_estimated_disturbances_go_out_in_si(make):
         measurement = Measurement(0.1 * k, weld.DEPTH_MM + 0.02, 1030.0, weld.TEMPERATURE_C + 2.0)
         proposal = controller.step(measurement, reference, applied, weld.TICK_S)
     core = proposal.diagnosis.disturbances
-    message = convert.status_message(proposal, 1, controller.name, False, ())
+    message = convert.status_message(proposal, 1, controller.name, "", ())
     assert len(message.disturbance_names) == len(core)
     for name, value in zip(message.disturbance_names, message.disturbances, strict=True):
         core_name, factor = _OF_CORE[name]

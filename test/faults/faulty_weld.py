@@ -60,8 +60,13 @@ RELIABLE = ("fsw/drives", "fsw/plant/truth")
 
 @dataclass
 class Outcome:
-    """What reached the plant since a mark; deviations are from the values at the mark."""
+    """What reached the plant since a mark; deviations are from the values at the mark.
 
+    What time decides is exact in lockstep only: in real time a busy machine loses ticks and makes controllers late
+    that nothing is done to. How soon a fault is answered is tested with a clock by hand (fsw_supervisor/test).
+    """
+
+    exact: bool
     ticks: int
     lost: int
     sources: list[str]
@@ -75,12 +80,17 @@ class Outcome:
     def assert_steady(self, lost=0, depth_mm=0.1, jump_kn=MOVE_KN, jump_rpm=MOVE_RPM):
         """No more ticks lost than that, no bump, and the process where it was."""
         assert self.ticks > 0, self
-        assert self.lost <= lost, self
+        assert self.lost <= lost or not self.exact, self
         assert self.jump_kn <= jump_kn + 1e-6, self
         assert self.jump_rpm <= jump_rpm + 1e-6, self
         assert self.depth_mm <= depth_mm, self
         assert WINDOW_C[0] < self.coldest_c, self
         assert self.hottest_c < WINDOW_C[1], self
+
+    def assert_sources(self, *names):
+        """These commanded, in this order; in lockstep nobody else did."""
+        rest = iter(self.sources)
+        assert (self.sources == [*names]) if self.exact else all(name in rest for name in names), self
 
 
 class Relay:
@@ -117,7 +127,6 @@ class Weld(Spinner):
         self.parts = ("plant", "decentral", "nmpc", *self.supervisors)
         self.commands, self.truths, self.states, self.reports = {}, [], [], []
         self.misbehave = None
-        self.pending = []
         self.bags = itertools.count()
         self.applied = Command(weld.FORCE_KN, weld.SPEED_RPM)
         rclpy.init(args=[], domain_id=domain)
@@ -143,6 +152,7 @@ class Weld(Spinner):
         if name == "plant":
             settings.append(f"wait_for_subscribers:={1 if self.relayed else 3}")
             settings += ["clock:=simulated", "speed:=0.0"] if self.lockstep else []
+            settings += ["lockstep_timeout_s:=0.5"] if self.relayed else []  # after a tick of which all was lost
             remaps = [f"{topic}:=raw/{topic}" for topic in (*RELAYED, "fsw/command")] if self.relayed else []
         elif self.lockstep:
             settings.append("use_sim_time:=true")
@@ -169,7 +179,6 @@ class Weld(Spinner):
     def restore(self):
         """Bring the weld back to all parts running, under ``decentral``; returns the number of the next truth."""
         self.misbehave = None
-        self.pending.clear()
         for name in self.parts:
             if name in self.launcher.children and self.launcher.children[name].running:
                 self.signal(name, signal.SIGCONT)
@@ -203,19 +212,12 @@ class Weld(Spinner):
         else:
             self.misbehave(proposal)
 
-    def spin(self):
-        now_s = time.monotonic()
-        for at_s, proposal in [item for item in self.pending if item[0] <= now_s]:
-            self.pending.remove((at_s, proposal))
-            self.proposals.publish(proposal)
-        super().spin()
-
     def seen(self):
         return f"state: {self.states[-1:]}"
 
     def ticks(self, count):
         goal = len(self.truths) + count
-        self.until(lambda: len(self.truths) >= goal, f"{count} ticks", 30.0 + count)
+        self.until(lambda: len(self.truths) >= goal, f"{count} ticks")
 
     def ready(self, *names):
         health = {item.name: item for item in self.states[-1].controllers} if self.states else {}
@@ -261,6 +263,9 @@ class Weld(Spinner):
         if number == signal.SIGKILL:
             self.launcher.children[name].process.wait()
 
+    def a_controller_commands(self):
+        self.until(lambda: self.source() in ("decentral", "nmpc"), "a controller in command")
+
     def source(self):
         return self.commands[max(self.commands)].source if self.commands else ""
 
@@ -273,9 +278,15 @@ class Weld(Spinner):
         given = [convert.command(self.commands[stamp]) for stamp in stamps if stamp in self.commands]
         pairs = list(itertools.pairwise(given))
         return Outcome(
+            exact=self.lockstep,
             ticks=len(stamps),
             lost=sum(stamp not in self.commands for stamp in stamps),
-            sources=list(dict.fromkeys(self.commands[stamp].source for stamp in stamps if stamp in self.commands)),
+            sources=[
+                source
+                for source, _ in itertools.groupby(
+                    self.commands[stamp].source for stamp in stamps if stamp in self.commands
+                )
+            ],
             jump_kn=max(abs(b.force_kn - a.force_kn) for a, b in pairs),
             jump_rpm=max(abs(b.speed_rpm - a.speed_rpm) for a, b in pairs),
             depth_mm=max(abs(truth.depth - truths[0].depth) * 1e3 for truth in truths),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 
 import pytest
 
@@ -11,6 +12,7 @@ from fsw_control.contract import Command
 from fsw_msgs.msg import WeldCommand
 
 
+@pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     first = weld.restore()
     foreign = weld.node.create_publisher(WeldCommand, "fsw/command", 10)
@@ -30,18 +32,20 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     weld.node.destroy_publisher(foreign)
     outcome = weld.outcome(first)
     outcome.assert_steady()
-    assert outcome.sources == ["decentral"], "no controller follows a stranger"
+    outcome.assert_sources("decentral")
+    assert {"decentral", "nmpc", "hold"}.issuperset(outcome.sources), "no controller follows a stranger"
     assert len([name for name in weld.supervisors if weld.role(name) == "active"]) == 1
     table.add(
         "a foreign writer on `/fsw/command`", "a command that was not sent here", "error on `/diagnostics`", outcome
     )
 
 
+@pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
     weld.restore()
     weld.switch("nmpc")
-    first = len(weld.truths)
+    first, told = len(weld.truths), len(weld.states)
     weld.ticks(5)
     silent = weld.leader
     other = next(name for name in weld.supervisors if name != silent)
@@ -55,14 +59,15 @@ def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, num
     weld.ticks(10)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
-    assert outcome.sources == ["nmpc"], "who was active goes on"
+    outcome.assert_sources("nmpc")
     assert weld.roles(other) == [*roles, "active"], "it still leads"
-    assert weld.states[-1].requested_by == "takeover"
+    assert any(state.requested_by == "takeover" for state in weld.states[told:])
     verb = "killed (-9)" if number == signal.SIGKILL else "stopped and continued"
     reaction = "takes over in the second, under the same controller"
     table.add(f"leading supervisor {verb}, with a standby", "standby: two ticks unanswered", reaction, outcome)
 
 
+@pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_standby_falls_silent(weld, table, number):
     first = weld.restore()
@@ -74,11 +79,12 @@ def test_the_standby_falls_silent(weld, table, number):
         weld.ticks(8)
     outcome = weld.outcome(first)
     outcome.assert_steady()
-    assert outcome.sources == ["decentral"]
+    outcome.assert_sources("decentral")
     assert weld.role(standby) == "standby"
     table.add("standby killed, or stopped and continued", "–", "none needed", outcome)
 
 
+@pytest.mark.requirement("S24")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_recorder_falls_silent(weld, table, number):
     weld.restore()
@@ -93,10 +99,11 @@ def test_the_recorder_falls_silent(weld, table, number):
         weld.launcher.stop("recorder")
     outcome = weld.outcome(first)
     outcome.assert_steady()
-    assert outcome.sources == ["decentral"]
+    outcome.assert_sources("decentral")
     table.add("recorder killed, or stopped and continued", "–", "none needed", outcome)
 
 
+@pytest.mark.requirement("S9")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     weld = behind_relay
@@ -109,14 +116,15 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     if number == signal.SIGKILL:
         weld.start("supervisor")
     else:
-        weld.ticks(8)
+        stopped_s = time.monotonic()
+        weld.until(lambda: time.monotonic() > stopped_s + 0.8, "0.8 s")
         before = max(weld.commands)
         weld.signal("supervisor", signal.SIGCONT)
     weld.until(lambda: max(weld.commands) > before, what="the next command")
     weld.ticks(15)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
-    assert weld.source() == "nmpc", "who was active goes on, not who is configured"
+    assert weld.states[-1].target_controller == "nmpc", "who was active goes on, not who is configured"
     verb = "killed (-9) and started again" if number == signal.SIGKILL else "stopped for 0.8 s and continued"
     reaction = "the plant holds; goes on from the drives' feedback with who was active"
     table.add(f"only supervisor {verb}", "–", reaction, outcome)

@@ -82,6 +82,7 @@ def player(weld):
     return Player(weld)
 
 
+@pytest.mark.requirement("S9", "S22")
 def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     weld.restore()
     weld.record()
@@ -95,7 +96,7 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     assert player.end() == 0
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=3)
-    assert outcome.sources == ["decentral"]
+    outcome.assert_sources("decentral")
     assert [phase for phase, _ in itertools.groupby(report.phase for report in player.reports)] == PHASES
     lengths = [report.length for report in player.reports]
     assert lengths == sorted(lengths)
@@ -122,7 +123,7 @@ def test_the_controller_is_swapped_and_swapped_back_on_the_joint_line(weld):
     assert player.end() == 0
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=0)
-    assert outcome.sources == ["decentral", "nmpc"]
+    outcome.assert_sources("decentral", "nmpc", "decentral")
 
 
 def test_a_held_weld_stands_still_until_it_is_resumed(weld, player):
@@ -156,5 +157,7 @@ def test_an_aborted_weld_leads_to_the_safe_stop(weld, player, first):
     assert player.reports[-1].state == "aborted"
     last = player.child.text().strip().splitlines()[-1]
     assert last.startswith("scenario: the weld is aborted in phase start at 0.") and "safe_stop" in last
+    acknowledge = weld.node.create_client(Trigger, "fsw/acknowledge")
+    assert Spinner.call(weld, acknowledge, Trigger.Request()).success
     mode = weld.node.create_client(SetMode, "fsw/set_mode")
     weld.call(mode, SetMode.Request(mode="auto"))

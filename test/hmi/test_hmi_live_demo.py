@@ -10,35 +10,42 @@ import pytest
 from fsw_experiment.launcher import Launcher
 from fsw_recorder.bag_reader import BagReader
 from fsw_test_support.page_client import Page
+from fsw_test_support.ros_graph import PATIENCE_S
 
-SCENARIO = """
-name: short
-duration_s: {duration_s}
-controller: decentral
-events: []
-"""
+SHORT = "{name: short, duration_s: 4.0, controller: decentral, events: []}"
+LONG = "{name: long, duration_s: 600.0, controller: decentral, events: []}"
+PROGRAMME = "{name: long, phases: [{name: dwell, duration_s: 600.0}]}"
 
 
-def processes(folder):
-    """Processes whose parameters or logs are in a folder."""
+def processes(folder, *words):
+    """Processes whose parameters or logs are in a folder, with these words in their command line."""
     found = []
     for one in Path("/proc").glob("[0-9]*"):
         try:
-            if str(folder) in (one / "cmdline").read_bytes().decode(errors="replace"):
-                found.append(int(one.name))
+            line = (one / "cmdline").read_bytes().decode(errors="replace")
         except OSError:
-            pass
+            continue
+        if all(word in line for word in (str(folder), *words)):
+            found.append(int(one.name))
     return found
+
+
+def kill(folder, *modules):
+    """Kill all processes of these modules at once; returns how many."""
+    found = [one for module in modules for one in processes(folder, module)]
+    for one in found:
+        os.kill(one, signal.SIGKILL)
+    return len(found)
 
 
 @pytest.fixture
 def demo(tmp_path):
-    """Starts the demonstration for so many seconds of weld; returns it with address and token of its page."""
+    """Starts the demonstration of a scenario; returns it with address and token of its page."""
     with Launcher(tmp_path / "log", 0) as launcher:
 
-        def start(duration_s):
-            scenario = tmp_path / "short.yaml"
-            scenario.write_text(SCENARIO.format(duration_s=duration_s))
+        def start(text):
+            scenario = tmp_path / "scenario.yaml"
+            scenario.write_text(text)
             out = ["--out", str(tmp_path / "weld")]
             child = launcher.start(
                 "demo", "fsw_experiment.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out]
@@ -50,21 +57,19 @@ def demo(tmp_path):
 
 
 def until(condition, what):
-    end_s = time.monotonic() + 60.0
+    end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s, what
         time.sleep(0.02)
 
 
 def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
-    child, url, token = demo(4.0)
+    child, url, token = demo(SHORT)
     with Page(url) as page:
         page.command(token)
         page.until("tick")
         page.seen("state", lambda frame: len(frame["controllers"]) == 2)
-        (server,) = [one for one in processes(tmp_path) if "fsw_hmi" in Path(f"/proc/{one}/cmdline").read_text()]
-        os.kill(server, signal.SIGKILL)
-    until(lambda: "the page has ended, the weld goes on" in child.text(), "word of the page's end")
+        assert kill(tmp_path, "fsw_hmi") == 1
     until(lambda: not child.running, "the end of the weld")
     assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), child.text()
     with BagReader(tmp_path / "weld" / "bag") as bag:
@@ -73,7 +78,7 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
 
 
 def test_interrupt_ends_everything(demo, tmp_path):
-    child, url, _ = demo(600.0)
+    child, url, _ = demo(LONG)
     with Page(url) as page:
         page.until("tick")
         child.process.send_signal(signal.SIGINT)
@@ -84,8 +89,52 @@ def test_interrupt_ends_everything(demo, tmp_path):
         assert bag.info().problems == []
 
 
+@pytest.mark.requirement("S34")
+def test_what_is_killed_is_started_again_and_the_weld_goes_on(demo, tmp_path):
+    child, url, token = demo(LONG)
+    parts = {"recorder": "fsw_recorder", "decentral": "fsw_decentral", "nmpc": "fsw_nmpc.", "hmi": "fsw_hmi"}
+    with Page(url) as page:
+        page.until("tick")
+        page.seen("state", lambda frame: len(frame["controllers"]) == 2)
+        assert kill(tmp_path, *parts.values()) == len(parts)
+    again = "{} has ended with exit code -9 and is started again"
+    until(lambda: all(again.format(name) in child.text() for name in parts), "word of what was killed")
+    until(lambda: all(len(processes(tmp_path, module)) == 1 for module in parts.values()), "what was killed")
+    until(lambda: "operator's page" in (tmp_path / "weld" / "log" / "hmi.log").read_text().partition("\n")[2], "page")
+    with Page(url) as page:
+        page.command(token)
+        page.seen("state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True])
+    until((tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again")
+    child.process.send_signal(signal.SIGINT)
+    until(lambda: not child.running, "the end of the demonstration")
+    with BagReader(tmp_path / "weld" / "bag_1") as bag:
+        assert bag.info().problems == []
+
+
+@pytest.mark.requirement("S34")
+@pytest.mark.parametrize("killed", [(), ("scenario_node",), ("supervisor_node",)], ids=" ".join)
+def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed):
+    child, url, _ = demo(PROGRAMME)
+    with Page(url) as page:
+        page.seen("progress")
+        page.seen("state", lambda frame: frame["actual_mode"] == "auto")
+        kill(tmp_path, *killed)
+        if killed == ("scenario_node",):
+            until(lambda: "the scenario player has ended" in child.text(), "word of the player's end")
+        page.send("safe_stop")
+        stopped = page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
+        assert stopped["reason"]
+        until(lambda: "the other parts go on" in child.text(), "word of the player's end")
+        for _ in range(20):
+            page.until("tick")
+        assert page.frames["state"]["actual_mode"] == "safe_stop"
+        child.process.send_signal(signal.SIGINT)
+        until(lambda: not child.running, "the end of the demonstration")
+    assert child.process.returncode == 130
+
+
 def test_token_is_kept_from_others(demo, tmp_path):
-    _, _, token = demo(600.0)
+    _, _, token = demo(LONG)
     file = tmp_path / "weld" / "token"
     assert file.stat().st_mode & 0o077 == 0
     assert all(token not in log.read_text() for log in (tmp_path / "weld" / "log").glob("*.log"))

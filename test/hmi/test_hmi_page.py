@@ -92,6 +92,7 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     assert fake.requests[-1]["ids"] == ["depth:stale"]
 
 
+@pytest.mark.requirement("S16")
 def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
     page = ready(open_page(fake.url))
     in_control(page)
@@ -103,6 +104,7 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
     shot(page, "disconnected")
 
 
+@pytest.mark.requirement("S16")
 def test_silent_connection_is_told_and_comes_back(fake, open_page):
     page = ready(open_page(fake.url))
     fake.silent = True
@@ -112,6 +114,7 @@ def test_silent_connection_is_told_and_comes_back(fake, open_page):
     expect(page.locator("#veil")).to_have_css("opacity", "0")
 
 
+@pytest.mark.requirement("S16")
 def test_page_whose_script_hangs_is_veiled_without_it(fake, open_page):
     page = ready(open_page(fake.url))
     # the animation runs towards the veil by itself; only news of the weld wind it back
@@ -124,6 +127,7 @@ def test_page_whose_script_hangs_is_veiled_without_it(fake, open_page):
     ready(page)
 
 
+@pytest.mark.requirement("S16")
 def test_measurements_that_stop_are_told_though_the_server_lives(fake, open_page):
     page = ready(open_page(fake.url))
     fake.measuring = False
@@ -191,6 +195,7 @@ def test_swap_shows_why_it_is_refused(fake, open_page):
     expect(page.locator("dialog .answer")).to_have_text("✕ refused: decentral is not ready: no set-points")
 
 
+@pytest.mark.requirement("S19")
 @pytest.mark.parametrize("way", ["click", "keys"])
 def test_safe_stop_is_one_action_even_over_a_form(fake, open_page, way):
     page = ready(open_page(fake.url))
@@ -212,6 +217,13 @@ def test_safe_stop_without_login_asks_for_the_token_and_then_stops(fake, open_pa
     page.get_by_label("Name").fill("Anna")
     page.get_by_label("Token").fill(TOKEN)
     press(page, "Log in and safe stop")
+    expect(page.locator("#who strong")).to_have_text("safe stop")
+
+
+def test_safe_stop_on_the_servers_computer_needs_no_login(fake, open_page):
+    fake.local_stop = True
+    page = ready(open_page(fake.url))
+    page.locator("#safe-stop").click()
     expect(page.locator("#who strong")).to_have_text("safe stop")
 
 

@@ -65,9 +65,9 @@ class Weld(Spinner):
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def serve(self):
+    def serve(self, *arguments):
         """Start the page's server."""
-        self.launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
+        self.launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *arguments])
         self.url = self.launcher.wait_for_text("hmi", r"http://\S+")
         self.token = self.launcher.wait_for_text("hmi", r"token: \S+").split()[1]
 
@@ -84,9 +84,9 @@ class Weld(Spinner):
             }.get(name, [])
             self.launcher.start(name, MODULES[name], ["--ros-args", *arguments] if arguments else [])
 
-    def start_weld(self):
+    def start_weld(self, *arguments):
         """Start all parts and the page, and give the first set-points."""
-        self.serve()
+        self.serve(*arguments)
         self.start(*PARTS, waits=len(PARTS) - 1)
         page = self.command()
         page.until("tick")
@@ -167,6 +167,7 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
     assert (weld.mode(), weld.states[-1].transitions, weld.unanswered_ticks()) == ("auto", transitions, 0)
 
 
+@pytest.mark.requirement("S19")
 def test_safe_stop_while_the_supervisor_changes(weld):
     page = weld.start_weld()
     weld.launcher.children["supervisor"].process.send_signal(signal.SIGKILL)
@@ -175,8 +176,9 @@ def test_safe_stop_while_the_supervisor_changes(weld):
     weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
 
 
+@pytest.mark.requirement("S18")
 def test_junk_from_strangers_does_not_act(weld):
-    page = weld.start_weld()
+    page = weld.start_weld("--ros-args", "-p", "local_stop:=false")
     weld.until(lambda: len(weld.actions) == 2 and weld.states, "what has been done")
     recorded, transitions = len(weld.actions), weld.states[-1].transitions
     for text in ("null", "{}", '{"id":1,"do":"safe_stop"}', "[" * 4000, "\x00", json.dumps({"id": 2, "do": "mode"})):

@@ -182,7 +182,7 @@ class Observer:
         self.node.create_subscription(kind, topic, messages.append, profile)
         return messages
 
-    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 60.0) -> None:
+    def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 240.0) -> None:
         """Spin until a condition holds; AssertionError when it takes too long."""
         end_s = time.monotonic() + timeout_s
         while not condition():

@@ -44,6 +44,7 @@ def secured(tmp_path_factory, shipped_text):
     folder = tmp_path_factory.mktemp("certificates")
     machine_server.make_certificates(folder)
     names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
+    (folder / "password").touch(0o600)
     (folder / "password").write_text("stir")
     security = {"policy": "Basic256Sha256"} | {key: str(folder / name) for key, name in names.items()}
     units = {f"nodes__{name}__unit": unit for name, unit in OTHER_UNITS.items()}
@@ -111,6 +112,7 @@ def test_part_ends_and_is_started_again_at_once(weld, name):
     weld.runs()
 
 
+@pytest.mark.requirement("S14")
 @pytest.mark.parametrize("name", ["supervisor", "gateway"])
 def test_the_heartbeat_ends(weld, name):
     """The machine's watchdog takes over; what is started again begins from there."""
@@ -122,6 +124,7 @@ def test_the_heartbeat_ends(weld, name):
     assert before.force_kn <= safe.force_kn and before.speed_rpm == safe.speed_rpm
 
 
+@pytest.mark.requirement("S14")
 @pytest.mark.parametrize("how", ["cut", "stall"])
 def test_the_connection_breaks(weld, how):
     losses = int(weld.value("connection", "losses"))
@@ -132,6 +135,7 @@ def test_the_connection_breaks(weld, how):
     weld.runs()
 
 
+@pytest.mark.requirement("S14")
 def test_the_machine_does_not_permit(weld):
     weld.machine.do(lambda server: setattr(server, "permissive", False))
     weld.until_report("machine", "permits no commands")
@@ -143,6 +147,7 @@ def test_the_machine_does_not_permit(weld):
     weld.runs()
 
 
+@pytest.mark.requirement("S15")
 def test_the_machines_clock_is_set(weld):
     """By minutes, forwards and back: the stamps go on, and the weld with them."""
     for offset_s in (300.0, -300.0):
@@ -171,6 +176,7 @@ def test_a_long_stall(weld):
     assert weld.taken()[count][0] > weld.taken()[count - 1][0] + 10
 
 
+@pytest.mark.requirement("S14")
 def test_the_machine_is_started_again(tmp_path, shipped_text, domain_id):
     """The server as a process of its own, killed and ended: its counter begins again, and so does the weld."""
     file = write_machine_file(tmp_path / "machine.yaml", free_port(), shipped_text)

@@ -85,6 +85,7 @@ class FakeHmi:
         self.emulator = True
         self.depth_offset_mm = 0.0
         self.holder: dict[str, str] | None = None
+        self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
         self.actions: list[dict[str, Any]] = []
         self.refusals: dict[str, str] = {}  #: request -> reason
@@ -145,6 +146,7 @@ class FakeHmi:
     async def _tell(self, socket: WebSocket, session: str, known: dict[str, Any]) -> None:
         you = bool(self.holder and self.holder["session"] == session)
         control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
+        control["may_stop"] = self.local_stop or bool(known)
         frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms}, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
@@ -227,7 +229,7 @@ class FakeHmi:
                 return "refused", "wrong token"
             known["name"] = request["name"]
             return "done", ""
-        if not known:
+        if not known and not (self.local_stop and what == "safe_stop"):
             return "refused", "log in first"
         act: Callable[[], None] = {
             "take_control": lambda: setattr(self, "holder", {"name": known["name"], "session": session}),
@@ -239,7 +241,13 @@ class FakeHmi:
         }.get(what, lambda: None)
         act()
         self.actions.append(
-            {"server_s": time.time(), "who": known["name"], "action": what, "outcome": "done", "message": ""}
+            {
+                "server_s": time.time(),
+                "who": known.get("name", "local"),
+                "action": what,
+                "outcome": "done",
+                "message": "",
+            }
         )
         return "done", ""
 

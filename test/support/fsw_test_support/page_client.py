@@ -10,7 +10,7 @@ from urllib.request import urlopen
 
 from websockets.sync.client import connect
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 Frame = dict[str, Any]
 
 

@@ -22,6 +22,10 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield domain
 
 
+#: For what comes within seconds on an idle machine; the start of a process takes a minute on one with twenty to run.
+PATIENCE_S = 240.0
+
+
 class Spinner:
     """Spins the nodes of one executor until something holds.
 
@@ -42,7 +46,7 @@ class Spinner:
         """What a test that has waited in vain should show."""
         return ""
 
-    def until(self, condition: Callable[[], Any], what: str = "the condition", timeout_s: float = 60.0) -> None:
+    def until(self, condition: Callable[[], Any], what: str = "the condition", timeout_s: float = PATIENCE_S) -> None:
         """Spin until a condition holds; AssertionError when it takes too long."""
         end_s = time.monotonic() + timeout_s
         while not condition():

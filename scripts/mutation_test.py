@@ -1,0 +1,251 @@
+#!/usr/bin/env python3
+"""Mutation testing of what keeps a weld safe: which changes of the code do the tests not notice?
+
+Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
+both kernels, by the changes in test/mutants.yaml. Only what decides is changed, not the words of messages. The result
+with all survivors goes to docs/results/mutation.md; why a survivor is tolerated stands in test/mutants.yaml, too.
+
+Verdicts are kept in out/mutation while the code is the same, so that a run goes on where one was interrupted and only
+survivors are run again; remove that folder to run all anew. A change for which a run had no time counts as survived.
+
+usage: mutation_test.py [--only WORD] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+from _bootstrap import SOURCES, WORKSPACE, ensure
+
+ensure(dev=True, extras=["fmu", "machine", "campaign", "hmi", "mutation"])
+
+import yaml  # noqa: E402
+
+MUTANTS = WORKSPACE / "test" / "mutants.yaml"
+SCRIPT = Path(__file__)
+CACHE = WORKSPACE / "out" / "mutation"
+RESULT = WORKSPACE / "docs" / "results" / "mutation.md"
+#: by package, the modules that are mutated
+MODULES = {
+    "fsw_supervisor": (
+        *("arbiter", "arbitration", "command_watch", "controller_registry", "failover", "operator_requests"),
+        *("safety_monitor", "settings", "state_machine", "tick"),
+    ),
+    "fsw_control": ("command_gate", "command_check", "validity", "message_synchronizer", "references"),
+    "fsw_machine": ("gateway", "cycle", "samples", "stamps"),
+}
+#: files with tests of these modules elsewhere than in the package's own test folder
+ELSEWHERE = {"fsw_control": ("src/fsw_plant/test/test_plant_parts.py",)}
+#: tests that start nodes or processes are too slow for thousands of mutants
+_NOT_PURE = re.compile(
+    r"^\s*(?:import|from) (?:rclpy|subprocess|fsw_\w+\.launcher|asyncua|fsw_test_support\.machine)", re.M
+)
+_CONFIGURATION = """
+[tool.mutmut]
+source_paths = ["{package}"]
+only_mutate = {files}
+also_copy = ["tests"]
+pytest_add_cli_args = [
+    "-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider", "-m", "not slow", "-k", "not diagram",
+]
+pytest_add_cli_args_test_selection = ["tests"]
+use_git_change_detection = false
+
+[tool.pytest.ini_options]
+markers = ["slow", "requirement"]
+"""
+#: what a test finds by chance, it finds again; a failure is enough, no need to find a smaller one
+_CONFTEST = """
+from hypothesis import Phase, settings
+
+settings.register_profile("mutation", derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
+settings.load_profile("mutation")
+"""
+
+
+class Mutant(NamedTuple):
+    """One change of the code, and whether the tests noticed."""
+
+    module: str
+    where: str
+    change: str
+    fate: str
+
+
+def prepare(package: str, only: str) -> Path | None:
+    """Lay out a package and its tests as mutmut needs them; None if nothing is to be mutated.
+
+    Verdicts of an earlier run are kept in the folder while the package is the same: a change that was noticed is not
+    run again, for tests are only added.
+    """
+    files = [f"{package}/{module}.py" for module in MODULES[package] if only in f"{package}/{module}"]
+    if not files:
+        return None
+    folder = CACHE / package
+    code = [SCRIPT.with_name("_mutmut.py"), *sorted((SOURCES / package / package).rglob("*.py"))]
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in code)).hexdigest()
+    same = (folder / "digest").is_file() and (folder / "digest").read_text() == digest
+    for file in [*folder.rglob("*")] if folder.exists() else []:
+        if file.is_file() and not (same and file.suffix == ".meta"):
+            file.unlink()
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "digest").write_text(digest)
+    shutil.copytree(
+        SOURCES / package / package,
+        folder / package,
+        ignore=shutil.ignore_patterns("__pycache__"),
+        dirs_exist_ok=True,
+    )
+    for source in (SOURCES / package / "test", WORKSPACE / "test" / "invariants"):
+        tests = folder / "tests" / source.parent.name
+        tests.mkdir(parents=True, exist_ok=True)
+        for test in source.glob("*.py"):
+            if not test.name.startswith("test_") or not _NOT_PURE.search(test.read_text(encoding="utf-8")):
+                shutil.copy(test, tests)
+    for name in ELSEWHERE.get(package, ()):
+        shutil.copy(WORKSPACE / name, folder / "tests")
+    (folder / "tests" / "conftest.py").write_text(_CONFTEST, encoding="utf-8")
+    (folder / "pyproject.toml").write_text(_CONFIGURATION.format(package=package, files=files), encoding="utf-8")
+    return folder
+
+
+def python_mutants(package: str, only: str) -> list[Mutant]:
+    """Run mutmut over the modules of a package."""
+    folder = prepare(package, only)
+    if folder is None:
+        return []
+    mutmut = [sys.executable, str(SCRIPT.with_name("_mutmut.py"))]
+    subprocess.run([*mutmut, "run"], cwd=folder, check=True)
+    told = subprocess.run([*mutmut, "tell"], cwd=folder, capture_output=True, text=True, check=True).stdout
+    return [_described(*one) for one in json.loads(told)]
+
+
+def _described(name: str, fate: str, difference: str) -> Mutant:
+    """A mutant of mutmut as a person would call it."""
+    module, _, function = re.sub(r"__mutmut_\d+$", "", name).rpartition(".")
+    where = function.removeprefix("x_").removeprefix("xǁ").replace("ǁ", ".")
+    lines = [line for line in difference.splitlines() if re.match(r"[+-](?![+-])", line)]
+    change = " → ".join(" ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+")
+    return Mutant(module, where, change, fate)
+
+
+def c_mutants(only: str) -> list[Mutant]:
+    """Change a limit of a kernel, build it, and run the tests of that kernel's limits; a kill is kept."""
+    result = []
+    kept = CACHE / "killed.json"
+    killed = set(json.loads(kept.read_text(encoding="utf-8"))) if kept.exists() else set()
+    for entry in yaml.safe_load(MUTANTS.read_text(encoding="utf-8"))["c"]:
+        package = entry["file"].split("/")[1]
+        if only not in entry["file"]:
+            continue
+        with tempfile.TemporaryDirectory() as text:
+            folder = Path(text)
+            shutil.copytree(SOURCES / package / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+            file = folder / Path(entry["file"]).relative_to(Path("src") / package)
+            code = file.read_text(encoding="utf-8")
+            if code.count(entry["old"]) != 1:
+                raise SystemExit(f"{MUTANTS.name}: {entry['old']!r} is not there once in {entry['file']}")
+            changed = code.replace(entry["old"], entry["new"])
+            file.write_text(changed, encoding="utf-8")
+            key = hashlib.sha256(f"{entry['file']}\0{changed}".encode()).hexdigest()
+            if key in killed:
+                result.append(_c_mutant(entry, "killed"))
+                continue
+            command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "no_shrinking"]
+            (folder / "no_shrinking.py").write_text(_CONFTEST, encoding="utf-8")
+            environment = {**os.environ, "PYTHONPATH": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
+            run = subprocess.run(
+                [*command, *entry["tests"]],
+                cwd=WORKSPACE,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if run.returncode > 1 or "did not compile" in run.stdout:  # a mutant that cannot be run shows nothing
+                raise SystemExit(f"{entry['new']!r} in {entry['file']} is no mutant:\n{run.stdout}")
+            result.append(_c_mutant(entry, "killed" if run.returncode else "survived"))
+            print(f"{result[-1].fate}: {result[-1].change}", flush=True)
+            if run.returncode:
+                killed.add(key)
+                CACHE.mkdir(parents=True, exist_ok=True)
+                kept.write_text(json.dumps(sorted(killed)), encoding="utf-8")
+    return result
+
+
+def _c_mutant(entry: dict[str, str], fate: str) -> Mutant:
+    package, name = entry["file"].split("/")[1], Path(entry["file"]).name
+    return Mutant(f"{package}.{name}", entry["where"], f"{entry['old']} → {entry['new']}", fate)
+
+
+def reason(mutant: Mutant, tolerated: list[dict[str, str]]) -> str:
+    """Why a survivor is tolerated; empty if nothing says so."""
+    where, change = f"{mutant.module}.{mutant.where}", mutant.change
+    fitting = (
+        entry["reason"]
+        for entry in tolerated
+        if re.search(entry.get("where", ""), where) and re.search(entry.get("change", ""), change)
+    )
+    return next(fitting, "")
+
+
+def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
+    """The result as Markdown."""
+    lines = [
+        "# Mutation testing",
+        "",
+        "`python3 scripts/mutation_test.py` changes the code that keeps a weld safe in small ways, one at a time, and "
+        "runs the tests: a change that no test notices is a survivor. Words of messages are left as they are.",
+        "",
+        "| module | changes | noticed | survived | noticed [%] |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for module in [*dict.fromkeys(one.module for one in mutants), ""]:
+        fates = Counter(is_noticed(one) for one in mutants if one.module == module or not module)
+        share = 100.0 * fates[True] / max(1, fates.total())
+        name = f"`{module}`" if module else "all"
+        lines.append(f"| {name} | {fates.total()} | {fates[True]} | {fates[False]} | {share:.1f} |")
+    lines += ["", "## Survivors", "", "| where | change | why it is tolerated |", "|---|---|---|"]
+    for one in mutants:
+        if not is_noticed(one):
+            shown = one.change.replace("|", "\\|").replace("`", "'")
+            lines.append(f"| `{one.module}.{one.where}` | `{shown}` | {reason(one, tolerated)} |")
+    return "\n".join(lines) + "\n"
+
+
+def is_noticed(mutant: Mutant) -> bool:
+    """Whether the tests fail or hang with this change."""
+    return mutant.fate in ("killed", "timeout", "segfault", "suspicious", "caught by type check")
+
+
+def main() -> int:
+    """Run all and write the result; the exit code is 1 when less than nine in ten changes are noticed."""
+    command = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    command.add_argument(
+        "--only", default="", help="only files whose path has this word; writes no result without --out"
+    )
+    command.add_argument("--out", type=Path, help=f"default: {RESULT.relative_to(WORKSPACE)}")
+    arguments = command.parse_args()
+    mutants = [one for package in MODULES for one in python_mutants(package, arguments.only)]
+    mutants += c_mutants(arguments.only)
+    text = page(mutants, yaml.safe_load(MUTANTS.read_text(encoding="utf-8"))["tolerated"])
+    out = arguments.out or (None if arguments.only else RESULT)
+    if out is not None:
+        out.write_text(text, encoding="utf-8")
+    print(text)
+    return int(sum(map(is_noticed, mutants)) < 0.9 * len(mutants))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,7 @@
+#!/usr/bin/env python3
+"""Runs any controller as a node: NAME, or MODULE:CLASS or FILE.py:CLASS of one of your own."""
+
+from _bootstrap import start
+
+if __name__ == "__main__":
+    start("fsw_experiment.controller_node")

@@ -1,0 +1,63 @@
+"""The safety case: each requirement of docs/concepts/safety.yaml with the tests that are marked with it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+PAGE = WORKSPACE / "docs" / "concepts" / "safety.md"
+REQUIREMENTS = PAGE.with_suffix(".yaml")
+TESTS = ("src/*/test", "test", "runtime/*/test")
+BEGIN, END = "<!-- requirements and their tests: begin -->", "<!-- requirements and their tests: end -->"
+
+
+def marked(paths: Iterable[Path] | None = None) -> dict[str, list[tuple[Path, str]]]:
+    """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``; by default the project's. Imports none."""
+    found: dict[str, list[tuple[Path, str]]] = {}
+    for path in test_files() if paths is None else paths:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                for mark in node.decorator_list:
+                    if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.requirement":
+                        for one in mark.args:
+                            found.setdefault(str(ast.literal_eval(one)), []).append((path, node.name))
+    return found
+
+
+def test_files() -> list[Path]:
+    """All files with tests."""
+    folders = [folder for pattern in TESTS for folder in sorted(WORKSPACE.glob(pattern))]
+    return [path for folder in folders for path in sorted(folder.rglob("*.py")) if "test" in path.name]
+
+
+def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], page: str) -> list[str]:
+    """What is wrong with the safety case, one line each."""
+    told = set(re.findall(r"\bS\d+\b", page.partition(BEGIN)[0]))
+    found = [f"{one}: no test has @pytest.mark.requirement({one!r})" for one in requirements if one not in tests]
+    found += [f"{one}: in no hazard of {PAGE.name}" for one in requirements if one not in told]
+    found += [f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not" for one in sorted(told - set(requirements))]
+    for one in sorted(set(tests) - set(requirements)):
+        places = ", ".join(f"{path.name}::{name}" for path, name in tests[one])
+        found.append(f"{one}: the mark of {places} names no requirement of {REQUIREMENTS.name}")
+    return found
+
+
+def table(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]]) -> str:
+    """Requirements and their tests as Markdown, for between the marks of the page."""
+    lines = ["| | requirement | tests |", "|---|---|---|"]
+    for one, text in requirements.items():
+        files: dict[str, list[str]] = {}
+        for path, name in sorted(tests.get(one, [])):
+            files.setdefault(path.name, []).append(f"`{name}`")
+        shown = "<br>".join(f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items())
+        lines.append(f"| {one} | {' '.join(text.split())} | {shown} |")
+    return "\n".join(lines)
+
+
+def renewed(page: str, requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]]) -> str:
+    """The page with its table written anew."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}\n\n{table(requirements, tests)}\n\n{END}{rest.partition(END)[2]}"

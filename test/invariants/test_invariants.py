@@ -1,0 +1,61 @@
+"""What holds in every welding cell: explored breadth first to a small depth, and by random sequences far beyond."""
+
+import sys
+from pathlib import Path
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import settings as hypothesis_settings
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from explore import ALPHABETS, CONTROL_TICKS, RECOVERY_TICKS, STARTS, Explorer, started
+
+from fsw_test_support.welding_cell import ALPHABET, permuted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["start", *STARTS])
+@pytest.mark.parametrize(
+    ("alphabet", "depth", "gateway"),
+    [("safety", 3, True), ("control", 3, True), ("link", 3, True), ("link", 3, False), ("all", 2, True)],
+)
+def test_no_sequence_breaks_a_rule(alphabet, depth, gateway, mode):
+    result = Explorer(ALPHABETS[alphabet]).explore(started(mode, gateway), depth)
+    assert not result.broken
+    assert result.states > len(ALPHABETS[alphabet])
+
+
+def test_the_orders_of_messages_are_all_different():
+    assert len({tuple(permuted(list("abcd"), rank)) for rank in range(24)}) == 24
+
+
+class CellMachine(RuleBasedStateMachine):
+    """Long sequences; in the end the cell heals."""
+
+    @initialize(gateway=st.booleans(), mode=st.sampled_from(["start", *STARTS]))
+    def begin(self, gateway, mode):
+        """A cell in some mode."""
+        self.cell = started(mode, gateway)
+
+    @rule(letter=st.sampled_from(ALPHABET), rank=st.integers(0, 40319), ticks=st.sampled_from([0, 0, 0, 1, 4, 15]))
+    def step(self, letter, rank, ticks):
+        """A letter, with the messages in some order, and the condition lasts."""
+        self.cell.step(letter, rank)
+        for _ in range(ticks):
+            self.cell.step("tick", rank)
+
+    def teardown(self):
+        """All is well from now on."""
+        if not hasattr(self, "cell"):
+            return
+        for _ in range(RECOVERY_TICKS):
+            if self.cell.control >= CONTROL_TICKS:
+                return
+            self.cell.heal()
+        raise AssertionError(f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason}")
+
+
+TestCell = pytest.mark.slow(CellMachine.TestCase)
+TestCell.settings = hypothesis_settings(max_examples=60, stateful_step_count=30, deadline=None)

@@ -1,0 +1,418 @@
+"""A welding cell of pure cores: arbiter, gateway and watchdog, with small models of machine, controllers and operator.
+
+A *letter* changes one condition of the cell or is one request of the operator; then one tick passes. What must hold
+after every tick, whatever the letters before, is checked in
+:class:`Rules`; a broken rule raises :class:`BrokenRuleError`.
+"""
+
+from __future__ import annotations
+
+import copyreg
+from collections.abc import Callable
+from functools import partial
+from importlib import resources
+from math import isfinite, nan
+from typing import Any
+
+from fsw_control import weld
+from fsw_control.command_check import refusal
+from fsw_control.contract import SENSORS, Command
+from fsw_control.parameters import defaults, load
+from fsw_control.units import NANOSECONDS
+from fsw_control.validity import Frozen, sensor_limits
+from fsw_machine.gateway import Gateway
+from fsw_machine.machine_file import MachineFile
+from fsw_machine.samples import CycleRead, RawValue
+from fsw_plant import PlantConfig
+from fsw_plant.watchdog import Watchdog
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.safety_monitor import interlocks_from
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import Decision, ProposalInput
+
+TICK_NS = round(weld.TICK_S * NANOSECONDS)
+HOME = Command(78.0, 400.0)  #: where the controllers want to be
+MANUAL = Command(88.0, 430.0)  #: where the operator's hand wants to be, ten moves away
+NAMES = ("decentral", "nmpc")
+#: what the thermocouple shows [degC]; None: no sample
+TEMPERATURES_C: dict[str, float | None] = {
+    "good": 885.0,
+    "warn": 905.0,
+    "trip": 920.0,
+    "bad": nan,
+    "beyond": 1100.0,
+    "missing": None,
+}
+#: what is wrong with the candidate command of the first controller; with ``none`` no controller answers
+CANDIDATES = ("well", "late", "nan", "jump", "none")
+REQUESTS = ("auto", "manual", "hold", "safe_stop", "switch", "acknowledge")
+LINKS = ("lost", "restored", "dropped", "delivered", "forward", "back", "push", "released")
+ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS)
+#: what a load cell sees besides the set-points when something pushes: three moves
+_PUSH_KN = 3.0
+#: ticks of a switch request until it must be answered: its time-out, and the tick in which that is noticed
+_ANSWER_TICKS = 5
+_SWITCH_TIMEOUT_S = 0.3
+#: times shortened, so that a few ticks lead everywhere
+_SUPERVISOR = {
+    "warm_ticks": 2,
+    "readmit_ticks": 3,
+    "start_timeout_s": 1.0,
+    "hold_timeout_s": 0.4,
+    "operator_hold_timeout_s": 0.6,
+    "storm_swaps": 3,
+    "storm_window_s": 1.0,
+    "transition_ticks": 2,
+    "takeover_wait_s": 0.1,
+    "safe_force_kn": 75.0,
+    "safe_rate_kn_per_s": 10.0,
+}
+_PLANT = {"watchdog": {"timeout_s": 0.2, "hold_s": 0.1, "safe_force_kn": 70.0, "safe_rate_kn_per_s": 20.0}}
+SETTINGS = ArbiterSettings.from_values(_SUPERVISOR)
+_VALUES = defaults(load("fsw_supervisor", "supervisor.yaml")) | _SUPERVISOR
+#: ticks after which a manual mode without a valid sensor ends
+_BLIND_TICKS = SETTINGS.ticks(SETTINGS.operator_hold_timeout_s)
+_MACHINE = MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").read_text())
+_CONFIG = PlantConfig.from_values(_PLANT)
+_SHARED: list[Any] = [
+    SETTINGS,
+    SETTINGS.limits,
+    _MACHINE,
+    _CONFIG,
+    *sensor_limits(_VALUES).values(),
+    *interlocks_from(_VALUES),
+]
+
+
+def _shared(index: int) -> object:
+    return _SHARED[index]
+
+
+# A copy of a cell shares what never changes; signals without noise are never judged to be frozen.
+for _kind in {type(one) for one in _SHARED}:
+    copyreg.pickle(_kind, lambda one: (_shared, (_SHARED.index(one),)))
+copyreg.pickle(Frozen, lambda _: (Frozen, ()))
+
+
+#: a message on its way to the arbiter; takes the time of its arrival
+_Message = Callable[[float], list[Decision]]
+
+
+class BrokenRuleError(AssertionError):
+    """A rule is broken; ``rule`` is its name."""
+
+    def __init__(self, rule: str, words: str) -> None:
+        super().__init__(f"{rule}: {words}")
+        self.rule = rule
+
+
+class Cell:
+    """The cell; without ``gateway`` the drives take every command that is not dropped, and stamps can jump.
+
+    Attributes
+    ----------
+    in_force : Command
+        Set-points in force at the drives, which follow at once.
+    control : int
+        Ticks in a row in which a controller's command came into force.
+    """
+
+    def __init__(self, gateway: bool = True) -> None:
+        self.arbiter = Arbiter(SETTINGS)
+        self.arbiter.configure(_VALUES)
+        for name in NAMES:
+            self.arbiter.registry.join(name)
+        self.gateway: Gateway | None = None
+        if gateway:
+            self.gateway = Gateway(_MACHINE, defaults(load("fsw_machine", "gateway.yaml")))
+            self.gateway.on_connected()
+        self.watchdog = Watchdog(_CONFIG)
+        self.in_force = HOME
+        self.temperature, self.candidate = "good", "well"
+        self.linked = self.delivering = True
+        self.pushed_kn = 0.0
+        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**18
+        self.stamp_ns = 0
+        self.followed = HOME  #: the last command that the controllers have seen
+        self.control = 0
+        self.rules = Rules()
+
+    def step(self, letter: str = "tick", rank: int = 0) -> Decision | None:
+        """Let one tick pass after ``letter``; ``rank`` says in which order its messages arrive.
+
+        Returns the tick's command.
+
+        Raises
+        ------
+        BrokenRuleError
+            When a rule does not hold.
+        """
+        self.now_s += weld.TICK_S
+        self.counter += 1
+        self.clock_ns += TICK_NS
+        self._change(letter)
+        self._run_machine()
+        published = self._read()
+        decisions = self._tick(*published, rank) if published is not None else self._wait(self.now_s + 0.0999)
+        self._deliver(decisions)
+        self.rules.after_tick(self, decisions, published is not None)
+        return decisions[-1] if decisions else None
+
+    # ---------------------------------------------------------------- the letters
+
+    def _change(self, letter: str) -> None:
+        if letter in TEMPERATURES_C:
+            self.temperature = letter
+        elif letter in CANDIDATES:
+            self.candidate = letter
+        elif letter in REQUESTS:
+            self._ask(letter)
+        elif letter in ("forward", "back"):
+            self.clock_ns += (3600 if letter == "forward" else -3600) * NANOSECONDS
+            self.rules.clock_jumped()
+        elif letter in ("push", "released"):
+            self.pushed_kn = _PUSH_KN if letter == "push" else 0.0
+        elif letter in ("dropped", "delivered"):
+            self.delivering = letter == "delivered"
+        elif letter in ("lost", "restored"):
+            changed, self.linked = self.linked != (letter == "restored"), letter == "restored"
+            if changed and self.gateway is not None:
+                (self.gateway.on_connected if self.linked else self.gateway.on_lost)()
+
+    def _ask(self, letter: str) -> None:
+        operator, machine = self.arbiter.operator, self.arbiter.machine
+        if letter == "acknowledge":
+            self.rules.acknowledged(operator.acknowledge("operator")[0])
+        elif letter == "switch":
+            name = NAMES[machine.active == NAMES[0]]
+            request = operator.ask_switch(name, False, _SWITCH_TIMEOUT_S, "operator", self.now_s)
+            self.rules.asked(request)
+        else:
+            ok, _ = operator.ask_mode(letter, MANUAL if letter == "manual" else None, "operator")
+            self.rules.answered(letter, ok, machine.mode)
+
+    # ---------------------------------------------------------------- the machine
+
+    def _run_machine(self) -> None:
+        """One cycle of the PLC: without commands it goes to its own safe state."""
+        self.in_force = self.in_force._replace(force_kn=self.watchdog.advance(self.in_force.force_kn))
+
+    def _read(self) -> tuple[int, Command] | None:
+        """Stamp and drives' feedback of the cycle; None where it is not published."""
+        if not self.linked:
+            return None
+        if self.gateway is None:
+            self.stamp_ns = self.clock_ns
+            return self.stamp_ns, self.acting
+        force_kn, speed_rpm = self.in_force
+        numbers = {"force_acting": self.acting.force_kn, "force_in_force": force_kn}
+        numbers |= dict.fromkeys(("speed_acting", "speed_in_force"), speed_rpm)
+        numbers |= {"depth": 2.66, "torque": 980.0, "temperature": nan}
+        values = {name: RawValue(value, source_ns=self.clock_ns) for name, value in numbers.items()}
+        values["permissive"] = RawValue(True, source_ns=self.clock_ns)
+        read = CycleRead(self.counter, values, self.clock_ns, self.now_s, self.clock_ns, 1)
+        out = self.gateway.on_read(read)
+        if out is None:
+            return None
+        self.stamp_ns = out.stamp_ns
+        return out.stamp_ns, out.drives
+
+    @property
+    def acting(self) -> Command:
+        """What the drives report."""
+        return self.in_force._replace(force_kn=self.in_force.force_kn + self.pushed_kn)
+
+    def _deliver(self, decisions: list[Decision]) -> None:
+        """The commands reach controllers and machine."""
+        came = False
+        for decision in decisions:
+            self.arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
+            self.followed = decision.command
+            if not (self.delivering and self.linked):
+                continue
+            if self.gateway is not None:
+                at_s = self.now_s + 0.09
+                order = self.gateway.on_command(decision.command, decision.stamp_ns, decision.source, True, at_s)
+                if order is None:
+                    continue
+                self.rules.written(order.command, self.in_force)
+                self.gateway.on_written(order, "", at_s)
+                self.in_force = order.command
+            else:
+                self.in_force = decision.command
+            came = decision.source in NAMES and self.in_force == decision.command
+            self.watchdog.feed()
+        self.control = self.control + 1 if came else 0
+
+    # ---------------------------------------------------------------- one tick
+
+    def _tick(self, stamp_ns: int, drives: Command, rank: int) -> list[Decision]:
+        """All messages of a tick within 10 ms, in the order of number ``rank``; then time until the next tick."""
+        arbiter = self.arbiter
+        messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
+        late: list[_Message] = []
+        for sensor, value in zip(SENSORS, (2.66, 980.0, TEMPERATURES_C[self.temperature]), strict=True):
+            if value is not None:
+                messages.append(partial(arbiter.on_sample, sensor, stamp_ns, value))
+        for name in NAMES if self.candidate != "none" else ():
+            kind = self.candidate if name == NAMES[0] else "well"
+            proposal = ProposalInput(stamp_ns, name, self._proposed(kind))
+            (late if kind == "late" else messages).append(partial(arbiter.on_proposal, name, proposal))
+            messages.append(partial(arbiter.on_status, name, (), False))
+        decisions, at_s = list[Decision](), self.now_s
+        for message in permuted(messages, rank):
+            at_s += 0.001
+            decisions += message(at_s)
+        decisions += self._wait(self.now_s + 0.09)
+        for message in late:
+            decisions += message(self.now_s + 0.09)
+        return decisions + self._wait(self.now_s + 0.0999)
+
+    def _proposed(self, kind: str) -> Command:
+        if kind == "nan":
+            return Command(nan, nan)
+        if kind == "jump":
+            return self.followed._replace(force_kn=self.followed.force_kn - 1.5)
+        return SETTINGS.limits.clip(HOME, self.followed)
+
+    def _wait(self, until_s: float) -> list[Decision]:
+        decisions = list[Decision]()
+        while (at_s := self.arbiter.wakeup_s) is not None and at_s <= until_s:
+            decisions += self.arbiter.on_time(at_s)
+        return decisions + self.arbiter.on_time(until_s)
+
+    # ---------------------------------------------------------------- back to health
+
+    def heal(self) -> Decision | None:
+        """One tick of a cell in which all is well again and the operator wants auto."""
+        self.temperature, self.candidate, self.delivering = "good", "well", True
+        mode = self.arbiter.machine.mode
+        if not self.linked:
+            return self.step("restored")
+        if mode is Mode.SAFE_STOP and not self.arbiter.machine.acknowledged:
+            return self.step("acknowledge")
+        return self.step("tick" if mode is Mode.AUTO else "auto")
+
+
+def permuted(items: list[Any], rank: int) -> list[Any]:
+    """The permutation of number ``rank``; 0: as given."""
+    left, out = list(items), []
+    while left:
+        rank, index = divmod(rank, len(left))
+        out.append(left.pop(index))
+    return out
+
+
+class Rules:
+    """What must hold in every cell after every tick; it judges by what the cell shows, not by the arbiter's books."""
+
+    forgiven: frozenset[str] = frozenset()  #: rules that are not checked, to see what else is broken
+
+    def __init__(self) -> None:
+        self.cause = False  #: a trip has lasted, and as many good samples without it have not been seen since
+        self.to_acknowledge = False  #: a safe stop has begun and nobody has acknowledged it
+        self._trips = 0  #: good samples in a row beyond the trip
+        self._free = 0  #: good samples in a row without it
+        self._perhaps = 0  #: as the trips, with samples in between that say nothing
+        self._blind = 0  #: ticks in a row in which the thermocouple may not be used
+        self._blind_manual = 0  #: those in manual since it was asked for last
+        self._mode = Mode.START
+        self._asked_for = ""
+        self._command: Command | None = None
+        self._waiting: list[tuple[Any, int]] = []
+
+    def clock_jumped(self) -> None:
+        self._trips = 0
+
+    def asked(self, request: Any) -> None:
+        self._waiting.append((request, 0))
+
+    def acknowledged(self, ok: bool) -> None:
+        self.to_acknowledge = self.to_acknowledge and not ok
+
+    def answered(self, wanted: str, ok: bool, mode: Mode) -> None:
+        if ok and mode != wanted:
+            self._broken("every request is answered", f"{wanted} was accepted, the mode is {mode}")
+        self._asked_for = wanted if ok else ""
+        self.to_acknowledge |= self._asked_for == Mode.SAFE_STOP
+        self._blind_manual = 0 if ok else self._blind_manual
+        self._check_mode(mode)
+
+    def written(self, command: Command, in_force: Command) -> None:
+        wrong = refusal(command, SETTINGS.limits, in_force)
+        if wrong is not None:
+            self._broken("one move from what acts", f"the gateway writes {command}, in force is {in_force}")
+
+    def after_tick(self, cell: Cell, decisions: list[Decision], measured: bool) -> None:
+        arbiter = cell.arbiter
+        self._sense(cell, measured)
+        self._check_mode(arbiter.machine.mode)
+        self._check_blind(arbiter.machine.mode, measured)
+        self._asked_for = ""
+        if len(decisions) > 1 or any(one.stamp_ns != cell.stamp_ns for one in decisions):
+            self._broken("one command per tick", f"{[(one.stamp_ns, one.source) for one in decisions]}")
+        if measured and not decisions and self._command is not None and arbiter.applied is not None:
+            self._broken("one command per tick", f"none, {arbiter.machine.reason}")
+        for one in decisions:
+            self._check_command(one, cell)
+        for request, age in self._waiting:
+            if age > _ANSWER_TICKS and not request.done:
+                self._broken("every request is answered", f"switch to {request.name} was asked {age} ticks ago")
+        self._waiting = [(one, age + 1) for one, age in self._waiting if not one.done]
+
+    def _check_command(self, one: Decision, cell: Cell) -> None:
+        if refusal(one.command, SETTINGS.limits) is not None:
+            self._broken("inside the bounds", f"{one.command}")
+        near = [before for before in (self._command, cell.in_force, cell.acting) if before is not None]
+        if cell.gateway is not None:
+            # After a pause a push may be taken off the set-points once; the gateway then refuses the command.
+            near.append(cell.in_force._replace(force_kn=cell.in_force.force_kn - _PUSH_KN))
+        if all(refusal(one.command, SETTINGS.limits, before) for before in near):
+            self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
+        if self.cause and one.source != "safe_stop":
+            self._broken("a cause leads to the safe state", f"the command is of {one.source}")
+        self._command = one.command
+
+    def _sense(self, cell: Cell, measured: bool) -> None:
+        """Whether there is a cause; a value that is not valid says nothing, neither that it is there nor gone."""
+        value = TEMPERATURES_C[cell.temperature]
+        known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
+        if known and value is not None and isfinite(value):
+            beyond = value >= _VALUES["interlocks.temperature_high.trip"]
+            self._trips = self._trips + 1 if beyond else 0
+            self._perhaps = self._perhaps + 1 if beyond else 0
+            lasting = _VALUES["interlocks.persistence_ticks"]
+            self._free = 0 if beyond else self._free + 1
+            self.cause = self._free < lasting if self.cause else self._trips >= lasting
+            self.to_acknowledge |= self.cause
+        elif measured:
+            self._trips, self._perhaps = 0, self._perhaps + (self._perhaps > 0)
+        if measured:
+            self._blind = self._blind + 1 if "thermocouple" in cell.arbiter.safety.invalid_sensors else 0
+            self.to_acknowledge |= self._blind > 0
+
+    def _check_blind(self, mode: Mode, measured: bool) -> None:
+        if mode is not Mode.MANUAL or not self._blind:
+            self._blind_manual = 0
+        elif measured:
+            self._blind_manual += 1
+            if self._blind_manual > _BLIND_TICKS + 1:
+                self._broken("a blind manual mode ends", f"it has lasted for {self._blind_manual} ticks")
+
+    def _check_mode(self, mode: Mode) -> None:
+        before, self._mode = self._mode, mode
+        if self.cause and mode is not Mode.SAFE_STOP:
+            self._broken("a cause leads to the safe state", f"the mode is {mode} ({before} before)")
+        if before is Mode.SAFE_STOP and mode is not before and self.to_acknowledge:
+            self._broken("leaving a safe stop needs an acknowledgement", f"{mode} without one")
+        if mode is Mode.SAFE_STOP and before is not mode:
+            self.to_acknowledge = True
+            blind = before is Mode.MANUAL and self._blind >= _BLIND_TICKS
+            timed_out = before in (Mode.HOLD, Mode.START) or blind
+            if not (timed_out or self._asked_for == mode or self._perhaps >= _VALUES["interlocks.persistence_ticks"]):
+                self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
+
+    def _broken(self, rule: str, words: str) -> None:
+        if rule not in self.forgiven:
+            raise BrokenRuleError(rule, words)

@@ -1,0 +1,191 @@
+"""Every command line in the documentation is one that its program takes, and the safety case is whole."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import re
+import shlex
+from contextlib import redirect_stderr
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+
+from fsw_experiment.cli.main import parser as operator_parser
+from fsw_experiment.demo import parser as demo_parser
+from fsw_hmi.main import parser as hmi_parser
+from fsw_machine.machine_server import parser as machine_server_parser
+
+WORKSPACE = Path(__file__).resolve().parent.parent
+PAGES = [
+    *(WORKSPACE / name for name in ("README.md", "CONTRIBUTING.md", "runtime/rclpy_embedded/README.md")),
+    *sorted((WORKSPACE / "docs").rglob("*.md")),
+]
+PARSERS = {
+    "fsw.py": operator_parser,
+    "demo.py": demo_parser,
+    "run_hmi.py": hmi_parser,
+    "run_machine_server.py": machine_server_parser,
+}
+PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|scripts/\w+\.py) ")
+FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
+
+
+def commands() -> list[tuple[str, str]]:
+    """Page and text of each command that calls one of the project's programs, without those shortened by ``…``."""
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        blocks = re.findall(r"^```\w*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+        inline = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+        for line in [*"\n".join(blocks).splitlines(), *inline]:
+            line = line.removeprefix("$ ")
+            if PROGRAM.match(line) and not re.search(r"…|\.\.\.|\bNAME\b", line):
+                found.append((str(page.relative_to(WORKSPACE)), line))
+    return sorted(set(found))
+
+
+def parameters() -> set[str]:
+    """Names of the parameters of all nodes."""
+    names = {"use_sim_time"}
+    for path in (WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml"):
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        names |= set(content) if isinstance(content, dict) else set()
+    return names
+
+
+def refusal(text: str) -> str | None:
+    """Why a command cannot run as it is written, without running it; None if it can."""
+    words = shlex.split(text.replace("[", "").replace("]", ""), comments=True)
+    if words[0] in ("python3", ".venv/bin/python") and words[1] == "-m":
+        if words[0] == "python3":
+            return "python3 has none of the project's modules"
+        return None if importlib.util.find_spec(words[2]) else f"no module {words[2]}"
+    words = words[1:] if words[0] in ("python3", ".venv/bin/python") else words
+    script = WORKSPACE / ("scripts/fsw.py" if words[0] == "fsw.py" else words[0])
+    if not script.is_file():
+        return f"no file {words[0]}"
+    given, _, ros = (list(part) for part in _cut(words[1:], "--ros-args"))
+    for name in (word.partition(":=")[0] for flag, word in pairwise(ros) if flag == "-p"):
+        if name not in parameters():
+            return f"no parameter {name}"
+    for before, word in pairwise(["", *given]):
+        if (
+            word.startswith(FOLDERS)
+            and before not in ("--out", "--json")
+            and not (WORKSPACE / re.sub(r"\.py:\w+$", ".py", word)).exists()
+        ):
+            return f"no file {word}"
+    if script.name in PARSERS:
+        with redirect_stderr(io.StringIO()) as told:
+            try:
+                PARSERS[script.name]().parse_args(given)
+            except SystemExit as end:
+                only_named = words[0] == "fsw.py" and "are required" in told.getvalue()  # "`fsw.py export c` writes"
+                return None if end.code == 0 or only_named else told.getvalue().splitlines()[-1]
+        return None
+    source = script.read_text(encoding="utf-8")
+    for module in re.findall(r'start\("(fsw_[\w.]+)"', source):
+        source += Path(str(importlib.util.find_spec(module).origin)).read_text(encoding="utf-8")
+    if script.parent.name == "benchmarks":
+        source += (script.parent / "report.py").read_text(encoding="utf-8")
+    known = ("--help",) if script.name.startswith("run_") else ()
+    unknown = [word for word in given if word.startswith("--") and word not in known and f'"{word}"' not in source]
+    return f"no option {unknown[0]}" if unknown else None
+
+
+def _cut(words: list[str], at: str) -> tuple[list[str], list[str], list[str]]:
+    where = words.index(at) if at in words else len(words)
+    return words[:where], words[where : where + 1], words[where + 1 :]
+
+
+@pytest.mark.parametrize(("page", "text"), commands())
+def test_a_command_in_the_documentation_can_run(page: str, text: str) -> None:
+    assert (why := refusal(text)) is None, f"{page}: {text}: {why}"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "python3 scripts/fsw.py bag shadow test/golden/reference_tracking",
+        "python3 scripts/fsw.py simulate quick --no-such-option",
+        "python3 scripts/run_nmpc.py --ros-args -p no_such_parameter:=1",
+        "python3 -m distributed.cli.dask_scheduler",
+        "python3 scripts/compare_controllers.py --no-such-option",
+        "fsw.py bag info test/golden/no_such_weld",
+        "python3 scripts/no_such_script.py --help",
+    ],
+)
+def test_a_wrong_command_would_be_found(text: str) -> None:
+    assert refusal(text)
+
+
+def load(name: str) -> ModuleType:
+    """A module of scripts/."""
+    spec = importlib.util.spec_from_file_location(name, WORKSPACE / "scripts" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def safety_case() -> ModuleType:
+    return load("safety_case")
+
+
+def test_the_safety_case_is_whole(safety_case: ModuleType) -> None:
+    requirements = yaml.safe_load(safety_case.REQUIREMENTS.read_text(encoding="utf-8"))
+    assert safety_case.faults(requirements, safety_case.marked(), safety_case.PAGE.read_text(encoding="utf-8")) == []
+
+
+def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:
+    path = tmp_path / "test_one.py"
+    path.write_text(
+        'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\ndef test_a(): ...\n'
+        '@pytest.mark.requirement("S2")\nclass Machine: ...\n@pytest.mark.skip("S3")\ndef test_b(): ...\n'
+    )
+    assert safety_case.marked([path]) == {"S1": [(path, "test_a")], "S2": [(path, "test_a"), (path, "Machine")]}
+
+
+def test_what_is_missing_in_the_safety_case_is_told(safety_case: ModuleType) -> None:
+    page = f"hazards: S1, S2, S9\n{safety_case.BEGIN}\n{safety_case.END}\nafter\n"
+    told = safety_case.faults(
+        {"S1": "good", "S2": "no test", "S3": "no hazard"},
+        {"S1": [(Path("t.py"), "test_a")], "S3": [(Path("t.py"), "test_a")], "S4": [(Path("t.py"), "test_b")]},
+        page,
+    )
+    assert [line.partition(":")[0] for line in told] == ["S2", "S3", "S9", "S4"]
+    assert "t.py::test_b" in told[-1]
+
+
+def test_the_table_of_the_safety_case_can_be_written_again_and_again(safety_case: ModuleType) -> None:
+    tests = {"S1": [(Path("t.py"), "test_b"), (Path("t.py"), "test_a")]}
+    once = safety_case.renewed(f"before\n{safety_case.BEGIN}\n{safety_case.END}\nafter\n", {"S1": "it\nholds"}, tests)
+    assert "| S1 | it holds | t.py: `test_a`, `test_b` |" in once
+    assert once.startswith("before\n") and once.endswith("\nafter\n")
+    assert safety_case.renewed(once, {"S1": "it holds"}, tests) == once
+
+
+def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
+    drawing = load("draw_state_machine")
+    shown = drawing.svg_diagram()
+    assert all(f">{mode}<" in shown for mode in drawing.Mode)
+    assert all(f">{trigger}<" in shown for trigger in {row.trigger for row in drawing.TRANSITIONS})
+    assert shown.count("<circle") == len(drawing.TRANSITIONS)
+
+
+def test_rows_of_the_results_are_copied_and_a_missing_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(WORKSPACE / "scripts")
+    build_docs = load("build_docs")
+    mark, end = "<!-- rows of campaign.md, Ratios: IAE depth -->", "<!-- rows: end -->"
+    page = build_docs.with_rows(f"before\n{mark}\nold\n{end}\nafter\n")
+    row = next(line for line in page.splitlines() if line.startswith("| IAE depth |"))
+    assert row in (WORKSPACE / "docs/results/campaign.md").read_text(encoding="utf-8").splitlines()
+    assert "old" not in page and len([line for line in page.splitlines() if line.startswith("|")]) == 3
+    assert build_docs.with_rows(page) == page
+    with pytest.raises(SystemExit, match="no such row"):
+        build_docs.with_rows(page.replace("IAE depth -->", "IAE depth; no such row -->"))

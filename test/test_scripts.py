@@ -1,0 +1,63 @@
+"""The entry scripts: what they tell and refuse before anything runs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fsw_control.parameters import load
+
+pytestmark = pytest.mark.slow
+SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+#: node script: package and file of its parameters
+NODES = {
+    "run_nmpc": ("fsw_nmpc", "nmpc.yaml"),
+    "run_decentral": ("fsw_decentral", "decentral.yaml"),
+    "run_plant": ("fsw_plant", "plant.yaml"),
+    "run_supervisor": ("fsw_supervisor", "supervisor.yaml"),
+    "run_recorder": ("fsw_recorder", "recorder.yaml"),
+    "run_replay": ("fsw_recorder", "replay.yaml"),
+    "run_scenario": ("fsw_experiment", "player.yaml"),
+    "run_hmi": ("fsw_hmi", "hmi.yaml"),
+    "run_machine": ("fsw_machine", "gateway.yaml"),
+}
+
+
+def run(script, *arguments, **options):
+    command = [sys.executable, str(SCRIPTS / f"{script}.py"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, **options)
+
+
+@pytest.mark.parametrize("script", NODES)
+def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path):
+    ran = run(script, "--help")
+    assert ran.returncode == 0 and ran.stderr == ""
+    assert [name for name in load(*NODES[script]) if f"  {name}  (" not in ran.stdout] == []
+    ran = run(script, "--ros-args", "-p", "nmae:=1", cwd=tmp_path)
+    assert ran.returncode == 2
+    assert ran.stderr.count("\n") == 1 and "unknown parameters nmae" in ran.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_of_the_tests_installs_nothing(tmp_path):
+    """It works with the bare standard library, in a copy of the folder that cannot make an environment."""
+    for name in ("test.py", "_bootstrap.py"):
+        (tmp_path / name).write_text((SCRIPTS / name).read_text())
+    ran = subprocess.run(
+        [sys.executable, "-S", str(tmp_path / "test.py"), "--help"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert ran.returncode == 0 and "usage: test.py" in ran.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"test.py", "_bootstrap.py"}
+
+
+def test_output_that_nobody_reads():
+    command = f"{sys.executable} {SCRIPTS / 'run_plant.py'} --help | true"
+    ran = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=100, check=False)
+    assert ran.stderr == ""
