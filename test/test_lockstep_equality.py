@@ -84,13 +84,13 @@ events:
   - {at_s: 24.0, switch: nmpc}  # on the joint line
 """
 SIGNALS = (
+    "reference_depth_mm",
+    "reference_temperature_c",
+    "force_kn",
+    "speed_rpm",
     "depth_mm",
     "torque_nm",
     "temperature_c",
-    "force_kn",
-    "speed_rpm",
-    "reference_depth_mm",
-    "reference_temperature_c",
 )
 TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm", "depth_disturbance_mm")
 
@@ -113,15 +113,15 @@ def test_graph_in_lockstep_equals_one_process(text, tmp_path):
     here = ClosedLoop(scenario, {name: make(name) for name in scenario.controllers}).run()
 
     assert np.array_equal(there.stamp_ns, here.stamp_ns)
+    assert list(there.command_source) == list(here.command_source)
+    assert list(there.command_reason) == list(here.command_reason)
+    assert list(there.truth.active_faults) == list(here.truth.active_faults)
     for name in SIGNALS:
         np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0.0, atol=1e-9, err_msg=name)
     for name in TRUTH:
         np.testing.assert_allclose(
             getattr(there.truth, name), getattr(here.truth, name), rtol=0.0, atol=1e-9, err_msg=f"truth {name}"
         )
-    assert list(there.command_source) == list(here.command_source)
-    assert list(there.command_reason) == list(here.command_reason)
-    assert list(there.truth.active_faults) == list(here.truth.active_faults)
     assert shares == sorted(shares)
     assert 0.0 < elapsed_s < 60.0
 

@@ -32,6 +32,9 @@ from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferenc
 #: from the controller's parameters (empty if it has none) to the controller
 Make = Callable[[dict[str, Any]], Controller]
 
+#: of the patience in lockstep, for samples that the tick before had to do without
+_KNOWN_LOST_SHARE = 0.2
+
 
 class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     """Steps a controller at every tick and publishes its proposals, status, diagnostics and prediction.
@@ -129,10 +132,11 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._consume(self._synchronizer.expire(time.monotonic(), self._patience_s()))
 
     def _patience_s(self) -> float:
-        # Lockstep waits long for what may still come, but not at every tick for what is known to be lost.
-        if self._lockstep and not self._synchronizer.lacking <= self._synchronizer.missed:
-            return float(self._settings["lockstep_deadline"])
-        return float(self._settings["deadline"])
+        if not self._lockstep:
+            return float(self._settings["deadline"])
+        # Lockstep waits long for what may still come, and shorter at every tick for what is known to be lost.
+        known_lost = self._synchronizer.lacking <= self._synchronizer.missed
+        return float(self._settings["lockstep_deadline"]) * (_KNOWN_LOST_SHARE if known_lost else 1.0)
 
     def _consume(self, ticks: list[SampleSet]) -> None:
         for tick in ticks:

@@ -21,6 +21,9 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=
 #: set-points; as deep as a scenario's are sent ahead
 LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+#: In lockstep the player says here of which depth it has sent all that belongs before the next tick.
+PLAYER_READY = "fsw/player_ready"
+
 #: by sensor (of ``SENSORS``): topic, message, its field, and conversion to the paper's unit
 _SENSORS: dict[str, tuple[str, Any, str, Callable[[float], float]]] = {
     "depth": ("fsw/depth", ShoulderDepth, "depth", units.mm_from_m),

@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
@@ -25,7 +25,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load as load_parameters
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import reference_queue, subscribe_sent
-from fsw_control.topics_ros import LATCHED, LATEST, STREAM, subscribe_sensors
+from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
 from fsw_experiment.closed_loop import start_reference
 from fsw_experiment.scenario_file import load
 from fsw_experiment.timeline import announced, references, switches
@@ -86,6 +86,7 @@ class ScenarioNode(Node):
         self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
+        self._ready = self.create_publisher(Header, PLAYER_READY, LATEST)
         self._watch = self.create_timer(0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._programme: ProgrammeServer | None = None
         self._listening = False
@@ -138,6 +139,11 @@ class ScenarioNode(Node):
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
+        self._follow(sensor, stamp_ns, value)
+        if sensor == "depth" and self._simulated and not self.finished:
+            self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
+
+    def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
         """Go on with the depth; the other sensors say whether a strange stamp is to be believed."""
         before_ns = self._stamps.newest_ns
         believed = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import Temperature
+from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
@@ -24,7 +25,7 @@ from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import STREAM
+from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_model import OperatingPointError
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
@@ -47,7 +48,8 @@ class PlantNode(Node):
     """Ticks the emulator and connects it to the graph.
 
     Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock; simulated time at a pace;
-    or lockstep, in which the command that answers a tick brings on the next one.
+    or lockstep, in which the command that answers a tick brings on the next one, when a player that is there has sent
+    what belongs before it.
     """
 
     def __init__(self) -> None:
@@ -65,6 +67,8 @@ class PlantNode(Node):
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
         self._answered = True
+        self._player_there = False
+        self._unplayed_ns: int | None = None  #: depth that the player has not yet followed
         self._sent_s = 0.0
         self._resent = 0
         self._seen = (self._plant.watchdog.state, self._plant.stopped)
@@ -94,6 +98,8 @@ class PlantNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
+        if self._lockstep:
+            self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)
 
     # ---------------------------------------------------------------- ticks
 
@@ -108,6 +114,7 @@ class PlantNode(Node):
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
         self._running = True
+        self._player_there = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
         if not self._lockstep:
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
@@ -142,6 +149,7 @@ class PlantNode(Node):
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
+        self._unplayed_ns = reading.depth_mm[-1][0] if reading.depth_mm else None
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
@@ -163,14 +171,38 @@ class PlantNode(Node):
         # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
         if self._lockstep and not self._answered and refusal != "source" and stamp_ns == self._plant.measure().stamp_ns:
             self._answered = True
+            self._go_on()
+
+    def _on_player_ready(self, message: Header) -> None:
+        self._player_there = True
+        if convert.stamp_ns(message.stamp) == self._unplayed_ns:
+            self._unplayed_ns = None
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Begin the next tick of lockstep, if nothing of this one is still on its way."""
+        if self._running and self._answered and not (self._player_there and self._unplayed_ns is not None):
             self._next_tick()
+
+    def _go_on_without_player(self) -> None:
+        self._player_there = False
+        self._go_on()
 
     # ---------------------------------------------------------------- watching
 
     def _patrol(self) -> None:
         self._writers.look()
-        if self._lockstep and self._running and not self._answered:
-            self._watch_answer(time.monotonic() - self._sent_s)
+        if not (self._lockstep and self._running):
+            return
+        waited_s = time.monotonic() - self._sent_s
+        if not self._answered:
+            self._watch_answer(waited_s)
+        elif not self.count_publishers(PLAYER_READY):
+            self.get_logger().info(f"tick {self._plant.tick}: the player has left; going on")
+            self._go_on_without_player()
+        elif waited_s >= self._settings["lockstep_timeout_s"]:
+            self.get_logger().warning(f"tick {self._plant.tick}: no word from the player; going on without it")
+            self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
         values = self._settings.values

@@ -9,10 +9,11 @@ import time
 from itertools import pairwise
 
 import pytest
+from std_msgs.msg import Header
 
 from fsw_control import Command
 from fsw_control.single_instance_ros import AnotherPlantError
-from fsw_control.topics_ros import LATEST
+from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
@@ -81,6 +82,44 @@ def test_refused_commands_are_counted_and_never_applied_and_lockstep_goes_on(gra
     graph.until(lambda: peer.report("commands") and counts(peer)["repeated"] == 5)
     seen = counts(peer)
     assert (seen["not_finite"], seen["out_of_range"], seen["unhealthy"]) == (2, 2, 1)
+
+
+def test_lockstep_waits_for_a_player_while_there_is_one(graph):
+    """What a player sends before a tick, is heard before it: else the same scenario would not give the same weld."""
+    ready = None
+
+    def answer(tick, stamp):
+        if ready is not None and tick <= 8:
+            ready.publish(Header(stamp=stamp))
+        if tick != 3:
+            graph.peer.command(stamp)
+
+    truth = graph.start(speed=0.0, lockstep_timeout_s=600.0, answer=answer).got["truth"]
+    graph.until(lambda: len(truth) == 3 and len(graph.peer.got["temperature"]) == 3)
+    ready = graph.peer.node.create_publisher(Header, PLAYER_READY, LATEST)
+    graph.until(lambda: ready.get_subscription_count() and graph.plant.count_publishers(PLAYER_READY))
+    answer(3, truth[-1].header.stamp)
+    graph.peer.command(truth[-1].header.stamp)
+    graph.until(lambda: len(truth) == 9)
+    for _ in range(20):
+        graph.spin()
+    assert len(truth) == 9
+    graph.peer.node.destroy_publisher(ready)
+    graph.until(lambda: len(truth) > 15)
+
+
+def test_lockstep_goes_on_without_a_player_that_hangs(graph):
+    player = None
+
+    def answer(tick, stamp):
+        nonlocal player
+        graph.peer.command(stamp)
+        if tick == 3:
+            player = graph.peer.node.create_publisher(Header, PLAYER_READY, LATEST)
+            player.publish(Header(stamp=stamp))
+
+    truth = graph.start(speed=0.0, lockstep_timeout_s=0.3, answer=answer).got["truth"]
+    graph.until(lambda: len(truth) > 30)
 
 
 def counts(peer):

@@ -13,7 +13,7 @@ from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
 from fsw_supervisor.tick import Decision, ProposalInput, Tick, check, same
 
 #: in lockstep a late sample is waited for at least so long [s]
-_LOCKSTEP_GRACE_S = 0.1
+_LOCKSTEP_GRACE_S = 1.0
 
 
 @dataclass(slots=True)
