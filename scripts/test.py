@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """Runs the project's tests on this machine; the first run sets everything up.
 
-usage: test.py [--lint] [--fast] [--oldest] [pytest arguments]
+usage: test.py [--full] [--lint] [--fast] [--oldest] [pytest arguments]
 
-``--lint`` also runs ruff and mypy and builds the documentation. ``--fast`` leaves out the tests marked as slow.
-``--oldest`` runs the unit tests of the packages that compute, draw and read bags in an environment of its own with the
-oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11). Without arguments all tests run: units first,
-then several processes over DDS.
+Without arguments all tests run that need no minutes of computing, several at a time. ``--full`` runs these, too:
+sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out all tests marked as slow. ``--lint`` also
+runs ruff and mypy and builds the documentation. ``--oldest`` runs the unit tests of the packages that compute, draw and
+read bags in an environment of its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python
+3.11). Where pytest gets arguments (paths, -k, -m), the tests that these choose run one after another.
 """
+
+import os
 
 import signal
 import subprocess
@@ -16,6 +19,8 @@ import sys
 from _bootstrap import WORKSPACE, ensure
 
 OLDEST = "--oldest"
+#: Most tests of processes wait for each other, so that a core has room for two.
+PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "worksteal"]
 OLDEST_TESTS = [
     f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
 ]
@@ -46,8 +51,13 @@ def main() -> int:
         codes.append(run("mypy", "mypy"))
         print("== documentation", flush=True)
         codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
-    if "--fast" in arguments:
-        arguments.remove("--fast")
+    full, fast = "--full" in arguments, "--fast" in arguments
+    arguments = [one for one in arguments if one not in ("--full", "--fast")]
+    if not arguments:
+        arguments = PARALLEL
+        if not full:
+            arguments = [*PARALLEL, "-m", "not slow" if fast else "not full"]
+    elif fast:
         arguments = ["-m", "not slow", *arguments]
     codes.append(run("pytest", "pytest", *arguments))
     return next((code for code in codes if code), 0)

@@ -108,6 +108,7 @@ def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, mo
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.full
 def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expected, how):
     out = tmp_path / "out"
     log = tmp_path / "log"
@@ -147,6 +148,7 @@ def cluster(tmp_path):
         process.wait(timeout=60)
 
 
+@pytest.mark.full
 def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
     address, scheduler = cluster
     made = definition.load(file)

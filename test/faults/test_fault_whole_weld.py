@@ -83,6 +83,7 @@ def player(weld):
 
 
 @pytest.mark.requirement("S9", "S22")
+@pytest.mark.full
 def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     weld.restore()
     weld.record()
@@ -108,6 +109,7 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
     table.add("leading supervisor and recorder killed (-9) on the joint line", "standby", reaction, outcome)
 
 
+@pytest.mark.full
 def test_the_controller_is_swapped_and_swapped_back_on_the_joint_line(weld):
     weld.restore()
     first = len(weld.truths)

@@ -63,6 +63,7 @@ def until(condition, what):
         time.sleep(0.02)
 
 
+@pytest.mark.full
 def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
     child, url, token = demo(SHORT)
     with Page(url) as page:
@@ -113,6 +114,7 @@ def test_what_is_killed_is_started_again_and_the_weld_goes_on(demo, tmp_path):
 
 @pytest.mark.requirement("S34")
 @pytest.mark.parametrize("killed", [(), ("scenario_node",), ("supervisor_node",)], ids=" ".join)
+@pytest.mark.full
 def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed):
     child, url, _ = demo(PROGRAMME)
     with Page(url) as page:

@@ -17,6 +17,11 @@ from fsw_msgs.msg import ShoulderDepth, SupervisorState, WeldCommand
 
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
 TICKS = 20
+#: by node: the process, a text in its command line, and one that is not there
+LEADERS = {
+    "fsw_supervisor": ("supervisor", "fsw_supervisor", "standby"),
+    "fsw_supervisor_standby": ("standby", "__node:=fsw_supervisor_standby", "pytest"),
+}
 MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
 
 
@@ -26,20 +31,30 @@ def generate_test_description():
 
 
 class TestStandby(unittest.TestCase):
+    killed = "supervisor"
+
     def test_the_weld_goes_on_when_the_leading_supervisor_is_killed(self, domain):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
             depths = eye.listen(ShoulderDepth, "fsw/depth")
             eye.until(lambda: bool(commands) and commands[-1].source == "decentral", "the controller's command")
-            commands.clear()  # a hold before the controller is ready
-            eye.until(lambda: len(commands) > TICKS, f"{TICKS} commands")
-            eye.until(lambda: {"fsw_supervisor", "fsw_supervisor_standby"} <= set(eye.node.get_node_names()), "both")
+            eye.until(lambda: set(LEADERS) <= set(eye.node.get_node_names()), "both")
+
+            def steady():
+                latest = {(command.source, command.header.frame_id) for command in commands[-TICKS:]}
+                return len(commands) > TICKS and latest == {("decentral", states[-1].header.frame_id)}
+
+            eye.until(steady, f"{TICKS} commands of the controller from one supervisor")
+            del commands[:-TICKS]
             first = states[-1].header.frame_id
-            self.assertEqual({command.header.frame_id for command in commands}, {first})
-            self.assertEqual(eye.node.count_publishers("/fsw/command"), 1)
-            kill(domain, "fsw_supervisor", but="standby")
-            eye.until(lambda: states[-1].requested_by == "takeover", "the standby leads")
+            leading = eye.node.get_publishers_info_by_topic("/fsw/command")
+            self.assertEqual(len(leading), 1)
+            # On a busy machine the standby may have taken over before.
+            TestStandby.killed, *which = LEADERS[leading[0].node_name]
+            kill(domain, *which)
+            eye.until(lambda: states[-1].header.frame_id != first, "the other one leads")
+            self.assertEqual(states[-1].requested_by, "takeover")
             goal = len(commands) + TICKS
             eye.until(lambda: len(commands) > goal, f"{TICKS} more commands")
         self.assertEqual({command.source for command in commands}, {"decentral"})
@@ -58,5 +73,6 @@ class TestAfterShutdown(unittest.TestCase):
     def test_all_others_have_ended_cleanly(self, proc_info):
         codes = exit_codes(proc_info)
         codes.pop("scenario")
-        codes.pop("supervisor")  # killed, and started again where launch does that
-        self.assertEqual(codes, dict.fromkeys(("plant", "decentral", "standby"), 0))
+        codes.pop(TestStandby.killed)  # and started again where launch does that
+        self.assertEqual(set(codes), {"plant", "decentral", "supervisor", "standby"} - {TestStandby.killed})
+        self.assertEqual(set(codes.values()), {0})

@@ -177,6 +177,7 @@ def test_a_long_stall(weld):
 
 
 @pytest.mark.requirement("S14")
+@pytest.mark.full
 def test_the_machine_is_started_again(tmp_path, shipped_text, domain_id):
     """The server as a process of its own, killed and ended: its counter begins again, and so does the weld."""
     file = write_machine_file(tmp_path / "machine.yaml", free_port(), shipped_text)

@@ -143,6 +143,7 @@ def test_estimate_with_its_deviations() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_two_welds_tell_more_than_one() -> None:
     segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
     one, both = estimation.identify(segments[:1]), estimation.identify(segments)
@@ -150,6 +151,7 @@ def test_two_welds_tell_more_than_one() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_shifts_are_told_and_do_not_bias() -> None:
     signals = weld()
     signals.depth_mm[700:] += 0.05
@@ -182,6 +184,7 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_slow_disturbance_is_told_and_does_not_bias() -> None:
     signals = weld()
     signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
@@ -203,6 +206,7 @@ def test_weld_at_rest_tells_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_what_is_not_excited_is_kept_nominal() -> None:
     p = ModelParameters()
     model = ProcessModel(p)

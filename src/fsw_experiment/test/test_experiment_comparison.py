@@ -28,6 +28,7 @@ def clairvoyant():
     return Clairvoyant(window_s=20.0)
 
 
+@pytest.mark.full
 def test_default_nmpc_is_calm_quick_and_nearly_decoupled(nominal):
     clean = nominal[DEFAULT]["clean"]
     assert clean["tracking"]["iae_depth_mm_s"] < 1.40
@@ -133,6 +134,7 @@ def test_page_says_what_was_measured(nominal):
     assert "1 models with other gains" in page and "on 0 of these models" in page
 
 
+@pytest.mark.full
 def test_the_tuning_by_rule_is_calm_on_another_model():
     factors = random_factors(2, other_models.FACTORS)[1]
     assert all(low <= factors[name] <= high for name, (low, high) in other_models.FACTORS.items())

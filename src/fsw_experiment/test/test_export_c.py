@@ -27,6 +27,7 @@ def exported(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("target", [name for name in TARGETS if name != "cortex_m7_sp"])
+@pytest.mark.full
 def test_same_answers_on_every_processor(exported, target, controller, tmp_path):
     """A weld of 240 s: strict C99 without a warning, and every output within 1e-9 of this machine's."""
     if missing := TARGETS[target].missing():
@@ -38,6 +39,7 @@ def test_same_answers_on_every_processor(exported, target, controller, tmp_path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.full
 def test_vectors_under_sanitizers(exported, controller, tmp_path):
     if missing := TARGETS["gcc"].missing():
         pytest.skip(missing)
@@ -67,6 +69,7 @@ def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.full
 def test_stack_has_a_bound(exported, controller, tmp_path):
     """No recursion, no array of variable size: the compiler's call graph gives the largest stack."""
     if missing := TARGETS["gcc"].missing():
@@ -135,6 +138,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_another_model_and_tuning(tmp_path):
     """The model's numbers are in the tables; an export again replaces the one before only when it may."""
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")

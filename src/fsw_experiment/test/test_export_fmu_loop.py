@@ -60,6 +60,7 @@ def running(tmp_path: Path) -> Iterator[Units]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "exported", "tuned", "model"), CASES)
+@pytest.mark.full
 def test_two_fmus_are_the_offline_loop(
     tmp_path: Path, running: Units, name: str, exported: dict[str, Any], tuned: dict[str, Any], model: str
 ) -> None:

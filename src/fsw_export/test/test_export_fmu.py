@@ -230,6 +230,7 @@ def test_binary_for_another_platform(tmp_path: Path) -> None:
     assert library.startswith(b"MZ") and b"fmi2DoStep\0" in library
 
 
+@pytest.mark.full
 def test_same_export_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:
     fmu.write(fmu.make("nmpc"), tmp_path / "again.fmu")
     with zipfile.ZipFile(fmus["nmpc"]) as one, zipfile.ZipFile(tmp_path / "again.fmu") as again:

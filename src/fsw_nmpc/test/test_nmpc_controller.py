@@ -115,6 +115,7 @@ def test_plan_is_what_happens():
     ],
     ids=lambda factors: " ".join(f"{name}x{factor}" for name, factor in factors.items()),
 )
+@pytest.mark.full
 def test_no_offset_on_another_process(factors):
     loop = Loop(model=ProcessModel(P.scaled(**factors)))
     for _ in range(30):
@@ -435,6 +436,7 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_reference_solver_in_the_loop_does_the_same():
     """Real-time iterations against problems solved to convergence, over a step of both set-points."""
     loops = [Loop(), Loop(NmpcController({"solver": "reference"}))]

@@ -168,6 +168,7 @@ def test_every_state_is_detectable(tuning):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_eight_hours_of_rest():
     """Deviations settle, and what is told of the disturbances stays true."""
     watch = Watch(noise=True)
@@ -195,6 +196,7 @@ def test_innovations_have_the_expected_size():
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_deviations_are_honest():
     """Over many noisy runs from wrong starts, the errors are as large as the told deviations say."""
     ratios = []

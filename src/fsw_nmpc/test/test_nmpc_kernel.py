@@ -109,6 +109,7 @@ def tables_of(library):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("blocks", [20, 54])
+@pytest.mark.full
 def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
     (tmp_path / "tables.h").write_text(tables_of(make_library(blocks, max_iterations=50)), encoding="utf-8")
     (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")

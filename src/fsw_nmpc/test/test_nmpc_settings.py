@@ -105,6 +105,7 @@ def test_every_knob_does_something_and_one_is_neutral(knob):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_runtime_change_of_everything_without_a_bump():
     said = []
     controller = NmpcController(log=said.append)

@@ -26,6 +26,7 @@ def cost_of(library, problem, moves):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_converged_iterations_reach_the_oracle(library):
     """Real-time iterations repeated on one problem end where cold IPOPT on the whole NLP does."""
     rng = np.random.default_rng(3)
@@ -151,6 +152,7 @@ def test_memory_is_one_static_struct(library):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
     """Dead-bands with L1 costs at rest leave pivots many decades apart."""
     controller, model, rng = NmpcController({"preset": "paper"}), ProcessModel(P), np.random.default_rng(1)

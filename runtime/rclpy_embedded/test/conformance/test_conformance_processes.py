@@ -201,6 +201,7 @@ def test_idle_node_uses_little_cpu(run_program: Any) -> None:
     assert float(out) < 0.01, err
 
 
+@pytest.mark.full
 def test_40_processes(
     domain_id: int, run_program: Any, wait_until: Any, monkeypatch: pytest.MonkeyPatch, genuine: bool
 ) -> None:
