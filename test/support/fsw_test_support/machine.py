@@ -15,6 +15,7 @@ import yaml
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.machine_server import MachineServer
 from fsw_plant import PlantConfig, PlantEmulator
+from fsw_test_support.ros_graph import PATIENCE_S
 
 
 def free_port() -> int:
@@ -47,7 +48,7 @@ class _LoopThread:
 
     def call(self, coroutine: Any) -> Any:
         """Run a coroutine and return its result."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(30.0)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE_S)
 
     def end(self) -> None:
         self.loop.call_soon_threadsafe(self.loop.stop)
