@@ -24,14 +24,26 @@ def test_it_leads_when_it_has_heard_of_nobody_for_a_while(make_leader, others, l
     assert leader.tick(5).sent[-1].source == "decentral"
 
 
-def test_a_standby_begins_with_the_second_tick_that_nobody_answers(make_leader):
-    leader = make_leader(standby=True).run(3.0)
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("ticks", [1, 2, 5])
+def test_a_standby_takes_over_with_the_last_of_the_ticks_that_nobody_answers(make_leader, ticks):
+    leader = make_leader(standby=True, takeover_ticks=ticks).run(3.0)
     assert (leader.failover.role, leader.sent, leader.failover.asserting) == (Role.STANDBY, [], False)
-    leader.tick()
+    leader.tick(ticks - 1)
     assert leader.failover.role is Role.STANDBY
     leader.tick()
     assert leader.failover.role is Role.ACTIVE
-    assert "took over: 2 ticks went unanswered" in leader.arbiter.machine.reason
+    assert f"took over: {ticks} ticks went unanswered" in leader.arbiter.machine.reason
+
+
+@pytest.mark.requirement("S11")
+@pytest.mark.parametrize(
+    ("token", "follows"),
+    [("999999999.x", True), ("1000000000.x", False), ("5.x.y", True), ("5", False), ("five.x", False)],
+)
+def test_only_a_term_of_up_to_nine_digits_with_a_name_is_a_claim(leader, token, follows):
+    assert leader.failover.on_leader_state(token, leader.stamp_ns) == follows
+    assert (leader.failover.role is Role.STANDBY) == follows
 
 
 @pytest.mark.parametrize("by_command", [True, False])
