@@ -4,8 +4,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import Event, Level, Machine, Mode, Transition, Trigger, next_mode
-from fsw_supervisor.state_machine import TRANSITIONS as TABLE
+from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Trigger, next_mode
 
 
 @pytest.fixture
@@ -53,9 +52,8 @@ def test_a_trigger_that_the_table_does_not_have_changes_nothing(machine):
     assert (machine.mode, machine.transitions, machine.revision) == (Mode.START, 0, 0)
 
 
-@pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row.source}-{row.trigger}")
+@pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.source}-{row.trigger}")
 def test_each_row_of_the_table_is_followed_and_says_when(row):
-    assert isinstance(row, Transition)
     assert next_mode(row.source, row.trigger) is row.target
     assert row.source is not row.target
     assert row.meaning
@@ -82,7 +80,7 @@ def test_each_row_of_the_table_is_followed_and_says_when(row):
     ],
 )
 def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sources):
-    rows = [row for row in TABLE if row.trigger is trigger]
+    rows = [row for row in TRANSITIONS if row.trigger is trigger]
     assert {row.target for row in rows} == {target}
     assert {row.source for row in rows} == sources
 
