@@ -404,6 +404,18 @@ def test_all_are_readmitted_at_once_and_it_is_told_who(books):
     assert "readmitted by operator: a" in books.events()
 
 
+def test_who_is_readmitted_is_usable_only_after_good_proposals(books):
+    books.propose()
+    books.record.inhibit("it failed")
+    books.registry.readmit_all("operator")
+    assert books.registry.why_not_ready("a") == "a is not usable: it failed"
+    warm_ticks = books.machine.settings.warm_ticks
+    for count in range(1, warm_ticks + 1):
+        books.begin().propose()
+        words = "" if count == warm_ticks else f"a is not ready: {count} of {warm_ticks} good proposals in a row"
+        assert books.registry.why_not_ready("a") == words
+
+
 def test_a_standby_inhibits_exactly_those_that_the_leader_has_inhibited(books):
     books.registry.join("b")
     books.record.inhibit("it failed")

@@ -218,6 +218,7 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert rig.arbiter.machine.reason == "decentral has no usable proposal, nmpc has"
+    assert rig.arbiter.machine.requested_by == "start"
 
 
 def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_start(make_rig):
@@ -240,6 +241,37 @@ def test_who_was_active_is_waited_for_some_ticks(make_rig):
     assert rig.arbiter.machine.mode is Mode.START
     rig.run(1)
     assert rig.arbiter.machine.mode is not Mode.START
+    rig.run(1)
+    told = [event for event in rig.arbiter.machine.events if "start -> hold" in event.text]
+    assert [(event.who, "decentral was active before and has no" in event.text) for event in told] == [("start", True)]
+
+
+def test_the_start_is_told_with_the_reason(rig):
+    machine = rig.arbiter.machine
+    assert (machine.reason, machine.requested_by) == ("decentral is configured to start with", "start")
+    rig.now_s += 5.0
+    rig.stamp_ns += 50 * STEP_NS
+    rig.run(1)
+    assert (machine.reason, machine.requested_by) == ("decentral was active before", "start")
+
+
+def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
+    rig = make_rig()
+    rig.names = []
+    for _ in range(6):
+        rig.tick()
+    assert rig.last.reason == "starting: waiting for decentral: no proposal yet"
+    assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason)
+
+
+@pytest.mark.requirement("S6")
+def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig):
+    rig.silent |= set(rig.names)
+    rig.run(1)
+    machine = rig.arbiter.machine
+    assert machine.reason == "decentral failed: no proposal at the deadline; no fallback is ready"
+    assert (machine.requested_by, rig.last.reason) == ("failover", machine.reason)
+    assert "error failover: decentral failed: no proposal at the deadline" in rig.events()
 
 
 # ---------------------------------------------------------------- the active controller fails
@@ -331,6 +363,7 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
     rig.run(1)
     assert rig.last.source == "hold"
     assert rig.arbiter.machine.reason == "too many swaps in 3 s; nmpc failed: x"
+    assert rig.arbiter.machine.requested_by == "failover"
     rig.edit.clear()
     rig.run(25)
     assert rig.last.source == "hold"
