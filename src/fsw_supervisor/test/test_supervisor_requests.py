@@ -67,6 +67,44 @@ def test_a_request_times_out_when_its_time_is_over(rig, after_s):
     assert request.done == (after_s > 1.0)
 
 
+def swapping(rig):
+    """A request whose time is over just after the swap, before the first command of the new controller."""
+    request = ask(rig, timeout_s=0.11)
+    rig.now_s += 0.1
+    rig.stamp_ns += 100_000_000
+    for sensor, value in rig.values.items():
+        assert rig.arbiter.on_sample(sensor, rig.stamp_ns, value, rig.now_s) == []
+    assert rig.arbiter.on_time(rig.now_s + 0.02) == []
+    assert rig.arbiter.machine.active == "nmpc"
+    return request
+
+
+def test_a_swap_that_was_made_in_time_is_not_told_to_be_too_late(rig):
+    request = swapping(rig)
+    assert not request.done
+    out = rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s + 0.03)
+    assert [decision.source for decision in out] == ["nmpc"]
+    assert (request.ok, request.message) == (True, f"nmpc is applied from {rig.stamp_ns / 1e9:.3f} s on")
+
+
+def test_a_swap_to_a_controller_that_then_fails_is_told_as_such_though_its_time_is_over(rig):
+    request = swapping(rig)
+    rig.arbiter.on_time(rig.now_s + 0.08)
+    assert request.message == "swapped, but nmpc failed: no proposal at the deadline"
+
+
+def test_a_swap_after_which_no_measurement_comes_is_told_as_such(rig):
+    request = swapping(rig)
+    rig.arbiter.on_command(1, "x", Command(61.0, 310.0))
+    rig.spoil("nmpc", command=Command(61.0, 310.0))
+    out = rig.arbiter.on_proposal("nmpc", rig.edit["nmpc"](rig.proposal("nmpc")), rig.now_s + 0.03)
+    assert [decision.source for decision in out] == ["hold"]
+    rig.arbiter.on_time(rig.now_s + 0.089)
+    assert not request.done
+    rig.arbiter.on_time(rig.now_s + 0.091)
+    assert request.message == "timed out: swapped, but nmpc is not applied yet"
+
+
 @pytest.mark.parametrize("timeout_s", [0.3, 0.5])
 def test_in_lockstep_a_request_waits_so_many_ticks_however_long_they_take(make_rig, timeout_s):
     rig = make_rig(lockstep=True)
