@@ -229,6 +229,7 @@ def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_st
     for _ in range(12):
         rig.tick()
     assert rig.last.source == "third"
+    assert "nmpc failed" not in rig.events()
 
 
 def test_who_was_active_is_waited_for_some_ticks(make_rig):
