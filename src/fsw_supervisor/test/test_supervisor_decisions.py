@@ -262,6 +262,9 @@ def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(
     for _ in range(6):
         rig.tick()
     assert rig.last.reason == "starting: waiting for decentral: no proposal yet"
+    rig.arbiter.registry.join("decentral")
+    rig.run(3)
+    assert rig.arbiter.registry.get("decentral").missed == 3, "that it is waited for does not excuse its silence"
     assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason)
 
 
@@ -305,6 +308,10 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
     del rig.values["depth"]
     rig.run(1)
     assert rig.last.reason == "the measurement has come without depth"
+    rig.silent.clear()
+    rig.run(1)
+    record = rig.arbiter.registry.get("decentral")
+    assert (record.missed, record.problem) == (0, "")
 
 
 @pytest.mark.parametrize("blind", [True, False])

@@ -65,6 +65,7 @@ def test_a_hold_up_between_two_measurements_changes_nothing(leader):
         leader.tick()
         leader.drives = leader.sent[-1].command
     leader.sleep(0.3)
+    leader.run(0.0)
     leader.run(0.2)
     assert leader.arbiter.machine.mode is Mode.AUTO
     sent = len(leader.sent)
