@@ -146,6 +146,15 @@ def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
     assert rig.last.source == "decentral"
 
 
+def test_without_any_controller_it_is_told_that_none_is_known(make_rig):
+    assert ask(make_rig()).message == "refused: unknown controller 'nmpc'; known: none"
+
+
+def test_manual_without_values_is_refused(rig):
+    words = "refused: not finite: force nan kN, speed nan rpm"
+    assert rig.arbiter.operator.ask_mode("manual", None, "operator") == (False, words)
+
+
 def test_an_unknown_name_ends_no_request_that_is_waiting(waiting):
     rig, request = waiting
     assert not ask(rig, "nobody").ok

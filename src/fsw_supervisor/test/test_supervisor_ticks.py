@@ -87,16 +87,13 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
     assert [(one.source, one.command) for one in out] == [("decentral", acting)]
 
 
-def test_a_tick_in_which_a_gap_begins_is_lost(rig):
-    rig.values, rig.drives = {"depth": 2.66}, None
+def test_each_tick_in_which_a_gap_begins_is_lost(rig):
     lost = rig.arbiter.lost_ticks
-    rig.now_s += 0.1
-    rig.stamp_ns += STEP_NS
-    rig.arbiter.on_sample("depth", rig.stamp_ns, 2.66, rig.now_s)
-    rig.now_s += 5.0
-    rig.stamp_ns += 5 * SECOND_NS
-    assert rig.arbiter.on_sample("depth", rig.stamp_ns, 2.66, rig.now_s) == []
-    assert rig.arbiter.lost_ticks == lost + 1
+    for count in range(4):
+        assert rig.arbiter.on_sample("depth", rig.stamp_ns, 2.66, rig.now_s) == []
+        assert rig.arbiter.lost_ticks == lost + max(0, count - 1)
+        rig.now_s += 5.0
+        rig.stamp_ns += 5 * SECOND_NS
 
 
 def test_a_tick_that_is_not_decided_when_the_next_one_begins_is_decided_then(rig):
@@ -303,6 +300,20 @@ def test_an_answer_to_the_present_tick_settles_it_and_an_older_one_is_what_it_st
     standby.follow(10**12, "nmpc", Command(81.0, 410.0))
     assert (standby.tick.answered, standby.tick.before) == (True, Command(80.5, 410.0))
     assert standby.wakeup_s is not None, "what the leader decided is still checked"
+
+
+def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader():
+    arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
+    arbiter.leading = False
+    arbiter.on_drives(10**12, Command(80.0, 410.0), 50.0)
+    for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():
+        arbiter.on_sample(sensor, 10**12, value, 50.0)
+    assert arbiter.tick.deadline_s == pytest.approx(50.0 + arbiter.settings.takeover_s(lockstep=True))
+    arbiter.on_time(52.9)
+    assert not arbiter.tick.decided
+    arbiter.on_proposal("decentral", ProposalInput(10**12, "decentral", Command(80.5, 410.0)), 52.95)
+    arbiter.on_time(53.0)
+    assert [one.source for one in arbiter.lead("took over")] == ["decentral"]
 
 
 @pytest.mark.parametrize(("mode", "wanted"), [("hold", "hold"), ("start", "auto"), ("nonsense", "auto")])
