@@ -48,6 +48,7 @@ def test_that_no_measurement_comes_is_told_once_unless_the_plant_waits(make_rig,
         rig.arbiter.on_time(begun_s + after_s)
     assert rig.arbiter.measuring == lockstep
     assert rig.events().count("no measurement for 1 s") == int(not lockstep)
+    assert rig.arbiter.stalls == 0, "it was not held up itself"
     rig.now_s += 5.0
     rig.tick()
     assert rig.arbiter.measuring
