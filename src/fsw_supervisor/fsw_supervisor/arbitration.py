@@ -179,8 +179,9 @@ class Arbitration:
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
             record = self.registry.get(name)
-            if record is None or name not in tick.ready or self.registry.why_not_ready(name):
+            if record is None or self.registry.why_not_ready(name):
                 continue
+            # Counted without this tick, so that it does not matter what of it has come.
             if record.consecutive_good - (name in tick.candidates) >= patience:
                 return name
         return ""

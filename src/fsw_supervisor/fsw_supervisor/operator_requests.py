@@ -162,14 +162,16 @@ class OperatorRequests:
             self._swapped_tick = machine.tick
 
     def expire(self, now_s: float) -> None:
-        """Give up a request that has waited long enough."""
-        request = self._pending
+        """Give up a request that has waited long enough; a swap that was made may still be answered in its tick."""
+        request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return
-        guard_s = self.machine.settings.lockstep_deadline_s if self.lockstep else 0.0
+        swapped = request.name == self.machine.active
+        guard_s = settings.lockstep_deadline_s if self.lockstep else settings.deadline_s if swapped else 0.0
         late = self.lockstep and self.machine.tick > request.last_tick
         if late or now_s > request.expires_s + guard_s:
-            self.drop(f"timed out: {self._why_not(request.name) or 'no measurement came to swap at'}")
+            why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
+            self.drop(f"timed out: {why_not or 'no measurement came to swap at'}")
 
     def applied(self, source: str, stamp_s: float) -> None:
         """Note whose command has been sent."""

@@ -9,6 +9,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.failover import LISTEN_S, Failover
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.tick import Decision, ProposalInput
 from fsw_test_support.ros_graph import domain_id
@@ -130,6 +131,94 @@ class Rig:
     def events(self) -> str:
         """All events as text."""
         return "\n".join(f"{e.level} {e.who}: {e.text}" for e in self.arbiter.machine.events)
+
+
+class Leader:
+    """A supervisor alone with plant and controllers; time passes with it running (``run``) or held up (``sleep``).
+
+    Attributes
+    ----------
+    drives : Command or None
+        What the drives report; None: nothing.
+    wish : Command
+        Where the controllers go, by one move per tick at most.
+    measured : int
+        Ticks since the start.
+    sent : list of Decision
+        What it has sent.
+    """
+
+    def __init__(self, standby: bool = False, lockstep: bool = False, **values: object) -> None:
+        self.now_s, self.stamp_ns = 100.0, 10**12
+        self.arbiter = Arbiter(ArbiterSettings.from_values(values), lockstep)
+        self.failover = Failover(self.arbiter, "m", standby, self.now_s)
+        self.drives: Command | None = Command(80.0, 410.0)
+        self.wish = Command(80.0, 410.0)
+        self.measured = 0
+        self.sent: list[Decision] = []
+
+    def call(self, decisions: list[Decision]) -> None:
+        """Send what the failover lets pass."""
+        self.sent += self.failover.pass_on(decisions, self.now_s)
+
+    def run(self, seconds: float) -> Leader:
+        """Let time pass, and wake it when it wants to be woken."""
+        end_s = self.now_s + seconds
+        while (at_s := self.failover.wakeup_s) is not None and self.now_s < at_s <= end_s:
+            self.now_s = at_s
+            self.call(self.arbiter.on_time(at_s))
+        self.now_s = end_s
+        self.call(self.arbiter.on_time(end_s))
+        return self
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass without it."""
+        self.now_s += seconds
+
+    def measure(self) -> None:
+        """Hand over a measurement and what two controllers propose to it."""
+        self.measured += 1
+        self.stamp_ns += PERIOD_NS
+        if self.drives is not None:
+            self.call(self.arbiter.on_drives(self.stamp_ns, self.drives, self.now_s))
+        for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():
+            self.call(self.arbiter.on_sample(sensor, self.stamp_ns, value, self.now_s))
+        for name in ("decentral", "nmpc"):
+            before = self.arbiter.applied or self.drives or self.wish
+            command = self.arbiter.settings.limits.clip(self.wish, before)
+            self.call(self.arbiter.on_proposal(name, ProposalInput(self.stamp_ns, name, command), self.now_s))
+            self.call(self.arbiter.on_status(name, (), False, self.now_s))
+
+    def tick(self, count: int = 1) -> Leader:
+        """Run some ticks."""
+        for _ in range(count):
+            self.measure()
+            self.run(0.1)
+        return self
+
+    def events(self) -> str:
+        """All events as text."""
+        return "\n".join(event.text for event in self.arbiter.machine.events)
+
+    @property
+    def books_agree(self) -> bool:
+        """Whether each tick counts as answered or as lost."""
+        arbiter = self.arbiter
+        return arbiter.commands == len(self.sent) and arbiter.commands + arbiter.lost_ticks == self.measured
+
+
+@pytest.fixture
+def make_leader() -> type[Leader]:
+    """The class of a supervisor with its failover, which does not lead yet."""
+    return Leader
+
+
+@pytest.fixture
+def leader() -> Leader:
+    """A leader after ten ticks in control."""
+    leader = Leader().run(2 * LISTEN_S).tick(10)
+    assert (leader.failover.role, leader.sent[-1].source) == ("active", "decentral")
+    return leader
 
 
 @pytest.fixture

@@ -1,0 +1,437 @@
+"""When a tick is decided, from what the first command starts, and what is applied without the active controller."""
+
+from dataclasses import replace
+
+import pytest
+
+from fsw_control.contract import SENSORS, Command
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import ProposalInput
+
+STEP_NS = 100_000_000
+
+
+class Hand:
+    """Hands the messages of a tick over one by one; times count from its begin."""
+
+    def __init__(self, rig):
+        self.rig, self.arbiter = rig, rig.arbiter
+        rig.now_s += 0.1
+        rig.stamp_ns += STEP_NS
+        self.out = []
+
+    def drives(self, after_s=0.0):
+        self.wait(after_s)
+        acting = self.arbiter.applied or self.rig.drives
+        self.out += self.arbiter.on_drives(self.rig.stamp_ns, acting, self.rig.now_s + after_s)
+        return self
+
+    def samples(self, *names, after_s=0.0):
+        self.wait(after_s)
+        for name in names or SENSORS:
+            value = self.rig.values[name]
+            self.out += self.arbiter.on_sample(name, self.rig.stamp_ns, value, self.rig.now_s + after_s)
+        return self
+
+    def proposal(self, name="decentral", after_s=0.001, **changes):
+        self.wait(after_s)
+        proposal = replace(self.rig.proposal(name), **changes)
+        self.out += self.arbiter.on_proposal(name, proposal, self.rig.now_s + after_s)
+        return self
+
+    def wait(self, until_s):
+        while (at_s := self.arbiter.wakeup_s) is not None and at_s <= self.rig.now_s + until_s:
+            self.out += self.arbiter.on_time(at_s)
+        return self
+
+    @property
+    def sources(self):
+        return [decision.source for decision in self.out]
+
+
+def in_lockstep(make_rig):
+    """A rig in lockstep after the start, in which it is asked who was selected."""
+    rig = make_rig(lockstep=True)
+    for _ in range(10):
+        rig.tick()
+    return rig.run(10)
+
+
+# ---------------------------------------------------------------- when a tick is decided
+
+
+def test_a_tick_is_decided_once_all_sensors_and_the_active_proposal_are_there(rig):
+    hand = Hand(rig).drives().samples("depth", "torque").proposal(after_s=0.002)
+    assert hand.out == [], "the thermocouple may still come"
+    assert hand.samples("thermocouple", after_s=0.004).sources == ["decentral"]
+    assert hand.out[0].latency_s == pytest.approx(0.004)
+
+
+def test_a_sensor_that_does_not_come_is_waited_for_no_longer_than_the_grace(rig):
+    hand = Hand(rig).drives().samples("depth", "torque").proposal(after_s=0.002).wait(0.0099)
+    assert hand.out == []
+    assert hand.wait(0.0101).sources == ["decentral"]
+    assert hand.out[0].latency_s == pytest.approx(rig.arbiter.settings.sensor_grace_s)
+
+
+def test_a_sensor_that_is_known_to_be_lost_is_not_waited_for_once_the_proposal_is_there(rig):
+    rig.tolerated = dict.fromkeys(rig.names, ("torque",))
+    del rig.values["torque"]
+    rig.run(6)
+    hand = Hand(rig).drives().samples("depth", "thermocouple")
+    assert hand.out == []
+    assert hand.proposal(after_s=0.001).sources == ["decentral"]
+    rig.values["torque"] = 1052.0
+    hand = Hand(rig).drives().samples("depth").proposal(after_s=0.001)
+    assert hand.out == [], "the thermocouple is not lost"
+
+
+def test_after_the_grace_the_active_proposal_is_still_waited_for(rig):
+    hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
+    assert hand.out == []
+    assert not rig.arbiter.tick.judged, "the thermocouple may be late, too, on a busy machine"
+    assert hand.proposal(after_s=0.04).sources == ["decentral"]
+
+
+def test_a_mode_without_a_controller_waits_for_the_sensors_only(rig):
+    rig.arbiter.operator.ask_mode("hold", None, "operator")
+    rig.run(1)
+    assert Hand(rig).drives().samples().sources == ["hold"]
+    hand = Hand(rig).drives().samples("depth")
+    assert hand.wait(0.0099).out == []
+    assert hand.wait(0.0101).sources == ["hold"]
+
+
+def test_in_lockstep_a_late_sample_is_waited_for_a_second(make_rig):
+    rig = in_lockstep(make_rig)
+    hand = Hand(rig).drives().samples("depth", "torque").proposal().proposal("nmpc").wait(0.99)
+    assert hand.out == []
+    assert hand.wait(1.01).sources == ["decentral"]
+
+
+def test_in_lockstep_shadows_that_keep_up_are_waited_for_and_others_are_not(make_rig):
+    rig = in_lockstep(make_rig)
+    rig.arbiter.registry.join("never")
+    hand = Hand(rig).drives().samples().proposal()
+    assert hand.out == []
+    assert hand.proposal("nmpc", after_s=0.4).sources == ["decentral"]
+    hand = Hand(rig).drives().samples().proposal()
+    assert hand.wait(0.499).out == []
+    assert hand.wait(0.501).sources == ["decentral"]
+    assert Hand(rig).drives().samples().proposal().sources == ["decentral"], "nmpc has fallen silent"
+
+
+# ---------------------------------------------------------------- the first command
+
+
+def started(make_rig, **values):
+    """A rig whose drives report nothing, at its first tick."""
+    rig = make_rig(ArbiterSettings.from_values(values))
+    rig.drives = None
+    return rig
+
+
+def test_what_is_applied_is_not_known_without_drives_and_controllers(make_rig):
+    rig = started(make_rig)
+    rig.names = []
+    for _ in range(10):
+        assert rig.tick() == []
+    assert rig.arbiter.machine.reason == "starting: what is applied is not known yet"
+    assert (rig.arbiter.commands, rig.arbiter.lost_ticks) == (0, 10)
+    assert rig.arbiter.applied is None
+
+
+def test_the_last_command_seen_of_the_supervisor_before_is_the_start(make_rig):
+    rig = started(make_rig)
+    rig.arbiter.on_command(1, "decentral", Command(84.0, 420.0))
+    rig.arbiter.on_command(1, "decentral", Command(float("nan"), 420.0))
+    rig.force_wish_kn = 84.0
+    for name in rig.names:
+        rig.spoil(name, command=Command(84.2, 420.0))
+    for _ in range(5):
+        rig.tick()
+    first = next(tick[0] for tick in rig.ticks if tick)
+    assert first.command == Command(84.2, 420.0)
+    assert "taking over at 84.000 kN, 420.000 rpm from the last command seen" in rig.events()
+
+
+def test_a_command_seen_is_no_start_once_a_command_has_been_sent(rig):
+    rig.arbiter.on_command(1, "stranger", Command(62.0, 310.0))
+    rig.now_s += 5.0
+    rig.stamp_ns += 50 * STEP_NS
+    rig.drives = None
+    for _ in range(10):
+        rig.tick()
+    assert rig.last.command.force_kn == pytest.approx(78.4)
+
+
+def test_a_first_proposal_that_is_refused_is_no_start(make_rig):
+    rig = started(make_rig)
+    rig.spoil("decentral", healthy=False, reason="not yet")
+    for _ in range(8):
+        assert rig.tick() == []
+    rig.edit.clear()
+    rig.run(1)
+    assert "taking over at 78.400 kN, 407.500 rpm from the proposal of decentral" in rig.events()
+
+
+def test_the_operators_values_are_a_start_when_nothing_else_is_known(make_rig):
+    rig = started(make_rig)
+    rig.names = []
+    for _ in range(5):
+        rig.tick()
+    assert rig.arbiter.operator.ask_mode("manual", Command(70.0, 350.0), "operator")[0]
+    rig.run(1)
+    assert (rig.last.source, rig.last.command) == ("manual", Command(70.0, 350.0))
+    assert "from the operator's values" in rig.events()
+
+
+def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.25}))
+    for _ in range(3):
+        Hand(rig).drives().samples().proposal().wait(0.099)
+    assert rig.arbiter.commands == 1
+    assert rig.arbiter.machine.mode is Mode.AUTO
+    assert rig.arbiter.lost_ticks == 2
+
+
+def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
+    rig = make_rig()
+    rig.drives = Command(95.3, 200.0)
+    rig.names = []
+    for _ in range(6):
+        rig.tick()
+    limits = rig.arbiter.settings.limits
+    first = next(tick[0] for tick in rig.ticks if tick)
+    assert first.command == Command(limits.force_max_kn, limits.speed_min_rpm)
+
+
+@pytest.mark.parametrize(
+    ("values", "patience"), [({"readmit_ticks": 8}, 8), ({"readmit_ticks": 3, "warm_ticks": 6}, 6)]
+)
+def test_a_fallback_replaces_the_configured_controller_after_so_many_good_proposals(make_rig, values, patience):
+    rig = make_rig(ArbiterSettings.from_values(values | {"takeover_wait_s": 0.0, "fallbacks": ("nobody", "nmpc")}))
+    rig.names = ["nmpc"]
+    rig.run(patience)
+    assert rig.last.source == "hold"
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    assert rig.arbiter.machine.reason == "decentral has no usable proposal, nmpc has"
+    assert rig.arbiter.machine.requested_by == "start"
+
+
+def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_start(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")}))
+    rig.names = ["nmpc", "third"]
+    rig.tolerated = {"third": ("torque",)}
+    del rig.values["torque"]
+    for _ in range(12):
+        rig.tick()
+    assert rig.last.source == "third"
+    assert "nmpc failed" not in rig.events()
+
+
+def test_who_was_active_is_waited_for_some_ticks(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"warm_ticks": 4})).run(20)
+    rig.silent.add("decentral")
+    rig.now_s += 5.0
+    rig.stamp_ns += 50 * STEP_NS
+    rig.run(5)
+    assert rig.last.source == "hold"
+    assert rig.arbiter.machine.mode is Mode.START
+    rig.run(1)
+    assert rig.arbiter.machine.mode is not Mode.START
+    rig.run(1)
+    told = [event for event in rig.arbiter.machine.events if "start -> hold" in event.text]
+    assert [(event.who, "decentral was active before and has no" in event.text) for event in told] == [("start", True)]
+
+
+def test_the_start_is_told_with_the_reason(rig):
+    machine = rig.arbiter.machine
+    assert (machine.reason, machine.requested_by) == ("decentral is configured to start with", "start")
+    rig.now_s += 5.0
+    rig.stamp_ns += 50 * STEP_NS
+    rig.run(1)
+    assert (machine.reason, machine.requested_by) == ("decentral was active before", "start")
+
+
+def test_a_wait_before_the_start_is_told_with_the_controller_that_is_waited_for(make_rig):
+    rig = make_rig()
+    rig.names = []
+    for _ in range(6):
+        rig.tick()
+    assert rig.last.reason == "starting: waiting for decentral: no proposal yet"
+    rig.arbiter.registry.join("decentral")
+    rig.run(3)
+    assert rig.arbiter.registry.get("decentral").missed == 3, "that it is waited for does not excuse its silence"
+    assert (rig.last.source, rig.arbiter.machine.reason) == ("hold", rig.last.reason)
+
+
+@pytest.mark.requirement("S6")
+def test_without_any_usable_controller_the_force_is_held_and_it_is_told_why(rig):
+    rig.silent |= set(rig.names)
+    rig.run(1)
+    machine = rig.arbiter.machine
+    assert machine.reason == "decentral failed: no proposal at the deadline; no fallback is ready"
+    assert (machine.requested_by, rig.last.reason) == ("failover", machine.reason)
+    assert "error failover: decentral failed: no proposal at the deadline" in rig.events()
+
+
+# ---------------------------------------------------------------- the active controller fails
+
+
+@pytest.mark.requirement("S6")
+def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
+    rig.tolerated = dict.fromkeys(rig.names, SENSORS)
+    rig.run(2)
+    rig.silent.add("decentral")
+    del rig.values["torque"]
+    rig.run(1)
+    assert (rig.last.source, rig.last.reason) == ("hold", "the measurement has come without torque")
+    assert rig.arbiter.registry.get("decentral").inhibited == ""
+    del rig.values["depth"]
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    assert rig.arbiter.registry.get("decentral").inhibited == "no proposal at the deadline"
+
+
+def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
+    rig.tolerated = dict.fromkeys(rig.names, SENSORS)
+    rig.run(2)
+    rig.silent.add("decentral")
+    del rig.values["torque"]
+    rig.run(1)
+    rig.silent.clear()
+    rig.run(1)
+    rig.silent.add("decentral")
+    del rig.values["depth"]
+    rig.run(1)
+    assert rig.last.reason == "the measurement has come without depth"
+    rig.silent.clear()
+    rig.run(1)
+    record = rig.arbiter.registry.get("decentral")
+    assert (record.missed, record.problem) == (0, "")
+
+
+@pytest.mark.parametrize("blind", [True, False])
+def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
+    rig.tolerated = {"nmpc": SENSORS, "decentral": () if blind else SENSORS}
+    rig.run(1)
+    rig.values["torque"] = float("nan")
+    rig.run(10)
+    assert rig.last.source == ("nmpc" if blind else "decentral")
+    assert rig.arbiter.registry.get("decentral").inhibited == ""
+    if blind:
+        assert rig.arbiter.machine.reason == "decentral failed: decentral cannot do without the sensor torque"
+
+
+@pytest.mark.requirement("S6")
+def test_a_fallback_that_refuses_or_is_missing_is_passed_over(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"fallbacks": ("nmpc", "third")}))
+    rig.names = ["decentral", "nmpc", "third"]
+    rig.run(10)
+    rig.spoil("decentral", healthy=False, reason="x")
+    rig.spoil("nmpc", healthy=False, reason="y")
+    rig.run(1)
+    assert rig.last.source == "third"
+
+
+@pytest.mark.requirement("S6")
+def test_a_fallback_is_waited_for_until_the_deadline(rig):
+    hand = Hand(rig).drives().samples().proposal(healthy=False, reason="x")
+    assert hand.wait(0.05).out == []
+    assert hand.proposal("nmpc", after_s=0.06).sources == ["nmpc"]
+
+
+def test_in_lockstep_a_fallback_has_the_time_that_the_active_one_had(make_rig):
+    rig = in_lockstep(make_rig)
+    hand = Hand(rig).drives().samples()
+    assert hand.wait(2.99).out == []
+    assert hand.wait(3.01).sources == ["hold"]
+
+
+def test_in_lockstep_a_supervisor_that_was_held_up_itself_gives_no_more_time(make_rig):
+    rig = in_lockstep(make_rig)
+    hand = Hand(rig).drives().samples()
+    assert rig.arbiter.on_time(rig.now_s + 9.0) == []
+    assert hand.proposal(after_s=9.001, healthy=False, reason="x").out == []
+    assert hand.wait(9.1).sources == ["hold"]
+
+
+def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"storm_swaps": 1, "storm_window_s": 3.0, "warm_ticks": 1})).run(5)
+    rig.spoil("decentral", healthy=False, reason="x")
+    rig.run(1)
+    assert rig.last.source == "nmpc"
+    rig.edit.clear()
+    rig.arbiter.registry.readmit_all("operator")
+    rig.run(3)
+    rig.spoil("nmpc", healthy=False, reason="x")
+    rig.run(1)
+    assert rig.last.source == "hold"
+    assert rig.arbiter.machine.reason == "too many swaps in 3 s; nmpc failed: x"
+    assert rig.arbiter.machine.requested_by == "failover"
+    rig.edit.clear()
+    rig.run(25)
+    assert rig.last.source == "hold"
+    rig.run(2)
+    assert rig.last.source == "decentral"
+
+
+# ---------------------------------------------------------------- after a swap, and without a controller
+
+
+@pytest.mark.requirement("S12")
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_rig, sign):
+    settings = ArbiterSettings.from_values(
+        {"force_transition_kn": 0.2, "speed_transition_rpm": 0.5, "transition_ticks": 4, "warm_ticks": 2}
+    )
+    rig = make_rig(settings).run(30)
+    wanted = Command(78.4 + sign * 0.3, 407.5 + sign * 1.2)
+    rig.spoil("nmpc", command=wanted)
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(78.4 + sign * 0.2)
+    assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 0.5)
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn)
+    assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 1.0)
+    rig.run(1)
+    assert (rig.last.command, rig.last.reason) == (wanted, "")
+    rig.spoil("nmpc", command=Command(wanted.force_kn + 0.9, wanted.speed_rpm))
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(wanted.force_kn + 0.9), "it has arrived: the limits are over"
+
+
+@pytest.mark.requirement("S12")
+def test_the_slew_after_a_swap_ends_after_so_many_ticks(make_rig):
+    settings = ArbiterSettings.from_values({"force_transition_kn": 0.1, "transition_ticks": 3})
+    rig = make_rig(settings).run(30)
+    rig.edit["nmpc"] = lambda p: ProposalInput(
+        p.stamp_ns, p.source, Command((rig.arbiter.applied or p.command).force_kn + 0.9, p.command.speed_rpm)
+    )
+    rig.silent.add("decentral")
+    steps = []
+    for _ in range(5):
+        before = rig.arbiter.applied.force_kn
+        rig.run(1)
+        steps.append(rig.last.command.force_kn - before)
+    assert steps == pytest.approx([0.1, 0.1, 0.1, 0.9, 0.9])
+
+
+@pytest.mark.requirement("S3")
+@pytest.mark.parametrize(("force_kn", "after"), [(66.0, [65.8, 65.6, 65.4, 65.2, 65.0, 65.0]), (63.0, [63.0] * 6)])
+def test_a_safe_stop_ramps_down_to_the_safe_force_and_never_up(make_rig, force_kn, after):
+    rig = make_rig()
+    rig.drives = Command(force_kn, 400.0)
+    rig.force_wish_kn = force_kn
+    rig.run(10)
+    rig.arbiter.operator.ask_mode("safe_stop", None, "operator")
+    forces = []
+    for _ in after:
+        rig.run(1)
+        forces.append(rig.last.command.force_kn)
+        assert rig.last.command.speed_rpm == 400.0
+    assert forces == pytest.approx(after)

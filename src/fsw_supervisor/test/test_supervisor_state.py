@@ -1,0 +1,242 @@
+"""The state that an operator sees: how a transition is told, what counts as a swap, and the settings behind it."""
+
+import pytest
+
+from fsw_control.contract import Command
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.state_machine import TRANSITIONS, Event, Level, Machine, Mode, Trigger, next_mode
+
+
+@pytest.fixture
+def machine():
+    """A machine at tick 1, before its first transition."""
+    machine = Machine(ArbiterSettings.from_values({"transition_ticks": 7, "storm_swaps": 2, "storm_window_s": 1.0}))
+    machine.advance(100)
+    return machine
+
+
+def ticks(machine, count):
+    for _ in range(count):
+        machine.advance(machine.tick * 1000)
+    return machine
+
+
+def test_it_begins_in_start_with_what_is_configured():
+    machine = Machine(ArbiterSettings.from_values({"controller": "nmpc"}))
+    assert (machine.mode, machine.target_mode, machine.active, machine.target) == (Mode.START, Mode.AUTO, "", "nmpc")
+    assert (machine.transitions, machine.revision, machine.tick, machine.slewing, machine.since_ns) == (0, 0, 0, 0, 0)
+    assert (machine.acknowledged, machine.requested_by, list(machine.events)) == (False, "start", [])
+    assert machine.reason == "starting: waiting for measurements"
+    assert not machine.storming()
+
+
+def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
+    ticks(machine, 5)
+    machine.advance(4200)
+    machine.fire(Trigger.READY, "it is ready", "start", "nmpc")
+    assert (machine.mode, machine.active, machine.slewing) == (Mode.AUTO, "nmpc", 7)
+    assert (machine.reason, machine.requested_by, machine.since_ns) == ("it is ready", "start", 4200)
+    assert (machine.transitions, machine.ticks_in_mode) == (1, 0)
+    assert machine.events[-1] == Event(Level.INFO, "start", "start -> auto (nmpc): it is ready")
+    assert machine.revision == 1
+    ticks(machine, 3)
+    machine.fire(Trigger.INTERLOCK_TRIP, "too hot", "interlock", "nmpc")
+    assert (machine.mode, machine.active, machine.slewing) == (Mode.SAFE_STOP, "", 0)
+    assert machine.events[-1] == Event(Level.ERROR, "interlock", "auto -> safe_stop: too hot")
+    assert (machine.transitions, machine.ticks_in_mode) == (2, 0)
+    assert ticks(machine, 4).ticks_in_mode == 4
+
+
+def test_a_trigger_that_the_table_does_not_have_changes_nothing(machine):
+    machine.fire(Trigger.STORM, "a storm", "failover")
+    assert (machine.mode, machine.transitions, machine.revision) == (Mode.START, 0, 0)
+
+
+@pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.source}-{row.trigger}")
+def test_each_row_of_the_table_is_followed_and_says_when(row):
+    assert next_mode(row.source, row.trigger) is row.target
+    assert row.source is not row.target
+    assert row.meaning
+
+
+@pytest.mark.parametrize(
+    ("trigger", "target", "sources"),
+    [
+        (Trigger.OPERATOR_AUTO, Mode.AUTO, set(Mode) - {Mode.AUTO}),
+        (Trigger.OPERATOR_MANUAL, Mode.MANUAL, set(Mode) - {Mode.MANUAL}),
+        (Trigger.OPERATOR_HOLD, Mode.HOLD, set(Mode) - {Mode.HOLD}),
+        (Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Trigger.RESTARTED, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, set(Mode) - {Mode.SAFE_STOP}),
+        (Trigger.READY, Mode.AUTO, {Mode.START}),
+        (Trigger.ABANDONED, Mode.HOLD, {Mode.START}),
+        (Trigger.START_TIMEOUT, Mode.SAFE_STOP, {Mode.START}),
+        (Trigger.INTERRUPTED, Mode.START, {Mode.AUTO}),
+        (Trigger.NO_CONTROLLER, Mode.HOLD, {Mode.AUTO}),
+        (Trigger.STORM, Mode.HOLD, {Mode.AUTO}),
+        (Trigger.CONTROLLER_BACK, Mode.AUTO, {Mode.HOLD}),
+        (Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, {Mode.HOLD}),
+        (Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, {Mode.MANUAL}),
+    ],
+)
+def test_each_trigger_leads_from_where_it_may_to_one_mode(trigger, target, sources):
+    rows = [row for row in TRANSITIONS if row.trigger is trigger]
+    assert {row.target for row in rows} == {target}
+    assert {row.source for row in rows} == sources
+
+
+def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
+    machine.fire(Trigger.READY, "", "start", "a")
+    for name, automatic in (("b", False), ("a", False), ("b", True)):
+        machine.swap(name, "why", "who", automatic=automatic)
+        assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
+    assert machine.events[-1] == Event(Level.INFO, "who", "a -> b: why")
+    ticks(machine, 5)
+    machine.swap("a", "why", "who", automatic=True)
+    assert machine.storming()
+    ticks(machine, 4)
+    assert machine.storming()
+    ticks(machine, 1)
+    assert not machine.storming(), "the first of the two was 10 ticks ago"
+
+
+def test_coming_back_from_hold_counts_as_an_automatic_swap_and_starting_does_not(machine):
+    machine.fire(Trigger.READY, "", "start", "a")
+    machine.swap("b", "", "failover", automatic=True)
+    machine.fire(Trigger.NO_CONTROLLER, "", "failover")
+    assert not machine.storming()
+    machine.fire(Trigger.CONTROLLER_BACK, "", "failover", "a")
+    assert machine.storming()
+
+
+def test_without_a_limit_there_is_no_storm():
+    machine = Machine(ArbiterSettings.from_values({"storm_swaps": 0}))
+    machine.fire(Trigger.READY, "", "start", "a")
+    assert not machine.storming()
+    machine.swap("b", "", "failover", automatic=True)
+    assert not machine.storming()
+
+
+def test_what_an_operator_sees_changes_the_revision_only_when_it_changes(machine):
+    for call, changes in (
+        (lambda: machine.explain("because"), True),
+        (lambda: machine.explain("because"), False),
+        (lambda: machine.want("nmpc"), True),
+        (lambda: machine.want("nmpc"), False),
+        (lambda: machine.want(mode=Mode.HOLD), True),
+        (lambda: machine.want(), False),
+        (lambda: machine.want("nmpc", Mode.HOLD), False),
+        (lambda: machine.log(Level.INFO, "a", "b"), True),
+        (machine.renew, False),
+        (lambda: machine.acknowledge("anna"), True),
+        (lambda: machine.acknowledge("anna"), False),
+        (machine.renew, True),
+    ):
+        before = machine.revision
+        call()
+        assert machine.revision == before + int(changes)
+    assert (machine.target, machine.target_mode, machine.reason) == ("nmpc", Mode.HOLD, "because")
+
+
+def test_to_renew_a_mode_begins_its_time_anew(machine):
+    ticks(machine, 5)
+    assert machine.ticks_in_mode == 6
+    machine.renew()
+    assert (machine.ticks_in_mode, machine.mode) == (0, Mode.START)
+
+
+def test_the_transition_limits_end_after_their_ticks_or_on_arrival(machine):
+    machine.fire(Trigger.READY, "", "start", "a")
+    machine.slew(arrived=False)
+    assert machine.slewing == 6
+    machine.slew(arrived=True)
+    assert machine.slewing == 0
+
+
+@pytest.mark.parametrize(
+    ("source", "mode", "active"),
+    [
+        ("nmpc", Mode.AUTO, "nmpc"),
+        ("hold", Mode.HOLD, ""),
+        ("manual", Mode.MANUAL, ""),
+        ("safe_stop", Mode.SAFE_STOP, ""),
+    ],
+)
+def test_a_standby_is_in_the_mode_in_which_the_leader_commands(machine, source, mode, active):
+    ticks(machine, 5)
+    for _ in range(3):
+        machine.mirror(source)
+        assert (machine.mode, machine.active) == (mode, active)
+        assert machine.reason == f"as the leading supervisor: {source}"
+    assert machine.ticks_in_mode == 0
+    assert ticks(machine, 2).ticks_in_mode == 2
+    machine.mirror(source)
+    assert machine.ticks_in_mode == 2, "the time counts from when it began"
+    assert machine.transitions == 0
+
+
+def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machine):
+    machine.mirror("nmpc")
+    ticks(machine, 3)
+    machine.mirror("decentral")
+    assert (machine.active, machine.ticks_in_mode) == ("decentral", 3)
+
+
+def test_a_standby_that_leads_tells_so_and_slews(machine):
+    machine.mirror("nmpc")
+    machine.acknowledged = True
+    machine.lead("took over")
+    assert (machine.acknowledged, machine.slewing, machine.requested_by) == (False, 7, "takeover")
+    assert machine.reason == "took over (as the leading supervisor: nmpc)"
+    assert machine.events[-1].text == f"leads in auto: {machine.reason}"
+
+
+# ---------------------------------------------------------------- settings
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "minimum of force"),
+        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "minimum of force and of speed"),
+        ({"deadline_s": 0.1}, "deadline_s is 0.1 s"),
+        ({"safe_force_kn": 59.9}, "safe_force_kn must lie in"),
+        ({"safe_force_kn": 95.1}, "safe_force_kn must lie in"),
+    ],
+)
+def test_settings_at_the_edge_of_what_makes_no_sense_are_refused(values, words):
+    with pytest.raises(ValueError, match=words):
+        ArbiterSettings.from_values(values)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"safe_force_kn": 60.0},
+        {"safe_force_kn": 95.0},
+        {"force_transition_kn": 1.0, "speed_transition_rpm": 3.0},
+        {"fallbacks": ()},
+    ],
+)
+def test_settings_at_the_edge_of_what_makes_sense_are_taken(values):
+    settings = ArbiterSettings.from_values(values)
+    assert {name: getattr(settings, name) for name in values} == values
+
+
+def test_limits_that_are_set_are_the_ones_that_hold():
+    values = {"force_min_kn": 61.0, "force_max_kn": 94.0, "speed_min_rpm": 310.0, "speed_max_rpm": 490.0}
+    values |= {"force_step_kn": 2.0, "speed_step_rpm": 4.0}
+    limits = ArbiterSettings.from_values({f"limits.{name}": value for name, value in values.items()}).limits
+    assert {name: getattr(limits, name) for name in values} == values
+    assert limits.clip(Command(0.0, 0.0), None) == Command(61.0, 310.0)
+
+
+@pytest.mark.parametrize(("time_s", "count"), [(0.0, 1), (0.04, 1), (0.14, 1), (0.16, 2), (1.0, 10)])
+def test_a_time_is_a_whole_number_of_ticks_and_at_least_one(time_s, count):
+    assert ArbiterSettings.from_values({}).ticks(time_s) == count
+
+
+def test_a_leader_is_given_time_to_decide_before_its_tick_counts_as_unanswered():
+    settings = ArbiterSettings.from_values({"deadline_s": 0.06, "lockstep_deadline_s": 2.0})
+    assert settings.takeover_s(lockstep=False) == pytest.approx(0.09)
+    assert settings.takeover_s(lockstep=True) == pytest.approx(4.0)
