@@ -223,6 +223,74 @@ def test_a_ramp_goes_on_when_single_commands_are_lost_but_by_one_move_from_what_
     assert running.command(84.0) is None and running.refused == {"jump"}
 
 
+@pytest.fixture
+def with_other_moves(machine, parameters, read_of):
+    """Running, with 2 kN and 3 rpm per tick; the machine has taken a command."""
+    made = Machine(machine, parameters | {"limits.force_step_kn": 2.0}, read_of)
+    made.cycle()
+    made.obey(made.command())
+    return made
+
+
+@pytest.mark.requirement("S32")
+@pytest.mark.parametrize(
+    ("asked", "cut_to"),
+    [
+        ((84.3, 407.5), (80.4, 407.5)),
+        ((72.5, 407.5), (76.4, 407.5)),
+        ((78.4, 416.4), (78.4, 410.5)),
+        ((78.4, 398.6), (78.4, 404.5)),
+        ((84.5, 407.5), None),
+        ((78.4, 416.6), None),
+    ],
+)
+def test_a_command_catches_up_from_three_moves_away_and_no_further(with_other_moves, asked, cut_to):
+    with_other_moves.cycle()
+    order = with_other_moves.command(*asked)
+    assert (order and order.command) == (pytest.approx(cut_to) if cut_to else None)
+    assert with_other_moves.gateway.cut == bool(cut_to)
+    assert with_other_moves.refused == (set() if cut_to else {"jump"})
+
+
+@pytest.mark.requirement("S32")
+@pytest.mark.parametrize(("cycles", "is_cut"), [(3, True), (4, False)])
+def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken(with_other_moves, cycles, is_cut):
+    with_other_moves.cycle(steps=cycles)
+    assert (with_other_moves.command(83.0) is not None) == is_cut
+    assert with_other_moves.gateway.cut == is_cut
+
+
+def test_what_a_machine_rounds_when_it_shows_it_is_no_move_of_its_own(with_other_moves):
+    """It shows every write a cycle later and a little off, and a ramp at the limit goes on uncut."""
+    shown = before = STEADY
+    for _ in range(5):
+        asked = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
+        with_other_moves.cycle(force_in_force=shown.force_kn + 0.018, speed_in_force=shown.speed_rpm + 0.027)
+        order = with_other_moves.command(*asked)
+        assert order.command == asked
+        with_other_moves.gateway.on_written(order, "", with_other_moves.now_s)
+        shown, before = before, asked
+    assert with_other_moves.gateway.cut == 0
+
+
+def test_written_and_failed_commands_are_counted(running):
+    for failure in ("", "refused", "", "refused"):
+        running.gateway.on_written(running.command(), failure, running.now_s)
+        running.cycle()
+    assert (running.gateway.written, running.gateway.failed) == (2, 2)
+
+
+def test_while_the_server_does_not_answer_every_command_is_refused_in_the_end(running):
+    """And after three of them nothing waits any more: control begins anew from the drives."""
+    running.command()
+    for count in range(6):
+        running.cycle()
+        assert running.command() is None
+        assert running.gateway.joined == (count < 3)
+    refused = running.gateway.gate.refused
+    assert running.gateway.gate.total() == 6 and (refused["unanswered"], refused["paused"]) == (4, 2)
+
+
 @pytest.mark.requirement("S32")
 def test_a_machine_that_follows_more_slowly_is_led_by_what_it_shows(running):
     """It acknowledges every write, but its own rate is half of ours."""
