@@ -241,9 +241,10 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     survivors = [f"| {_shown(one)}{_NOT_RUN.get(one.fate, '')} |" for one, why in left if not why]
     lines += ["", "## Survivors", ""]
     if survivors:
-        lines += ["Changes that a test should notice, but none does.", "", "| where | change |", "|---|---|", *survivors]
+        lines += ["Changes that a test should notice, but none does.", "", "| where | change |", "|---|---|"]
     else:
         lines.append("There are none but those that are tolerated.")
+    lines += survivors
     lines += ["", "## Tolerated", "", "| where | change | why it is tolerated |", "|---|---|---|"]
     lines += [f"| {_shown(one)} | {why} |" for one, why in left if why]
     return "\n".join(lines) + "\n"
