@@ -131,6 +131,8 @@ def test_what_has_waited_is_judged_again(running, reason):
         running.cycle(force_in_force=70.0)
     assert running.gateway.on_written(order, "", running.now_s + (0.3 if reason == "stale_read" else 0.0)) is None
     assert running.refused == {"unanswered" if reason == "not_permissive" else reason}
+    told = {"not_permissive": "has not answered", "jump": "would jump by", "stale_read": "last read 0.30 s ago"}
+    assert told[reason] in running.gateway.gate.last_refusal
 
 
 def test_a_stamp_between_two_ticks_is_refused(running):
@@ -253,6 +255,24 @@ def test_a_command_catches_up_from_three_moves_away_and_no_further(with_other_mo
 
 
 @pytest.mark.requirement("S32")
+def test_every_command_that_was_cut_is_counted(with_other_moves):
+    for force_kn in (82.0, 84.0, 86.0):
+        with_other_moves.cycle()
+        with_other_moves.obey(with_other_moves.command(force_kn))
+    assert with_other_moves.in_force.force_kn == 84.4 and with_other_moves.gateway.cut == 3
+
+
+@pytest.mark.requirement("S32")
+def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move_of_both(with_other_moves):
+    """The machine moves by itself, faster than commands may: none is written until it is clear where it is."""
+    with_other_moves.cycle(force_in_force=73.5)
+    assert with_other_moves.command(76.0) is None and with_other_moves.refused == {"jump"}
+    assert with_other_moves.gateway.cut == 0
+    with_other_moves.cycle(force_in_force=73.5)
+    assert with_other_moves.command(75.0).command.force_kn == 75.0
+
+
+@pytest.mark.requirement("S32")
 @pytest.mark.parametrize(("cycles", "is_cut"), [(3, True), (4, False)])
 def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken(with_other_moves, cycles, is_cut):
     with_other_moves.cycle(steps=cycles)
@@ -334,9 +354,11 @@ def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
 
 
 @pytest.mark.requirement("S13")
-def test_without_known_set_points_in_force_nothing_is_written(running):
-    running.cycle(force_in_force=None)
+@pytest.mark.parametrize("node", ["force_in_force", "speed_in_force"])
+def test_without_known_set_points_in_force_nothing_is_written_and_it_is_told_why(running, node):
+    running.cycle(**{node: None})
     assert running.command() is None and running.refused == {"jump"}
+    assert running.gateway.gate.last_refusal.endswith("not known: empty, not a number")
 
 
 def test_a_late_answer_to_an_order_from_before_a_loss_changes_nothing(running):
