@@ -98,6 +98,15 @@ def test_the_heartbeat_is_the_cycle_that_the_command_answers(running):
 def test_refused(running, given, reason):
     assert running.command(**given) is None
     assert running.refused == {reason}
+    assert len(running.gateway.gate.last_refusal) > len(reason) + 10, "it is told in words"
+
+
+def test_only_commands_of_the_sources_that_are_allowed_are_written(machine, parameters, read_of):
+    for sources, is_written in ([["nmpc"], True], [["decentral"], False]):
+        made = Machine(machine, parameters | {"commands.sources": sources}, read_of)
+        made.cycle()
+        assert (made.command() is not None) == is_written
+        assert made.refused == (set() if is_written else {"source"})
 
 
 def test_only_one_command_per_cycle_and_only_one_under_way(running):
@@ -116,7 +125,7 @@ def test_of_two_that_wait_the_newer_is_written_and_the_other_refused(running):
     for force_kn in (78.5, 78.6):
         running.cycle()
         assert running.command(force_kn) is None
-    assert running.refused == {"unanswered"}
+    assert running.refused == {"unanswered"} and "of 0.200 s ago" in running.gateway.gate.last_refusal
     assert running.obey(order).command.force_kn == 78.6
 
 
