@@ -243,9 +243,10 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     if survivors:
         lines += ["Changes that a test should notice, but none does.", "", "| where | change |", "|---|---|"]
     else:
-        lines.append("There are none but those that are tolerated.")
+        lines.append("There are none." if not left else "There are none but those that are tolerated.")
     lines += survivors
-    lines += ["", "## Tolerated", "", "| where | change | why it is tolerated |", "|---|---|---|"]
+    if len(survivors) < len(left):
+        lines += ["", "## Tolerated", "", "| where | change | why it is tolerated |", "|---|---|---|"]
     lines += [f"| {_shown(one)} | {why} |" for one, why in left if why]
     return "\n".join(lines) + "\n"
 

@@ -1,10 +1,12 @@
 """What the gateway publishes and which commands it passes on."""
 
+from dataclasses import replace
 from math import isnan, nan
 
 import pytest
 
 from fsw_control import Command
+from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
 from fsw_machine.samples import RawValue
 
@@ -67,6 +69,21 @@ def test_a_tick_has_the_values_and_the_counters_timestamp(running):
     out = running.cycle()
     assert (out.depth_mm, out.torque_nm, out.temperature_c, out.drives) == (2.66, 980.0, 816.4, STEADY)
     assert out.stamp_ns == running.gateway.read.source_ns
+
+
+def test_with_stamps_of_receipt_the_first_tick_has_the_local_time(machine, parameters, read_of):
+    gateway = Gateway(machine, parameters | {"clock.stamps": "received"})
+    gateway.on_connected()
+    local_ns = 1_800_000_000 * NANOSECONDS
+    first, second = (replace(read_of(counter), read_ns=local_ns + counter) for counter in (100, 101))
+    assert gateway.on_read(first).stamp_ns == local_ns + 100
+    assert gateway.on_read(second).stamp_ns == local_ns + 100 + second.source_ns - first.source_ns
+
+
+def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
+    late = running._read_of(running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000)
+    assert running.gateway.on_read(late).stamp_ns == late.source_ns
+    assert running.gateway.stamps.steps == 0
 
 
 def test_an_invalid_value_is_nan_and_the_others_stay(running):
