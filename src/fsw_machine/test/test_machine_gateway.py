@@ -91,6 +91,8 @@ def test_an_invalid_value_is_nan_and_the_others_stay(running):
     out = running.cycle(depth=bad, temperature="hot")
     assert isnan(out.depth_mm) and isnan(out.temperature_c) and out.torque_nm == 980.0
     assert running.gateway.invalid == 2
+    running.cycle(torque=nan)
+    assert running.gateway.invalid == 3
 
 
 def test_the_heartbeat_is_the_cycle_that_the_command_answers(running):
@@ -189,6 +191,7 @@ def test_commands_begin_anew_from_the_drives_when_the_machine_permits_again(runn
     assert running.command() is None and running.refused == {"paused"}
     withheld = 1 + running.pause(force_acting=70.0)
     assert withheld == pytest.approx(PAUSE_S / 0.1, abs=1)
+    assert running.gateway.paused == withheld
     assert running.gateway.joined
     assert running.command(78.4) is None and "jump" in running.refused
     running.cycle(force_acting=70.0)
