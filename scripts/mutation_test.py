@@ -8,6 +8,9 @@ with all survivors goes to docs/results/mutation.md; why a survivor is tolerated
 Verdicts are kept in out/mutation while the code is the same, so that a run goes on where one was interrupted and only
 survivors are run again; remove that folder to run all anew. A change for which a run had no time counts as survived.
 
+A change in Python takes 0.7 s of processor time, one in C, which is compiled, 4 s (measured): about 20 minutes for all
+on two cores that have nothing else to do.
+
 usage: mutation_test.py [--only WORD] [--out FILE]
 """
 
