@@ -179,8 +179,9 @@ def test_nothing_before_the_first_read(machine, parameters, read_of):
 @pytest.mark.parametrize("permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)])
 def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
     out = running.cycle(permissive=permissive)
-    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn)
+    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
     assert running.command() is None and running.refused == {"not_permissive"}
+    assert running.gateway.ticks == 2
 
 
 @pytest.mark.requirement("S14")
