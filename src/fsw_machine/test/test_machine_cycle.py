@@ -167,6 +167,49 @@ def test_a_late_cycle_is_not_a_step_of_the_clock():
     assert stamps.steps == 0
 
 
+START_NS = 10**18
+
+
+@pytest.mark.requirement("S15")
+@pytest.mark.parametrize(
+    ("moved_ns", "steps", "elapsed_ns", "goes_on_ns"),
+    [
+        (10**12, 3, 4 * TICK_NS, 3 * TICK_NS),  # set: on by what was counted
+        (-(10**12), 3, 4 * TICK_NS, 3 * TICK_NS),
+        (10**12, 0, 4 * TICK_NS, 4 * TICK_NS),  # not counted: on by what has passed
+        (10**12, 0, 0, TICK_NS),  # by a cycle at least
+        (0, 1, TICK_NS, TICK_NS),  # a timestamp that stands still
+        (TICK_NS + STEP_NS + 10_000_000, 1, TICK_NS, TICK_NS),
+        (3 * TICK_NS - STEP_NS - 10_000_000, 3, 3 * TICK_NS, 3 * TICK_NS),
+    ],
+)
+def test_where_the_machines_clock_was_set_the_stamps_go_on_as_if_it_had_not(moved_ns, steps, elapsed_ns, goes_on_ns):
+    stamps = Stamps(TICK_NS)
+    stamps.next(START_NS, 0, 0, 0)
+    assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + goes_on_ns
+    assert (stamps.steps, stamps.shift_ns) == (1, goes_on_ns - moved_ns)
+    assert stamps.next(START_NS + moved_ns + TICK_NS, 1, 0, TICK_NS) == START_NS + goes_on_ns + TICK_NS
+    assert stamps.steps == 1
+
+
+@pytest.mark.parametrize(
+    ("moved_ns", "steps", "elapsed_ns"),
+    [
+        (TICK_NS + STEP_NS - 10_000_000, 1, TICK_NS),
+        (10 * TICK_NS, 10, TICK_NS),  # as counted, but heard late
+        (10 * TICK_NS, 1, 10 * TICK_NS),  # as has passed, whatever was counted
+        (1, 1, TICK_NS),
+    ],
+)
+def test_timestamps_that_agree_with_the_cycles_or_the_time_that_has_passed_are_taken_as_they_are(
+    moved_ns, steps, elapsed_ns
+):
+    stamps = Stamps(TICK_NS)
+    stamps.next(START_NS, 0, 0, 0)
+    assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + moved_ns
+    assert (stamps.steps, stamps.shift_ns) == (0, 0)
+
+
 @pytest.mark.parametrize("source_ns", [-(10**13), 10**13])
 def test_a_machine_that_was_started_again_with_another_clock(source_ns):
     stamps = Stamps(TICK_NS)
