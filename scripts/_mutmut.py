@@ -20,6 +20,7 @@ from mutmut.configuration import config
 from mutmut.mutation import file_mutation
 from mutmut.mutation.data import SourceFileMutationData
 from mutmut.mutation.diff_apply import get_diff_for_mutant
+from mutmut.state import state
 from mutmut.utils.file_utils import change_cwd, walk_mutatable_files
 from mutmut.workers.isolation import ForkRunner
 
@@ -49,7 +50,7 @@ class _Visitor(file_mutation.MutationVisitor):
 
 
 def _collect_once(runner: ForkRunner) -> None:
-    """Collect the tests before a process is forked for each mutant; there, run them until one fails."""
+    """Collect the tests before a process is forked for each mutant; there, run quick ones first, until one fails."""
     with change_cwd("mutants"):
         options = [*config().pytest_add_cli_args, *config().pytest_add_cli_args_test_selection]
         settings = _prepareconfig(["--rootdir=.", "--capture=sys", *options])
@@ -60,7 +61,7 @@ def _collect_once(runner: ForkRunner) -> None:
     items = {item.nodeid: item for item in session.items}
 
     def run_tests(*, mutant_name: str, tests: list[str]) -> int:
-        chosen = [items[test] for test in tests]
+        chosen = [items[test] for test in sorted(tests, key=lambda test: state().duration_by_test[test])]
         with change_cwd("mutants"):
             for item, following in zip(chosen, [*chosen[1:], None], strict=True):
                 if any(report.failed for report in runtestprotocol(item, log=False, nextitem=following)):

@@ -43,16 +43,12 @@ def refusal(command: Command, limits: Limits | None = None, previous: Command | 
         return Refusal(Flaw.NOT_FINITE, f"not finite: force {force} kN, speed {speed} rpm")
     if limits is None:
         return None
-    if not (
-        limits.force_min_kn - ROUNDING <= force <= limits.force_max_kn + ROUNDING
-        and limits.speed_min_rpm - ROUNDING <= speed <= limits.speed_max_rpm + ROUNDING
+    for name, unit, value, low, high in (
+        ("force", "kN", force, limits.force_min_kn, limits.force_max_kn),
+        ("speed", "rpm", speed, limits.speed_min_rpm, limits.speed_max_rpm),
     ):
-        for name, unit, value, low, high in (
-            ("force", "kN", force, limits.force_min_kn, limits.force_max_kn),
-            ("speed", "rpm", speed, limits.speed_min_rpm, limits.speed_max_rpm),
-        ):
-            if not low - ROUNDING <= value <= high + ROUNDING:
-                return Refusal(Flaw.OUT_OF_RANGE, f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}")
+        if not low - ROUNDING <= value <= high + ROUNDING:
+            return Refusal(Flaw.OUT_OF_RANGE, f"{name} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}")
     if previous is not None:
         for name, unit, change, largest in (
             ("force", "kN", force - previous.force_kn, limits.force_step_kn),

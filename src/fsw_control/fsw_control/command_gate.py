@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from fsw_control.command_check import Flaw, refusal
 from fsw_control.contract import Command, Limits
+from fsw_control.units import NANOSECONDS
 
 #: Why a command can be refused.
 REASONS = ("not_finite", "out_of_range", "unhealthy", "source", "repeated", "too_old", "future")
@@ -84,10 +85,10 @@ class CommandGate:
             return "future", f"it answers {stamp_ns * 1e-9:.1f} s, which has not been measured yet"
         if self.last_stamp_ns is not None and stamp_ns <= self.last_stamp_ns:
             return "repeated", f"{stamp_ns * 1e-9:.1f} s or a later measurement has been answered already"
-        if measured_ns > stamp_ns and measured_ns - stamp_ns > round(self.max_age_s * 1e9):
+        if measured_ns - stamp_ns > round(self.max_age_s * NANOSECONDS):
             return "too_old", f"it answers a measurement {(measured_ns - stamp_ns) * 1e-9:.1f} s old"
         return "", ""
 
     def total(self) -> int:
         """Commands refused, for whatever reason."""
-        return sum(self.refused.values()) if self.last_refusal else 0
+        return sum(self.refused.values())

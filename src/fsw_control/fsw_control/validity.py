@@ -113,7 +113,7 @@ class Frozen:
             self._run = 0
         rising = value > last
         if last == last:  # not the first sample
-            weight = self._weight() if self._count < _MEMORY else 1.0 / _MEMORY
+            weight = self._weight()
             self._equal -= self._equal * weight
             self._reversed += ((rising != self._rising) - self._reversed) * weight
         self._rising, self._last = rising, value

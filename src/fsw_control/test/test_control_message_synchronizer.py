@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import SENSORS, Command
-from fsw_control.message_synchronizer import MessageSynchronizer, StampFilter
+from fsw_control.message_synchronizer import JUMP_NS, MessageSynchronizer, StampFilter
 
 STEP_NS = 100_000_000
 
@@ -273,6 +273,21 @@ def test_a_far_stamp_is_believed_when_confirmed_or_when_all_else_is_silent():
         "nothing else came for long enough"
     )
     assert (stamps.newest_ns, stamps.jumps) == (5 * second + 1, 2)
+
+
+def test_a_gap_of_exactly_a_second_is_no_jump_of_time():
+    stamps = StampFilter(silence_s=1.0)
+    stamps.offer("depth", 0, 1.0, 0.0)
+    assert not stamps.offer("depth", JUMP_NS, 2.0, 0.1).jumped
+    assert stamps.offer("depth", 2 * JUMP_NS + 1, 3.0, 0.2) is None
+
+
+def test_the_rest_of_a_tick_does_not_make_a_far_stamp_forgotten():
+    stamps = StampFilter(silence_s=1.0)
+    stamps.offer("depth", 0, 1.0, 0.0)
+    assert stamps.offer("torque", 5 * JUMP_NS, 2.0, 0.0) is None
+    assert not stamps.offer("thermocouple", 0, 3.0, 0.0).jumped
+    assert stamps.offer("depth", 5 * JUMP_NS, 4.0, 0.0) == ({"torque": 2.0, "depth": 4.0}, True)
 
 
 def test_strange_stamps_are_counted_and_their_values_kept_for_the_jump():

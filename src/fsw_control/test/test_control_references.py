@@ -285,7 +285,7 @@ def test_a_plan_that_does_not_come_true_is_not_believed():
 
 def test_whether_any_is_known():
     queue = ReferenceQueue()
-    assert not queue
+    assert not queue and (queue.issued_ns, queue.mark) == (0, "")
     queue.add(SECOND, REFERENCE)
     assert queue, "one waits"
     assert queue.at(SECOND) == REFERENCE and queue, "one holds"
@@ -359,6 +359,24 @@ def test_the_same_place_without_a_mark_keeps_the_mark(in_force):
     queue.add(0, OTHER, 6)
     queue.add(0, THIRD, 5, "page 4")
     assert (queue.at(0), queue.mark, queue.issued_ns) == (OTHER, "", 6)
+
+
+def test_a_set_point_in_force_that_is_heard_again_with_a_mark_gets_it():
+    queue = ReferenceQueue()
+    queue.add(0, REFERENCE, 5)
+    queue.at(0)
+    queue.add(0, REFERENCE, 5, "page 3")
+    queue.at(TICK_NS)
+    assert queue.mark == "page 3"
+
+
+def test_a_mark_is_kept_once_however_often_its_set_point_is_heard():
+    queue = ReferenceQueue()
+    queue.add(0, REFERENCE, 5, "page 3")
+    for _ in range(3):
+        queue.add(0, REFERENCE, 5)
+    queue.at(0)
+    assert queue.mark == "page 3"
 
 
 def test_of_equal_ones_the_last_decides_when_it_begins():

@@ -156,3 +156,13 @@ def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
             with pytest.raises(ValueError, match="must be finite and in their ranges"):
                 take(bad)
         assert bytes(library.state.tuning) == bytes(good), field
+
+
+@pytest.mark.parametrize(("low", "high"), [("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm")])
+def test_the_kernel_itself_refuses_bounds_without_room_between(low, high):
+    library = DecentralController().library
+    tuning = TuningStruct.from_buffer_copy(library.state.tuning)
+    library.configure(tuning)
+    setattr(tuning, low, getattr(tuning, high))
+    with pytest.raises(ValueError, match="limits"):
+        library.configure(tuning)

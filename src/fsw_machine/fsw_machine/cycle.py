@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 #: polling begins so long before the change that is expected [s]
 LEAD_S = 0.004
 #: time between two polls while the change is near, and while it is overdue [s]
@@ -33,8 +35,8 @@ class CycleTracker:
         self.values = 1 << 64
         self._period_s = period_s
         self._counter: int | None = None
-        self._due_s: float | None = None
-        self._polls = 0
+        self._due_s = -inf
+        self._has_waited = False
 
     def see(self, counter: int, read_s: float) -> int | None:
         """Take a value of the counter, read at ``read_s`` on a steady clock.
@@ -47,7 +49,7 @@ class CycleTracker:
         """
         before, self._counter = self._counter, counter
         if counter == before:
-            self._polls += 1
+            self._has_waited = True
             return None
         steps = 0 if before is None else (counter - before) % self.values
         if 2 * steps >= self.values:
@@ -56,22 +58,20 @@ class CycleTracker:
             self.restarts += 1
         self.skipped += max(0, steps - 1)
         self._correct(steps, read_s)
-        self._polls = 0
+        self._has_waited = False
         return steps
 
     def next_poll_s(self, read_s: float) -> float:
         """When to read next, after the read of ``read_s``."""
-        if self._due_s is None:
-            return read_s + NEAR_S
         if read_s > self._due_s + (_OVERDUE_PERIODS - 1.0) * self._period_s:
             return read_s + OVERDUE_S
         return max(self._due_s - LEAD_S, read_s + NEAR_S)
 
     def _correct(self, steps: int, read_s: float) -> None:
         """Note when the next change is due."""
-        if self._due_s is None or steps != 1 or abs(read_s - self._due_s) > self._period_s / 2.0:
+        if steps != 1 or abs(read_s - self._due_s) > self._period_s / 2.0:
             self._due_s = read_s + self._period_s
-        elif self._polls:
+        elif self._has_waited:
             self._due_s += self._period_s + _GAIN * (read_s - self._due_s)
         else:
             # It had changed before the first look, nobody knows when: look earlier.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from math import nan
-from typing import Any
+from math import inf, nan
+from typing import Any, NamedTuple
 
 from fsw_control import weld
 from fsw_control.command_check import refusal
@@ -62,6 +62,14 @@ class Order:
     before: Command
 
 
+class _Write(NamedTuple):
+    """An order that was sent, and the cycle in which the server answered: with success, or with a failure."""
+
+    order: Order
+    cycle: int
+    acknowledged: bool
+
+
 class Gateway:
     """Decides about each read and each command, in one thread; every time is handed in (steady seconds).
 
@@ -108,11 +116,10 @@ class Gateway:
         self.last_failure = ""
         self._counters: dict[int, int] = {}
         self._stamp_ns: int | None = None
-        self._published_s: float | None = None
+        self._published_s = -inf
         self._under_way: Order | None = None
         self._waiting: tuple[Command, int] | None = None
-        self._taken: tuple[Order, int] | None = None
-        self._unsure: list[tuple[Command, int]] = []
+        self._writes: list[_Write] = []
         self._lost = self._cycle = 0
 
     def configure(self, values: Mapping[str, Any]) -> None:
@@ -143,8 +150,8 @@ class Gateway:
             self.gate.refuse("unanswered", "the server has not answered the write before it")
         self.joined = False
         self._lost = 0
-        self._under_way = self._waiting = self._taken = None
-        self._unsure = []
+        self._under_way = self._waiting = None
+        self._writes = []
 
     def on_read(self, read: CycleRead) -> Publication | None:
         """Take the read of a new cycle; return what is to be published, None in a pause."""
@@ -161,7 +168,7 @@ class Gateway:
         if not self.permissive:
             self._part()
         elif not self.joined:
-            if self._published_s is not None and now_s - self._published_s < PAUSE_S:
+            if now_s - self._published_s < PAUSE_S:
                 self.paused += 1
                 return None
             self.joined = begins = True
@@ -191,30 +198,31 @@ class Gateway:
             self.gate.refuse("unknown_stamp", f"it answers {stamp_ns * 1e-9:.3f} s, at which nothing was measured")
             return None
         if self._under_way is not None:
-            if self._waiting is not None:
+            overtaken, self._waiting = self._waiting, (command, counter)
+            if overtaken is not None:
                 since_s = now_s - self._under_way.accepted_s
                 self.gate.refuse("unanswered", f"the server has not answered the write of {since_s:.3f} s ago")
-                self._waiting = None
                 self._lose()
-            if self.joined:
-                self._waiting = command, counter
             return None
         return self._order(command, counter, now_s)
 
     def _order(self, command: Command, counter: int, now_s: float) -> Order | None:
         """Let a command be written, cut to one move where it may catch up; else refuse it."""
-        has, words = self._has()
-        allowed = command if words else self._within_a_move(command, has)
-        words = words or self._jump(allowed, has)
-        if words:
-            self.gate.refuse("jump", words)
+        has = self._may_have()
+        jump = self._jump(command, has)
+        if jump and self._may_catch_up(command, has):
+            for one in has:
+                command = self.gate.limits.clip(command, one)
+            jump = self._jump(command, has)
+            self.cut += not jump
+        if jump:
+            self.gate.refuse("jump", jump)
             self._lose()
             return None
-        self.cut += allowed != command
         nodes = self._machine.nodes
-        force = nodes["force_setpoint"].number(allowed.force_kn)
-        speed = nodes["speed_setpoint"].number(allowed.speed_rpm)
-        self._under_way = Order(allowed, force, speed, counter, now_s, has[0])
+        force = nodes["force_setpoint"].number(command.force_kn)
+        speed = nodes["speed_setpoint"].number(command.speed_rpm)
+        self._under_way = Order(command, force, speed, counter, now_s, has[0])
         return self._under_way
 
     def _closed(self, now_s: float) -> tuple[str, str]:
@@ -230,20 +238,24 @@ class Gateway:
             return "paused", "commands begin anew from the drives, after a pause in the measurements"
         return "", ""
 
-    def _has(self) -> tuple[list[Command], str]:
-        """What the machine has, with what it may have if an unsure write has arrived; or why that is not known."""
+    def _may_have(self) -> list[Command]:
+        """All set-points that the machine may have now, the likeliest first; empty if what it shows is not known.
+
+        - What it shows, unless that is only what was there before the last write that it acknowledged: then it has
+          that write already and shows it in the next cycle.
+        - The last write that it acknowledged, for the one cycle in which it may not show it yet. Where it shows
+          anything else than what was there before, it may show an earlier write, or move by itself.
+        - Every write since then that may have arrived though the server's answer was a failure, for the same time.
+        """
         force, speed = self.samples["force_in_force"], self.samples["speed_in_force"]
         if force.fault or speed.fault:
-            return [], f"the set-points in force are not known: {force.fault or speed.fault}"
+            return []
         shown = Command(force.value, speed.value)
-        has = [shown]
-        if self._taken is not None and self._cycle - self._taken[1] <= _SHOWN_CYCLES:
-            order = self._taken[0]
-            # Shown is what was there before the write, or something else: a write further back, or what the machine
-            # has done by itself since.
-            has = [order.command] if self._is_same(shown, order.before) else [shown, order.command]
-        has += (command for command, cycle in self._unsure if self._cycle - cycle <= _SHOWN_CYCLES)
-        return has, ""
+        recent = [write for write in self._writes if self._cycle - write.cycle <= _SHOWN_CYCLES]
+        written = [write.order.command for write in recent]
+        if recent and recent[0].acknowledged and self._is_same(shown, recent[0].order.before):
+            return written
+        return [shown, *written]
 
     def _is_same(self, a: Command, b: Command) -> bool:
         limits = self.gate.limits
@@ -252,30 +264,26 @@ class Gateway:
             and abs(a.speed_rpm - b.speed_rpm) <= _SAME * limits.speed_step_rpm
         )
 
-    def _within_a_move(self, command: Command, has: list[Command]) -> Command:
-        """The command, cut to one move where single ones before it were lost."""
+    def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
+        """Whether a command may be cut to one move: it is that far away because single ones before it were lost."""
+        if not any(write.acknowledged and self._cycle - write.cycle <= _CATCH_UP for write in self._writes):
+            return False
         limits = self.gate.limits
-        if self._taken is None or self._cycle - self._taken[1] > _CATCH_UP:
-            return command
-        moves = replace(
-            limits, force_step_kn=_CATCH_UP * limits.force_step_kn, speed_step_rpm=_CATCH_UP * limits.speed_step_rpm
-        )
-        for one in has:
-            if refusal(command, moves, one) is not None:
-                return command
-        for one in has:
-            if refusal(command, limits, one) is not None:
-                command = limits.clip(command, one)
-        return command
+        force_kn, speed_rpm = _CATCH_UP * limits.force_step_kn, _CATCH_UP * limits.speed_step_rpm
+        moves = replace(limits, force_step_kn=force_kn, speed_step_rpm=speed_rpm)
+        return all(refusal(command, moves, one) is None for one in has)
 
     def _jump(self, command: Command, has: list[Command]) -> str:
         """Why a command is too far from what the machine has, empty if it is not."""
+        if not has:
+            fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
+            return f"the set-points in force are not known: {fault}"
         limits = self.gate.limits
         jump = next(filter(None, (refusal(command, limits, one) for one in has)), None)
         if jump is None:
             return ""
         words = f"{jump.words} from what the machine has in force"
-        if refusal(has[0], limits) is None or refusal(limits.clip(has[0], None), limits, has[0]) is None:
+        if refusal(limits.clip(has[0], None), limits, has[0]) is None:
             return words
         return f"{words}, which is outside the limits: the machine has to bring it back"
 
@@ -295,11 +303,12 @@ class Gateway:
         if failure:
             self.failed += 1
             self.last_failure = failure
-            self._unsure = [*self._unsure[-_LOST_COMMANDS:], (order.command, self._cycle)]
+            self._writes.append(_Write(order, self._cycle, acknowledged=False))
             self._lose()
         else:
             self.written += 1
-            self._taken, self._unsure, self._lost = (order, self._cycle), [], 0
+            self._writes = [_Write(order, self._cycle, acknowledged=True)]
+            self._lost = 0
         waiting, self._waiting = self._waiting, None
         if waiting is None:
             return None

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_machine.cycle import CycleTracker
+from fsw_machine.cycle import LEAD_S, NEAR_S, OVERDUE_S, CycleTracker
 from fsw_machine.stamps import STEP_NS, Stamps
 
 PERIOD_S, TICK_NS = 0.1, 100_000_000
@@ -56,6 +56,84 @@ def test_a_machine_that_stands_still_is_polled_slowly():
     assert tracker.skipped == 0 and all(delay < 0.02 for delay in delays)
 
 
+def test_every_restart_counts_and_the_first_value_is_none():
+    tracker = CycleTracker(PERIOD_S)
+    assert [tracker.see(value, i / 10) for i, value in enumerate([9, 3, 4, 1, 2])] == [0, 0, 1, 0, 1]
+    assert (tracker.skipped, tracker.restarts) == (0, 2)
+
+
+def test_a_counter_of_64_bits_begins_again_after_its_largest_value():
+    tracker = CycleTracker(PERIOD_S)
+    assert [tracker.see(value, i / 10) for i, value in enumerate([2**64 - 1, 0, 1])] == [0, 1, 1]
+    assert tracker.restarts == 0
+
+
+@pytest.mark.parametrize(("step", "steps", "restarts"), [(127, 127, 0), (128, 0, 1), (255, 0, 1)])
+def test_a_step_by_half_of_a_counters_values_or_more_counts_as_back(step, steps, restarts):
+    tracker = CycleTracker(PERIOD_S)
+    tracker.values = 256
+    tracker.see(200, 0.0)
+    assert tracker.see((200 + step) % 256, 0.1) == steps
+    assert tracker.restarts == restarts
+
+
+def test_before_the_counter_could_be_read_the_server_is_asked_slowly():
+    assert CycleTracker(PERIOD_S).next_poll_s(5.0) == 5.0 + OVERDUE_S
+
+
+@pytest.mark.parametrize(
+    ("read_s", "next_s"),
+    [
+        (0.03, PERIOD_S - LEAD_S),  # a change is far: wait until shortly before it
+        (0.098, 0.098 + NEAR_S),
+        (0.101, 0.101 + NEAR_S),  # due
+        (0.149, 0.149 + NEAR_S),
+        (0.151, 0.151 + OVERDUE_S),
+    ],
+)
+def test_the_server_is_asked_often_only_while_a_change_is_near(read_s, next_s):
+    tracker = CycleTracker(PERIOD_S)
+    tracker.see(7, 0.0)
+    assert tracker.next_poll_s(read_s) == pytest.approx(next_s)
+
+
+def expected_after(*changes):
+    """When the next change is expected after changes by so many cycles, seen at such times while they were awaited."""
+    tracker, counter = CycleTracker(PERIOD_S), 100
+    tracker.see(counter, 0.0)
+    for steps, read_s in changes:
+        tracker.see(counter, read_s - NEAR_S)
+        counter += steps
+        tracker.see(counter, read_s)
+    return tracker.next_poll_s(read_s) + LEAD_S
+
+
+def test_one_late_change_hardly_moves_when_the_next_is_expected():
+    assert expected_after((1, 0.12)) == pytest.approx(0.2 + 0.2 * 0.02)
+    assert expected_after((1, 0.14)) == pytest.approx(0.2 + 0.2 * 0.04)
+
+
+@pytest.mark.parametrize(("steps", "read_s"), [(1, 0.16), (3, 0.13), (2, 0.21), (-5, 0.12)])
+def test_after_a_standstill_skipped_cycles_or_a_restart_the_phase_is_found_anew(steps, read_s):
+    assert expected_after((steps, read_s)) == pytest.approx(read_s + PERIOD_S)
+
+
+def test_a_change_that_nobody_saw_coming_is_looked_for_earlier_the_next_time():
+    tracker = CycleTracker(PERIOD_S)
+    tracker.see(7, 0.0)
+    tracker.see(8, 0.1)
+    assert tracker.next_poll_s(0.1) == pytest.approx(0.2 - 2 * LEAD_S)
+    tracker.see(9, 0.1 + 0.12)  # late, but nobody had looked since: it may have changed in time
+    assert tracker.next_poll_s(0.22) == pytest.approx(0.3 - 3 * LEAD_S)
+
+
+def test_a_change_that_was_awaited_again_is_looked_for_no_earlier():
+    tracker = CycleTracker(PERIOD_S)
+    for counter, read_s in [(7, 0.0), (8, 0.1), (8, 0.19), (9, 0.196), (9, 0.29), (10, 0.296)]:
+        tracker.see(counter, read_s)
+    assert tracker.next_poll_s(0.296) == pytest.approx(0.396 - LEAD_S)
+
+
 @pytest.mark.requirement("S15")
 @given(
     moves=st.lists(
@@ -87,6 +165,49 @@ def test_a_late_cycle_is_not_a_step_of_the_clock():
     stamps.next(0, 0, 0, 0)
     assert stamps.next(2 * TICK_NS, 1, 0, 2 * TICK_NS) == 2 * TICK_NS
     assert stamps.steps == 0
+
+
+START_NS = 10**18
+
+
+@pytest.mark.requirement("S15")
+@pytest.mark.parametrize(
+    ("moved_ns", "steps", "elapsed_ns", "goes_on_ns"),
+    [
+        (10**12, 3, 4 * TICK_NS, 3 * TICK_NS),  # set: on by what was counted
+        (-(10**12), 3, 4 * TICK_NS, 3 * TICK_NS),
+        (10**12, 0, 4 * TICK_NS, 4 * TICK_NS),  # not counted: on by what has passed
+        (10**12, 0, 0, TICK_NS),  # by a cycle at least
+        (0, 1, TICK_NS, TICK_NS),  # a timestamp that stands still
+        (TICK_NS + STEP_NS + 10_000_000, 1, TICK_NS, TICK_NS),
+        (3 * TICK_NS - STEP_NS - 10_000_000, 3, 3 * TICK_NS, 3 * TICK_NS),
+    ],
+)
+def test_where_the_machines_clock_was_set_the_stamps_go_on_as_if_it_had_not(moved_ns, steps, elapsed_ns, goes_on_ns):
+    stamps = Stamps(TICK_NS)
+    stamps.next(START_NS, 0, 0, 0)
+    assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + goes_on_ns
+    assert (stamps.steps, stamps.shift_ns) == (1, goes_on_ns - moved_ns)
+    assert stamps.next(START_NS + moved_ns + TICK_NS, 1, 0, TICK_NS) == START_NS + goes_on_ns + TICK_NS
+    assert stamps.steps == 1
+
+
+@pytest.mark.parametrize(
+    ("moved_ns", "steps", "elapsed_ns"),
+    [
+        (TICK_NS + STEP_NS - 10_000_000, 1, TICK_NS),
+        (10 * TICK_NS, 10, TICK_NS),  # as counted, but heard late
+        (10 * TICK_NS, 1, 10 * TICK_NS),  # as has passed, whatever was counted
+        (1, 1, TICK_NS),
+    ],
+)
+def test_timestamps_that_agree_with_the_cycles_or_the_time_that_has_passed_are_taken_as_they_are(
+    moved_ns, steps, elapsed_ns
+):
+    stamps = Stamps(TICK_NS)
+    stamps.next(START_NS, 0, 0, 0)
+    assert stamps.next(START_NS + moved_ns, steps, 0, elapsed_ns) == START_NS + moved_ns
+    assert (stamps.steps, stamps.shift_ns) == (0, 0)
 
 
 @pytest.mark.parametrize("source_ns", [-(10**13), 10**13])

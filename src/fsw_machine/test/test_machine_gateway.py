@@ -1,10 +1,12 @@
 """What the gateway publishes and which commands it passes on."""
 
+from dataclasses import replace
 from math import isnan, nan
 
 import pytest
 
 from fsw_control import Command
+from fsw_control.units import NANOSECONDS
 from fsw_machine.gateway import PAUSE_S, Gateway
 from fsw_machine.samples import RawValue
 
@@ -69,11 +71,28 @@ def test_a_tick_has_the_values_and_the_counters_timestamp(running):
     assert out.stamp_ns == running.gateway.read.source_ns
 
 
+def test_with_stamps_of_receipt_the_first_tick_has_the_local_time(machine, parameters, read_of):
+    gateway = Gateway(machine, parameters | {"clock.stamps": "received"})
+    gateway.on_connected()
+    local_ns = 1_800_000_000 * NANOSECONDS
+    first, second = (replace(read_of(counter), read_ns=local_ns + counter) for counter in (100, 101))
+    assert gateway.on_read(first).stamp_ns == local_ns + 100
+    assert gateway.on_read(second).stamp_ns == local_ns + 100 + second.source_ns - first.source_ns
+
+
+def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
+    late = running._read_of(running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000)
+    assert running.gateway.on_read(late).stamp_ns == late.source_ns
+    assert running.gateway.stamps.steps == 0
+
+
 def test_an_invalid_value_is_nan_and_the_others_stay(running):
     bad = RawValue(0.0, status=0x80000000, status_name="Bad", source_ns=running.gateway.read.source_ns)
     out = running.cycle(depth=bad, temperature="hot")
     assert isnan(out.depth_mm) and isnan(out.temperature_c) and out.torque_nm == 980.0
     assert running.gateway.invalid == 2
+    running.cycle(torque=nan)
+    assert running.gateway.invalid == 3
 
 
 def test_the_heartbeat_is_the_cycle_that_the_command_answers(running):
@@ -98,6 +117,15 @@ def test_the_heartbeat_is_the_cycle_that_the_command_answers(running):
 def test_refused(running, given, reason):
     assert running.command(**given) is None
     assert running.refused == {reason}
+    assert len(running.gateway.gate.last_refusal) > len(reason) + 10, "it is told in words"
+
+
+def test_only_commands_of_the_sources_that_are_allowed_are_written(machine, parameters, read_of):
+    for sources, is_written in ([["nmpc"], True], [["decentral"], False]):
+        made = Machine(machine, parameters | {"commands.sources": sources}, read_of)
+        made.cycle()
+        assert (made.command() is not None) == is_written
+        assert made.refused == (set() if is_written else {"source"})
 
 
 def test_only_one_command_per_cycle_and_only_one_under_way(running):
@@ -116,7 +144,7 @@ def test_of_two_that_wait_the_newer_is_written_and_the_other_refused(running):
     for force_kn in (78.5, 78.6):
         running.cycle()
         assert running.command(force_kn) is None
-    assert running.refused == {"unanswered"}
+    assert running.refused == {"unanswered"} and "of 0.200 s ago" in running.gateway.gate.last_refusal
     assert running.obey(order).command.force_kn == 78.6
 
 
@@ -131,6 +159,8 @@ def test_what_has_waited_is_judged_again(running, reason):
         running.cycle(force_in_force=70.0)
     assert running.gateway.on_written(order, "", running.now_s + (0.3 if reason == "stale_read" else 0.0)) is None
     assert running.refused == {"unanswered" if reason == "not_permissive" else reason}
+    told = {"not_permissive": "has not answered", "jump": "would jump by", "stale_read": "last read 0.30 s ago"}
+    assert told[reason] in running.gateway.gate.last_refusal
 
 
 def test_a_stamp_between_two_ticks_is_refused(running):
@@ -149,8 +179,9 @@ def test_nothing_before_the_first_read(machine, parameters, read_of):
 @pytest.mark.parametrize("permissive", [False, None, 1, RawValue(True), RawValue(True, 0x80000000, "Bad", 1)])
 def test_nothing_is_written_without_a_good_permissive_bit(running, permissive):
     out = running.cycle(permissive=permissive)
-    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn)
+    assert out.depth_mm == 2.66 and isnan(out.drives.force_kn) and isnan(out.drives.speed_rpm)
     assert running.command() is None and running.refused == {"not_permissive"}
+    assert running.gateway.ticks == 2
 
 
 @pytest.mark.requirement("S14")
@@ -161,6 +192,7 @@ def test_commands_begin_anew_from_the_drives_when_the_machine_permits_again(runn
     assert running.command() is None and running.refused == {"paused"}
     withheld = 1 + running.pause(force_acting=70.0)
     assert withheld == pytest.approx(PAUSE_S / 0.1, abs=1)
+    assert running.gateway.paused == withheld
     assert running.gateway.joined
     assert running.command(78.4) is None and "jump" in running.refused
     running.cycle(force_acting=70.0)
@@ -223,6 +255,92 @@ def test_a_ramp_goes_on_when_single_commands_are_lost_but_by_one_move_from_what_
     assert running.command(84.0) is None and running.refused == {"jump"}
 
 
+@pytest.fixture
+def with_other_moves(machine, parameters, read_of):
+    """Running, with 2 kN and 3 rpm per tick; the machine has taken a command."""
+    made = Machine(machine, parameters | {"limits.force_step_kn": 2.0}, read_of)
+    made.cycle()
+    made.obey(made.command())
+    return made
+
+
+@pytest.mark.requirement("S32")
+@pytest.mark.parametrize(
+    ("asked", "cut_to"),
+    [
+        ((84.3, 407.5), (80.4, 407.5)),
+        ((72.5, 407.5), (76.4, 407.5)),
+        ((78.4, 416.4), (78.4, 410.5)),
+        ((78.4, 398.6), (78.4, 404.5)),
+        ((84.5, 407.5), None),
+        ((78.4, 416.6), None),
+    ],
+)
+def test_a_command_catches_up_from_three_moves_away_and_no_further(with_other_moves, asked, cut_to):
+    with_other_moves.cycle()
+    order = with_other_moves.command(*asked)
+    assert (order and order.command) == (pytest.approx(cut_to) if cut_to else None)
+    assert with_other_moves.gateway.cut == bool(cut_to)
+    assert with_other_moves.refused == (set() if cut_to else {"jump"})
+
+
+@pytest.mark.requirement("S32")
+def test_every_command_that_was_cut_is_counted(with_other_moves):
+    for force_kn in (82.0, 84.0, 86.0):
+        with_other_moves.cycle()
+        with_other_moves.obey(with_other_moves.command(force_kn))
+    assert with_other_moves.in_force.force_kn == 84.4 and with_other_moves.gateway.cut == 3
+
+
+@pytest.mark.requirement("S32")
+def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move_of_both(with_other_moves):
+    """The machine moves by itself, faster than commands may: none is written until it is clear where it is."""
+    with_other_moves.cycle(force_in_force=73.5)
+    assert with_other_moves.command(76.0) is None and with_other_moves.refused == {"jump"}
+    assert with_other_moves.gateway.cut == 0
+    with_other_moves.cycle(force_in_force=73.5)
+    assert with_other_moves.command(75.0).command.force_kn == 75.0
+
+
+@pytest.mark.requirement("S32")
+@pytest.mark.parametrize(("cycles", "is_cut"), [(3, True), (4, False)])
+def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken(with_other_moves, cycles, is_cut):
+    with_other_moves.cycle(steps=cycles)
+    assert (with_other_moves.command(83.0) is not None) == is_cut
+    assert with_other_moves.gateway.cut == is_cut
+
+
+def test_what_a_machine_rounds_when_it_shows_it_is_no_move_of_its_own(with_other_moves):
+    """It shows every write a cycle later and a little off, and a ramp at the limit goes on uncut."""
+    shown = before = STEADY
+    for _ in range(5):
+        asked = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
+        with_other_moves.cycle(force_in_force=shown.force_kn + 0.018, speed_in_force=shown.speed_rpm + 0.027)
+        order = with_other_moves.command(*asked)
+        assert order.command == asked
+        with_other_moves.gateway.on_written(order, "", with_other_moves.now_s)
+        shown, before = before, asked
+    assert with_other_moves.gateway.cut == 0
+
+
+def test_written_and_failed_commands_are_counted(running):
+    for failure in ("", "refused", "", "refused"):
+        running.gateway.on_written(running.command(), failure, running.now_s)
+        running.cycle()
+    assert (running.gateway.written, running.gateway.failed) == (2, 2)
+
+
+def test_while_the_server_does_not_answer_every_command_is_refused_in_the_end(running):
+    """And after three of them nothing waits any more: control begins anew from the drives."""
+    running.command()
+    for count in range(6):
+        running.cycle()
+        assert running.command() is None
+        assert running.gateway.joined == (count < 3)
+    refused = running.gateway.gate.refused
+    assert running.gateway.gate.total() == 6 and (refused["unanswered"], refused["paused"]) == (4, 2)
+
+
 @pytest.mark.requirement("S32")
 def test_a_machine_that_follows_more_slowly_is_led_by_what_it_shows(running):
     """It acknowledges every write, but its own rate is half of ours."""
@@ -266,9 +384,11 @@ def test_commands_that_do_not_arrive_make_it_begin_anew(running, how):
 
 
 @pytest.mark.requirement("S13")
-def test_without_known_set_points_in_force_nothing_is_written(running):
-    running.cycle(force_in_force=None)
+@pytest.mark.parametrize("node", ["force_in_force", "speed_in_force"])
+def test_without_known_set_points_in_force_nothing_is_written_and_it_is_told_why(running, node):
+    running.cycle(**{node: None})
     assert running.command() is None and running.refused == {"jump"}
+    assert running.gateway.gate.last_refusal.endswith("not known: empty, not a number")
 
 
 def test_a_late_answer_to_an_order_from_before_a_loss_changes_nothing(running):

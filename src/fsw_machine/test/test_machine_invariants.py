@@ -28,6 +28,7 @@ class Plc:
         self._shown = [78.4, 78.4]
         self.published = None
         self.orders = []
+        self.asked = self.ordered = 0
 
     def cycle(self, steps=1, permissive=True):
         for _ in range(steps):
@@ -48,12 +49,14 @@ class Plc:
         if self.published is not None:
             now_s = self.counter * 0.1 + after_s
             asked = Command(force_kn, SPEED_RPM), self.published.stamp_ns
+            self.asked += 1
             self._wrote(self.gateway.on_command(*asked, "nmpc", True, now_s))
 
     def _wrote(self, order):
         """The invariant: in the bounds, and within a move of what the machine has; its own ramp may be under way."""
         if order is None:
             return
+        self.ordered += 1
         force_kn = order.command.force_kn
         assert LIMITS.force_min_kn <= force_kn <= LIMITS.force_max_kn
         assert abs(force_kn - self.force_kn) <= LIMITS.force_step_kn + RAMP_KN * self._late + 1e-6
@@ -142,6 +145,16 @@ def happen(plc, supervisor, happened):
 @given(happened=st.lists(events, max_size=20), late=st.sampled_from([0, 1]))
 def test_every_write_is_near_what_the_machine_has(machine, read_of, happened, late):
     happen(Plc(machine, read_of, late), Supervisor(78.4), happened)
+
+
+@settings(max_examples=100, deadline=None)
+@example(happened=[("ticks", 0.0, ["late"] * 6)])
+@given(happened=st.lists(events, max_size=20))
+def test_every_command_is_written_or_its_refusal_told(machine, read_of, happened):
+    plc = Plc(machine, read_of)
+    happen(plc, Supervisor(78.4), happened)
+    plc.lose()  # what still waits is refused
+    assert plc.ordered + plc.gateway.gate.total() == plc.asked
 
 
 @pytest.mark.requirement("S33")

@@ -18,7 +18,8 @@ def raw(value, age_s=0.0, **given):
 
 @pytest.mark.parametrize("value", [2.66, 3, -1.0, 0.0])
 def test_a_good_number_is_used(machine, value):
-    assert sample(raw(value, age_s=0.2), machine.nodes["depth"], NOW_NS) == (value, "")
+    for age_s in (0.2, 0.0, -0.04):
+        assert sample(raw(value, age_s), machine.nodes["depth"], NOW_NS) == (value, "")
 
 
 @pytest.mark.parametrize(
@@ -44,13 +45,14 @@ def test_any_other_is_invalid_and_not_zero(machine, value, words):
 
 @pytest.mark.parametrize(("value", "expected"), [(True, 1.0), (False, 0.0)])
 def test_a_bit(machine, value, expected):
-    assert bit(raw(value), machine.nodes["permissive"], NOW_NS) == (expected, "")
+    for age_s in (0.2, 0.0, -0.04):
+        assert bit(raw(value, age_s), machine.nodes["permissive"], NOW_NS) == (expected, "")
 
 
 @pytest.mark.parametrize("value", [raw(1), raw(None), raw("true"), raw(True, age_s=1.0), raw(True, status=BAD)])
 def test_a_bit_that_is_not_clearly_one(machine, value):
     found = bit(value, machine.nodes["permissive"], NOW_NS)
-    assert isnan(found.value) and found.fault
+    assert isnan(found.value) and len(found.fault) > 5
 
 
 @given(

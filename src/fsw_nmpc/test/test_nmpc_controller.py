@@ -261,6 +261,75 @@ def test_an_absurd_applied_command_is_told_and_not_believed():
     assert after.healthy and abs(after.command.force_kn - 78.4) < 0.2
 
 
+@pytest.mark.requirement("S31")
+def test_an_absurd_applied_command_leaves_as_little_behind_as_an_unknown_one():
+    after = []
+    for strange in (Command(1e12, 407.6), Command(NAN, NAN)):
+        loop = Loop()
+        for _ in range(5):
+            loop.step()
+        loop.controller.step(loop.measure(), TARGET, strange, 0.1)
+        after.append(loop.step().command)
+    assert after[0] == after[1]
+
+
+@pytest.mark.requirement("S31")
+@pytest.mark.parametrize(
+    ("force_kn", "speed_rpm", "inside"),
+    [
+        *((60.0 + off, 407.6, off > -1.0) for off in (-1.1, -0.9, 0.5)),
+        *((95.0 + off, 407.6, off < 1.0) for off in (-0.5, 0.9, 1.1)),
+        *((78.4, 300.0 + off, off > -3.0) for off in (-3.1, -2.9, 1.5)),
+        *((78.4, 500.0 + off, off < 3.0) for off in (-1.5, 2.9, 3.1)),
+    ],
+)
+def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, inside):
+    loop = Loop(BOUNDED)
+    proposal = loop.controller.step(loop.measure(), TARGET, Command(force_kn, speed_rpm), 0.1)
+    assert proposal.healthy == inside
+
+
+@pytest.mark.requirement("S31")
+@pytest.mark.parametrize(
+    ("applied", "reference"),
+    [
+        (Command(95.8, 407.6), Reference(2.36, 816.4)),
+        (Command(59.2, 407.6), Reference(2.96, 816.4)),
+        (Command(78.4, 502.5), Reference(2.66, 776.4)),
+        (Command(78.4, 297.5), Reference(2.66, 866.4)),
+    ],
+)
+def test_from_beyond_a_bound_the_way_back_is_one_move_a_tick(applied, reference):
+    """However far away the set-points are."""
+    loop = Loop(BOUNDED)
+    for _ in range(3):
+        proposal = loop.controller.step(loop.measure(), reference, applied, 0.1)
+        assert proposal.healthy and within(proposal, applied)
+    move = abs(proposal.command.force_kn - applied.force_kn), abs(proposal.command.speed_rpm - applied.speed_rpm)
+    assert move[0] == pytest.approx(1.0) or move[1] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("beyond", "bound"), [((95.5, 407.6), (95.0, 407.6)), ((78.4, 298.0), (78.4, 300.0))])
+def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
+    """The drives keep the bounds, whatever they were told."""
+    after = []
+    for first in (beyond, bound):
+        loop = Loop(BOUNDED)
+        loop.controller.step(loop.measure(), TARGET, Command(*first), 0.1)
+        after.append(loop.controller.step(loop.measure(), TARGET, Command(*bound), 0.1).diagnosis.disturbances)
+    assert after[0] == after[1]
+
+
+@pytest.mark.requirement("S31")
+def test_while_it_waits_for_sensors_its_command_is_inside_the_bounds():
+    loop = Loop(BOUNDED)
+    for applied in (Command(97.0, 407.6), Command(1e300, -1e300), Command(59.5, 301.0)):
+        blind = loop.measure(depth_mm=NAN, depth_valid=False)
+        proposal = loop.controller.step(blind, TARGET, applied, 0.1)
+        assert not proposal.healthy and "waiting" in proposal.reason
+        assert Limits().clip(proposal.command, None) == proposal.command
+
+
 def test_saturation_without_failures():
     """Set-points out of reach: no failed solve, and the set-points that can be reached are."""
     loop = Loop()
@@ -315,14 +384,15 @@ class Broken:
             fate = Fate.CAP
         elif self.how == "nan":
             found = found * np.nan
-        elif self.how == "fast":
-            found = found + 2.0
-        elif self.how == "beyond":
-            found = np.tile([0.9, 2.9], len(moves) // 2)
+        elif self.how in ("fast", "fast down"):
+            found = np.array(found)
+            found[0] += 2.0 if self.how == "fast" else -2.0  # the first move of the force only
+        elif self.how in ("beyond", "beyond below"):
+            found = np.tile([0.9, 2.9], len(moves) // 2) * (1.0 if self.how == "beyond" else -1.0)
         return fate, found, depth, temperature
 
 
-@pytest.mark.parametrize("how", ["status", "nan", "fast", "beyond"])
+@pytest.mark.parametrize("how", ["status", "nan", "fast", "fast down", "beyond", "beyond below"])
 def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
     controller = NmpcController({"plan_reuse": 4})
     controller.solver = broken = Broken(controller.library)

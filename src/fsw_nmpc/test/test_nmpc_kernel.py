@@ -252,6 +252,15 @@ def test_tuning_that_is_none_is_refused(field, value):
     assert getattr(library.state.tuning, field) != value
 
 
+@pytest.mark.parametrize("q", [0, 1])
+def test_bounds_without_room_between_are_refused(q):
+    library = make_library(20)
+    tuning = type(library.state.tuning).from_buffer_copy(library.state.tuning)
+    tuning.input_min[q] = tuning.input_max[q]
+    with pytest.raises(ValueError, match="tuning"):
+        library.configure(tuning)
+
+
 @pytest.mark.requirement("S4")
 def test_inputs_that_are_none_never_make_a_command():
     """Without finite inputs the controller stays at its last ones, and time goes on in ticks."""
