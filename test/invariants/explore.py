@@ -12,16 +12,18 @@ import pickle
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, is_dataclass
 from enum import Enum
+from functools import cache
 from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, BrokenRuleError, Cell, Rules
+from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
 RECOVERY_TICKS = 40
@@ -44,8 +46,8 @@ ALPHABETS = {
         "auto",
         "trip",
     ),
-    "safety": ("tick", *SENSORS, "auto", "manual", "hold", "safe_stop", "acknowledge"),
-    "control": ("tick", *CANDIDATES, "auto", "manual", "hold", "switch"),
+    "safety": ("tick", *SENSORS, "auto", "manual", "hold", "safe_stop", "acknowledge", RESTART),
+    "control": ("tick", *CANDIDATES, "auto", "manual", "hold", "safe_stop", "switch", RESTART),
     "all": ALPHABET,
 }
 #: of these the drives report at every tick and stamps jump with the clock, or a gateway and a PLC are in between
@@ -58,6 +60,9 @@ STARTS = {
     "safe_stop": ("safe_stop",),
     "tripped": ("trip", "tick", "tick"),
 }
+
+
+MODES = ("start", *STARTS)
 
 
 def started(mode: str, gateway: bool) -> Cell:
@@ -86,50 +91,74 @@ _FORGOTTEN_TICKS, _FORGOTTEN_S = 10, 2.0
 
 
 def state(cell: Cell) -> int:
-    """Hash of all that later decisions depend on; times count from now, so that it repeats."""
+    """Hash of all that later decisions depend on; times are ages, so that it repeats.
+
+    Ages are hardly ever negative: of -1 and -2 Python makes the same hash.
+    """
     arbiter, gateway = cell.arbiter, cell.gateway
     parts = [arbiter.machine, arbiter.safety, arbiter.registry, arbiter.operator, arbiter.watch, arbiter._start]
     parts += [arbiter._arbitration, arbiter._stamps, arbiter.tick, gateway, cell.watchdog, cell.rules]
     own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.control)
-    own = (*own, cell.pushed_kn)
+    own = (*own, cell.pushed_kn, cell.source, arbiter.last is None)
     now = (cell.now_s, cell.stamp_ns, arbiter.machine.tick)
-    return hash(tuple(_frozen(part, "", now) for part in (own, *parts)))
+    return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
 
-def _frozen(value: Any, name: str, now: tuple[float, int, int]) -> Any:
-    kind = type(value)
-    if value is None or kind is bool or kind is str:
-        return bool(value) if name in _WHETHER else value
-    if kind is float:
-        if name.endswith("_s") and name != "age_s":
-            value = max(value - now[0], -_FORGOTTEN_S)
-        return round(min(value, 1e9), 3) if isfinite(value) else str(value)
-    if kind is int:
-        if name in _TICKS:
-            return max(value - now[2], -_FORGOTTEN_TICKS)
-        return value - now[1] if name.endswith("_ns") else min(value, _FORGOTTEN_TICKS)
-    if isinstance(value, Enum):
-        return value
+_Now = tuple[float, int, int]
+
+
+class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
+    """By type, what makes of an attribute's value and name something to hash; found once for each type."""
+
+    def __missing__(self, kind: type) -> Callable[[Any, str, _Now], Any]:
+        bases = ((Enum, _plain), (dict, _dict), ((tuple, list, deque), _items), ((set, frozenset), _set))
+        freeze = next((freeze for base, freeze in bases if issubclass(kind, base)), None)
+        self[kind] = freeze or _object_freezer()
+        return self[kind]
+
+
+def _plain(value: Any, name: str, now: _Now) -> Any:
+    return bool(value) if name in _WHETHER else value
+
+
+def _float(value: float, name: str, now: _Now) -> Any:
+    if name.endswith("_s") and name != "age_s":
+        value = min(now[0] - value, _FORGOTTEN_S)
+    return round(value, 3) if isfinite(value) else str(value)
+
+
+def _int(value: int, name: str, now: _Now) -> int:
+    if name in _TICKS:
+        return min(now[2] - value, _FORGOTTEN_TICKS)
+    return now[1] - value if name.endswith("_ns") else min(value, _FORGOTTEN_TICKS)
+
+
+def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
+    return tuple([(str(key), _FREEZERS[type(item)](item, "", now)) for key, item in sorted(value.items())])
+
+
+def _items(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
     if name == "_automatic":
-        return tuple(tick - now[2] for tick in value if now[2] - tick < _FORGOTTEN_TICKS)
-    if kind is dict:
-        return tuple([(str(key), _frozen(item, "", now)) for key, item in sorted(value.items())])
-    if isinstance(value, tuple | list | deque):
-        return tuple([_frozen(item, "", now) for item in value])
-    if isinstance(value, set | frozenset):
-        return tuple(sorted(value))
-    return tuple([_frozen(getattr(value, item), item, now) for item in _names(value)])
+        return tuple([now[2] - tick for tick in value if now[2] - tick < _FORGOTTEN_TICKS])
+    return tuple([_FREEZERS[type(item)](item, "", now) for item in value])
 
 
-_NAMES: dict[type, tuple[str, ...]] = {}
+def _set(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
+    return tuple(sorted(value))
 
 
-def _names(value: Any) -> tuple[str, ...]:
-    kind = type(value)
-    if kind not in _NAMES:
-        names = getattr(kind, "__slots__", ()) or vars(value)
-        _NAMES[kind] = tuple(name for name in names if name not in _IRRELEVANT)
-    return _NAMES[kind]
+def _object_freezer() -> Callable[[Any, str, _Now], Any]:
+    names: tuple[str, ...] = ()
+
+    def freeze(value: Any, name: str, now: _Now) -> tuple[Any, ...]:
+        nonlocal names
+        names = names or tuple(one for one in getattr(value, "__slots__", ()) or vars(value) if one not in _IRRELEVANT)
+        return tuple([_FREEZERS[type(item := getattr(value, one))](item, one, now) for one in names])
+
+    return freeze
+
+
+_FREEZERS = _Freezers({kind: _plain for kind in (type(None), bool, str)} | {float: _float, int: _int})
 
 
 def packed(cell: Cell) -> bytes:
@@ -141,6 +170,55 @@ def packed(cell: Cell) -> bytes:
     for stamp_ns in list(past)[:-3]:
         del past[stamp_ns]
     return pickle.dumps(cell, pickle.HIGHEST_PROTOCOL)
+
+
+@cache
+def _never_changes(kind: type) -> bool:
+    return issubclass(kind, (str, int, float, Enum, frozenset, NoneType)) or (
+        is_dataclass(kind) and kind.__dataclass_params__.frozen
+    )
+
+
+class Snapshot:
+    """What a cell holds at a moment, to put it back to as often as needed; much cheaper than copies of the cell."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._containers: list[tuple[Any, Any]] = []
+        self._objects: list[tuple[dict[str, Any], dict[str, Any]]] = []
+        self._slotted: list[tuple[Any, list[tuple[str, Any]]]] = []
+        known, ahead = set[int](), [cell]
+        while ahead:
+            one = ahead.pop()
+            kind = type(one)
+            if _never_changes(kind) or id(one) in known:
+                continue
+            known.add(id(one))
+            if isinstance(one, tuple):
+                ahead.extend(one)
+            elif isinstance(one, dict):
+                self._containers.append((one, dict(one)))
+                ahead.extend(one.values())
+            elif isinstance(one, list | deque | set):
+                self._containers.append((one, tuple(one)))
+                ahead.extend(one)
+            elif hasattr(one, "__dict__"):
+                self._objects.append((vars(one), dict(vars(one))))
+                ahead.extend(vars(one).values())
+            else:
+                values = [(name, getattr(one, name)) for name in kind.__slots__]
+                self._slotted.append((one, values))
+                ahead.extend(value for _, value in values)
+
+    def restore(self) -> None:
+        """Put the cell back."""
+        for container, items in self._containers:
+            container.clear()
+            (container.extend if isinstance(container, list | deque) else container.update)(items)
+        for attributes, values in self._objects:
+            attributes.update(values)
+        for one, slots in self._slotted:
+            for name, value in slots:
+                setattr(one, name, value)
 
 
 # ---------------------------------------------------------------- the exploration
@@ -162,47 +240,60 @@ class Result:
 
 
 class Explorer:
-    """Explores from one start; a state counts as known whatever sequence led to it."""
+    """Explores from all starts at once; a state counts as known whatever start and sequence led to it first.
+
+    It is gone on from there, at the least depth at which any start reaches it: so every sequence of every start is
+    covered.
+    """
 
     def __init__(self, alphabet: Sequence[str]) -> None:
         self.alphabet = alphabet
         self.result = Result()
+        self._seen = set[int]()
         self._ticks_to_control: dict[int, int] = {}
 
-    def explore(self, start: Cell, depth: int) -> Result:
-        """Every sequence of ``depth`` letters."""
-        result, seen = self.result, {state(start)}
-        layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), ())]
-        for level in range(depth):
-            result.sequences += len(self.alphabet) ** (level + 1)
+    def explore(self, starts: Mapping[str, Cell], depth: int) -> Result:
+        """Every sequence of up to ``depth`` letters from each of the starts, which have names."""
+        result = self.result
+        self._seen.update(state(start) for start in starts.values())
+        layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), (name,)) for name, start in starts.items()]
+        for level in range(1, depth + 1):
+            result.sequences += len(starts) * len(self.alphabet) ** level
             following: list[tuple[bytes, tuple[str, ...]]] = []
             for copy, path in layer:
-                for letter in self.alphabet:
-                    cell: Cell = pickle.loads(copy)
-                    result.transitions += 1
-                    try:
-                        decision = cell.step(letter)
-                        key = state(cell)
-                        if key in seen:
-                            continue
-                        seen.add(key)
-                        after = packed(cell)
-                        self._check_order(copy, letter, decision, key)
-                        self._check_recovery(cell, key)
-                    except BrokenRuleError as error:
-                        result.note((*path, letter), error)
-                        continue
-                    if level + 1 < depth:
-                        following.append((after, (*path, letter)))
+                new = self._go_on(copy, path, last=level == depth)
+                following.extend(new)
             layer = following
-        result.states = len(seen)
+            result.states = len(self._seen)
         return result
 
-    def _check_order(self, copy: bytes, letter: str, decision: Any, key: int) -> None:
+    def _go_on(self, copy: bytes, path: tuple[str, ...], last: bool) -> Iterator[tuple[bytes, tuple[str, ...]]]:
+        """Try every letter; yields copies of the new states, unless these are the ``last`` ones."""
+        cell: Cell = pickle.loads(copy)
+        before = Snapshot(cell)
+        for letter in self.alphabet:
+            before.restore()
+            self.result.transitions += 1
+            try:
+                decision = cell.step(letter)
+                key = state(cell)
+                if key in self._seen:
+                    continue
+                self._seen.add(key)
+                after = b"" if last else packed(cell)
+                self._check_recovery(cell, key)
+                before.restore()
+                self._check_order(cell, letter, decision)
+            except BrokenRuleError as error:
+                self.result.note((*path, letter), error)
+                continue
+            if after:
+                yield after, (*path, letter)
+
+    def _check_order(self, cell: Cell, letter: str, decision: Any) -> None:
         """The messages of the tick in another order, which differs from state to state."""
-        other: Cell = pickle.loads(copy)
-        rank = 1 + key % 40319
-        again = other.step(letter, rank)
+        rank = 1 + self.result.transitions % 40319
+        again = cell.step(letter, rank)
         if (again and (again.source, again.command)) != (decision and (decision.source, decision.command)):
             raise BrokenRuleError("the order of messages does not matter", f"{decision} or, in order {rank}, {again}")
 
