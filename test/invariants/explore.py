@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
 """Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged.
 
-usage: explore.py [--depth N] [--only ALPHABET] [--mode MODE] [--forgive RULE ...]
+usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE] [--forgive RULE ...] [--json FILE]
+       explore.py --publish FILE
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
+import json
 import pickle
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, field, is_dataclass
 from enum import Enum
 from functools import cache
 from math import isfinite
@@ -23,7 +24,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
+from fsw_supervisor.state_machine import Mode
+from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, SETTINGS, BrokenRuleError, Cell, Rules
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
 RECOVERY_TICKS = 40
@@ -52,6 +54,9 @@ ALPHABETS = {
 }
 #: of these the drives report at every tick and stamps jump with the clock, or a gateway and a PLC are in between
 WITH_AND_WITHOUT_GATEWAY = ("link", "all")
+GATEWAY = "gateway and PLC"
+#: whether a gateway is in between
+MACHINES = {GATEWAY: True, "plant": False}
 #: by starting mode, the letters that lead there from a cell that is in auto
 STARTS = {
     "auto": (),
@@ -60,9 +65,11 @@ STARTS = {
     "safe_stop": ("safe_stop",),
     "tripped": ("trip", "tick", "tick"),
 }
-
-
 MODES = ("start", *STARTS)
+
+RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "invariants.md"
+#: between these marks the page is written by --publish
+MARK, END = "<!-- results -->", "<!-- end of results -->"
 
 
 def started(mode: str, gateway: bool) -> Cell:
@@ -76,18 +83,24 @@ def started(mode: str, gateway: bool) -> Cell:
 
 # ---------------------------------------------------------------- when two cells are the same
 
-#: counts, words and what is constant: no later decision depends on them
+#: counts, words and what is constant: no later decision depends on them, or :func:`state` adds what does
 _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by since_ns transitions revision events tick
     _stamp_ns _interlocks hold_s _persistence_ticks reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
     _registry registry operator watch start _counters ticks paused invalid written failed cut last_failure steps config
-    strict stamps _frozen leading last commands lost_ticks stalls _outbox"""
+    strict stamps _frozen leading last commands lost_ticks stalls _outbox silent_ticks _mode_tick manual _started_s"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
 _WHETHER = frozenset(["inhibited", "problem", "failure", "excuse", "refusal"])
 #: numbers of ticks, and counts that matter no more when they are large
-_TICKS = frozenset(["_mode_tick", "_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
+_TICKS = frozenset(["_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
 _FORGOTTEN_TICKS, _FORGOTTEN_S = 10, 2.0
+#: more than the clock can jump within a sequence
+_LONG_AGO_NS = 10**14
+#: of these a smaller number is enough: nobody asks for more
+_ENOUGH = {"consecutive_good": 5, "_follows": 3, "_stays": 3}
+#: modes without a time-out
+_LASTING_MODES = (Mode.AUTO, Mode.SAFE_STOP)
 
 
 def state(cell: Cell) -> int:
@@ -96,11 +109,17 @@ def state(cell: Cell) -> int:
     Ages are hardly ever negative: of -1 and -2 Python makes the same hash.
     """
     arbiter, gateway = cell.arbiter, cell.gateway
-    parts = [arbiter.machine, arbiter.safety, arbiter.registry, arbiter.operator, arbiter.watch, arbiter._start]
+    machine, start, operator = arbiter.machine, arbiter._start, arbiter.operator
+    parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start]
     parts += [arbiter._arbitration, arbiter._stamps, arbiter.tick, gateway, cell.watchdog, cell.rules]
-    own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.control)
-    own = (*own, cell.pushed_kn, cell.source, arbiter.last is None)
-    now = (cell.now_s, cell.stamp_ns, arbiter.machine.tick)
+    own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
+    own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.last is None)
+    own += tuple(arbiter.safety.sensor_reasons.values())
+    own += (0 if machine.mode in _LASTING_MODES else machine.ticks_in_mode,)
+    own += (operator.manual if machine.mode is Mode.MANUAL else None,)
+    listening_ends_s = start.listening_ends_s(SETTINGS.takeover_wait_s)
+    own += (None if listening_ends_s is None else max(listening_ends_s - cell.now_s, -1.0),)
+    now = (cell.now_s, cell.stamp_ns, machine.tick)
     return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
 
@@ -130,7 +149,9 @@ def _float(value: float, name: str, now: _Now) -> Any:
 def _int(value: int, name: str, now: _Now) -> int:
     if name in _TICKS:
         return min(now[2] - value, _FORGOTTEN_TICKS)
-    return now[1] - value if name.endswith("_ns") else min(value, _FORGOTTEN_TICKS)
+    return (
+        min(now[1] - value, _LONG_AGO_NS) if name.endswith("_ns") else min(value, _ENOUGH.get(name, _FORGOTTEN_TICKS))
+    )
 
 
 def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
@@ -254,18 +275,21 @@ class Explorer:
 
     def explore(self, starts: Mapping[str, Cell], depth: int) -> Result:
         """Every sequence of up to ``depth`` letters from each of the starts, which have names."""
+        for _ in self.levels(starts, depth):
+            pass
+        return self.result
+
+    def levels(self, starts: Mapping[str, Cell], depth: int) -> Iterator[int]:
+        """As :meth:`explore`; yields each depth when all its sequences are done."""
         result = self.result
         self._seen.update(state(start) for start in starts.values())
         layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), (name,)) for name, start in starts.items()]
         for level in range(1, depth + 1):
             result.sequences += len(starts) * len(self.alphabet) ** level
-            following: list[tuple[bytes, tuple[str, ...]]] = []
-            for copy, path in layer:
-                new = self._go_on(copy, path, last=level == depth)
-                following.extend(new)
-            layer = following
+            last = level == depth
+            layer = [new for copy, path in layer for new in self._go_on(copy, path, last)]
             result.states = len(self._seen)
-        return result
+            yield level
 
     def _go_on(self, copy: bytes, path: tuple[str, ...], last: bool) -> Iterator[tuple[bytes, tuple[str, ...]]]:
         """Try every letter; yields copies of the new states, unless these are the ``last`` ones."""
@@ -273,6 +297,8 @@ class Explorer:
         before = Snapshot(cell)
         for letter in self.alphabet:
             before.restore()
+            if cell.is_already(letter):
+                continue
             self.result.transitions += 1
             try:
                 decision = cell.step(letter)
@@ -315,48 +341,79 @@ class Explorer:
         self.result.slowest_recovery = max(self.result.slowest_recovery, ticks)
 
 
-def run(task: tuple[str, str, bool, int]) -> tuple[tuple[str, str, bool, int], Result, float]:
-    """Explore one alphabet from one mode."""
-    name, mode, gateway, depth = task
-    begun_s = time.process_time()
-    result = Explorer(ALPHABETS[name]).explore(started(mode, gateway), depth)
-    return task, result, time.process_time() - begun_s
+# ---------------------------------------------------------------- runs and their results
+
+Row = dict[str, Any]
+
+
+def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterator[Row]:
+    """Explore one alphabet; yields the figures after each letter, so that a run that is cut off is a result, too."""
+    explorer, begun_s = Explorer(ALPHABETS[name]), time.process_time()
+    for reached in explorer.levels({mode: started(mode, MACHINES[machine]) for mode in modes}, depth):
+        row = {"alphabet": name, "machine": machine, "modes": len(modes), "letters": len(ALPHABETS[name])}
+        yield row | {"depth": reached} | asdict(explorer.result) | {"cpu_s": time.process_time() - begun_s}
+
+
+def save(row: Row, file: Path) -> None:
+    """Put a row into a file, instead of the one that it goes on from."""
+    rows: list[Row] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+    key = ("alphabet", "machine", "modes")
+    rows = [one for one in rows if any(one[name] != row[name] for name in key)]
+    file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
+
+
+def page(rows: Sequence[Row]) -> str:
+    """The table of the results page, and the totals."""
+    lines = ["| alphabet | letters | machine | depth | sequences | transitions | states | slowest recovery | CPU [s] |"]
+    lines.append("|---|---:|---|" + "---:|" * 6)
+    for row in rows:
+        counts = [f"{row[name]:,}" for name in ("sequences", "transitions", "states")]
+        cells = [row["alphabet"], row["letters"], row["machine"], row["depth"], *counts, row["slowest_recovery"]]
+        lines.append("| " + " | ".join(map(str, [*cells, round(row["cpu_s"])])) + " |")
+    total = {name: f"{sum(row[name] for row in rows):,}" for name in ("sequences", "transitions", "states")}
+    slowest = max(row["slowest_recovery"] for row in rows)
+    broken = {rule: told for row in rows for rule, told in row["broken"].items()}
+    text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(**total)
+    text += f" The slowest recovery took {slowest} ticks. Rules broken: {len(broken) or 'none'}."
+    lines += ["", text]
+    lines += [f"\n- After `{' '.join(path)}`: {words}." for path, words in broken.values()]
+    return "\n".join(lines) + "\n"
+
+
+def publish(file: Path) -> None:
+    """Write the figures of a file into the results page."""
+    before, mark, after = RESULT.read_text(encoding="utf-8").partition(MARK)
+    _, end, after = after.partition(END)
+    text = page(json.loads(file.read_text(encoding="utf-8")))
+    RESULT.write_text(f"{before}{mark}\n\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> int:
-    """Explore in two processes; returns how many rules are broken."""
+    """Explore one alphabet after the other; returns how many rules are broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--depth", type=int, default=6, help="letters per sequence; two less for the alphabet of all")
     parser.add_argument("--only", choices=ALPHABETS, help="this alphabet only")
-    parser.add_argument("--mode", choices=("start", *STARTS), help="from this mode only")
+    parser.add_argument("--machine", choices=MACHINES, help="with this machine only")
+    parser.add_argument("--mode", choices=MODES, help="from this mode only")
     parser.add_argument("--forgive", nargs="*", default=[], metavar="RULE", help="rules that are not checked")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="enter the figures here after each letter")
+    parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
+    if args.publish:
+        publish(args.publish)
+        return 0
     Rules.forgiven = frozenset(args.forgive)
-    tasks = [
-        (name, mode, gateway, max(1, args.depth - 2 * (name == "all")))
-        for name in ALPHABETS
-        for mode in ("start", *STARTS)
-        for gateway in ((True, False) if name in WITH_AND_WITHOUT_GATEWAY else (True,))
-        if args.only in (None, name) and args.mode in (None, mode)
-    ]
-    broken: dict[str, tuple[tuple[str, ...], str]] = {}
-    print("| alphabet | from | machine | depth | sequences | transitions | states | slowest recovery | CPU [s] |")
-    print("|---|---|---|" + "---:|" * 6)
-    with multiprocessing.Pool(2) as pool:
-        for (name, mode, gateway, depth), result, cpu_s in pool.imap_unordered(run, tasks):
-            machine = "gateway and PLC" if gateway else "plant"
-            numbers = (
-                depth,
-                result.sequences,
-                result.transitions,
-                result.states,
-                result.slowest_recovery,
-                round(cpu_s),
-            )
-            print("|", " | ".join([name, mode, machine, *map(str, numbers)]), "|", flush=True)
-            for rule, (path, words) in result.broken.items():
-                print(f"BROKEN, {name} from {mode}: {' '.join(path)}: {words}", flush=True)
-                broken.setdefault(rule, (path, words))
+    broken = set[str]()
+    for name in ALPHABETS if args.only is None else (args.only,):
+        for machine in MACHINES if name in WITH_AND_WITHOUT_GATEWAY else (GATEWAY,):
+            if args.machine not in (None, machine):
+                continue
+            depth = max(1, args.depth - 2 * (name == "all"))
+            for row in rows_of(name, machine, (args.mode,) if args.mode else MODES, depth):
+                if args.json:
+                    save(row, args.json)
+            print(page([row]), flush=True)
+            broken |= row["broken"].keys()
     return len(broken)
 
 

@@ -131,7 +131,8 @@ class Cell:
         self.temperature, self.candidate = "good", "well"
         self.linked = self.delivering = True
         self.pushed_kn = 0.0
-        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**18
+        # No later: in seconds, stamps of today's date are off by 0.1 us, and whether 0.3 s are over would be chance.
+        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**15
         self.stamp_ns = 0
         self.followed, self.source = HOME, ""  #: the last command that the controllers have seen, and whose it was
         self.control = 0
@@ -181,6 +182,16 @@ class Cell:
             changed, self.linked = self.linked != (letter == "restored"), letter == "restored"
             if changed and self.gateway is not None:
                 (self.gateway.on_connected if self.linked else self.gateway.on_lost)()
+
+    def is_already(self, letter: str) -> bool:
+        """Whether ``letter`` is a condition that lasts, so that it would be the same as ``tick``."""
+        if letter in ("push", "released"):
+            return (letter == "push") == (self.pushed_kn != 0.0)
+        if letter in ("dropped", "delivered"):
+            return (letter == "delivered") == self.delivering
+        if letter in ("lost", "restored"):
+            return (letter == "restored") == self.linked
+        return letter in (self.temperature, self.candidate)
 
     def _ask(self, letter: str) -> None:
         operator, machine = self.arbiter.operator, self.arbiter.machine
@@ -397,9 +408,10 @@ class Rules:
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
         if self.cause and one.source != "safe_stop":
             self._broken("a cause leads to the safe state", f"the command is of {one.source}")
-        if self._told and self._new and one.source != "safe_stop":
+        if self._told and one.source != "safe_stop":
             self._broken("a restart goes on with a safe stop", f"the first command is of {one.source}")
-        self._command, self._source, self._new = one.command, one.source, False
+        self._command, self._source = one.command, one.source
+        self._new = self._told = False
 
     def _sense(self, cell: Cell, measured: bool) -> None:
         """Whether there is a cause; a value that is not valid says nothing, neither that it is there nor gone."""
@@ -407,10 +419,10 @@ class Rules:
         known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
         if known and value is not None and isfinite(value):
             beyond = value >= _VALUES["interlocks.temperature_high.trip"]
-            self._trips = self._trips + 1 if beyond else 0
-            self._perhaps = self._perhaps + 1 if beyond else 0
             lasting = _VALUES["interlocks.persistence_ticks"]
-            self._free = 0 if beyond else self._free + 1
+            self._trips = min(self._trips + 1, lasting) if beyond else 0
+            self._perhaps = min(self._perhaps + 1, lasting) if beyond else 0
+            self._free = self._free + 1 if self.cause and not beyond else 0
             self.cause = self._free < lasting if self.cause else self._trips >= lasting
             self.to_acknowledge |= self.cause
         elif measured:
