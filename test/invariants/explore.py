@@ -24,6 +24,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from fsw_control.units import NANOSECONDS
 from fsw_supervisor.state_machine import Mode
 from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, SETTINGS, BrokenRuleError, Cell, Rules
 
@@ -119,6 +120,9 @@ def state(cell: Cell) -> int:
     own += (operator.manual if machine.mode is Mode.MANUAL else None,)
     listening_ends_s = start.listening_ends_s(SETTINGS.takeover_wait_s)
     own += (None if listening_ends_s is None else max(listening_ends_s - cell.now_s, -1.0),)
+    # While nothing is measured the clock may jump.
+    shift_ns = 0 if gateway is None else gateway.stamps.shift_ns
+    own += ((cell.clock_ns + shift_ns - cell.stamp_ns) / NANOSECONDS,)
     now = (cell.now_s, cell.stamp_ns, machine.tick)
     return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
