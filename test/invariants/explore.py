@@ -1,27 +1,32 @@
 #!/usr/bin/env python3
 """Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged.
 
-usage: explore.py [--depth N] [--only ALPHABET] [--mode MODE] [--forgive RULE ...]
+usage: explore.py [--depth N] [--only ALPHABET] [--machine MACHINE] [--mode MODE] [--forgive RULE ...] [--json FILE]
+       explore.py --publish FILE
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
+import json
 import pickle
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, is_dataclass
 from enum import Enum
+from functools import cache
 from math import isfinite
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, BrokenRuleError, Cell, Rules
+from fsw_control.units import NANOSECONDS
+from fsw_supervisor.state_machine import Mode
+from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, SETTINGS, BrokenRuleError, Cell, Rules
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
 RECOVERY_TICKS = 40
@@ -44,12 +49,15 @@ ALPHABETS = {
         "auto",
         "trip",
     ),
-    "safety": ("tick", *SENSORS, "auto", "manual", "hold", "safe_stop", "acknowledge"),
-    "control": ("tick", *CANDIDATES, "auto", "manual", "hold", "switch"),
+    "safety": ("tick", *SENSORS, "auto", "manual", "hold", "safe_stop", "acknowledge", RESTART),
+    "control": ("tick", *CANDIDATES, "auto", "manual", "hold", "safe_stop", "switch", RESTART),
     "all": ALPHABET,
 }
 #: of these the drives report at every tick and stamps jump with the clock, or a gateway and a PLC are in between
 WITH_AND_WITHOUT_GATEWAY = ("link", "all")
+GATEWAY = "gateway and PLC"
+#: whether a gateway is in between
+MACHINES = {GATEWAY: True, "plant": False}
 #: by starting mode, the letters that lead there from a cell that is in auto
 STARTS = {
     "auto": (),
@@ -58,6 +66,11 @@ STARTS = {
     "safe_stop": ("safe_stop",),
     "tripped": ("trip", "tick", "tick"),
 }
+MODES = ("start", *STARTS)
+
+RESULT = Path(__file__).resolve().parents[2] / "docs" / "results" / "invariants.md"
+#: between these marks the page is written by --publish
+MARK, END = "<!-- results -->", "<!-- end of results -->"
 
 
 def started(mode: str, gateway: bool) -> Cell:
@@ -71,65 +84,106 @@ def started(mode: str, gateway: bool) -> Cell:
 
 # ---------------------------------------------------------------- when two cells are the same
 
-#: counts, words and what is constant: no later decision depends on them
+#: counts, words and what is constant: no later decision depends on them, or :func:`state` adds what does
 _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by since_ns transitions revision events tick
     _stamp_ns _interlocks hold_s _persistence_ticks reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
     _registry registry operator watch start _counters ticks paused invalid written failed cut last_failure steps config
-    strict stamps _frozen leading last commands lost_ticks stalls _outbox"""
+    strict stamps _frozen leading last commands lost_ticks stalls _outbox silent_ticks _mode_tick manual _started_s"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
 _WHETHER = frozenset(["inhibited", "problem", "failure", "excuse", "refusal"])
 #: numbers of ticks, and counts that matter no more when they are large
-_TICKS = frozenset(["_mode_tick", "_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
+_TICKS = frozenset(["_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
 _FORGOTTEN_TICKS, _FORGOTTEN_S = 10, 2.0
+#: more than the clock can jump within a sequence
+_LONG_AGO_NS = 10**14
+#: of these a smaller number is enough: nobody asks for more
+_ENOUGH = {"consecutive_good": 5, "_follows": 3, "_stays": 3}
+#: modes without a time-out
+_LASTING_MODES = (Mode.AUTO, Mode.SAFE_STOP)
 
 
 def state(cell: Cell) -> int:
-    """Hash of all that later decisions depend on; times count from now, so that it repeats."""
+    """Hash of all that later decisions depend on; times are ages, so that it repeats.
+
+    Ages are hardly ever negative: of -1 and -2 Python makes the same hash.
+    """
     arbiter, gateway = cell.arbiter, cell.gateway
-    parts = [arbiter.machine, arbiter.safety, arbiter.registry, arbiter.operator, arbiter.watch, arbiter._start]
+    machine, start, operator = arbiter.machine, arbiter._start, arbiter.operator
+    parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start]
     parts += [arbiter._arbitration, arbiter._stamps, arbiter.tick, gateway, cell.watchdog, cell.rules]
-    own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.control)
-    own = (*own, cell.pushed_kn)
-    now = (cell.now_s, cell.stamp_ns, arbiter.machine.tick)
-    return hash(tuple(_frozen(part, "", now) for part in (own, *parts)))
+    own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
+    own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.last is None)
+    own += tuple(arbiter.safety.sensor_reasons.values())
+    own += (0 if machine.mode in _LASTING_MODES else machine.ticks_in_mode,)
+    own += (operator.manual if machine.mode is Mode.MANUAL else None,)
+    listening_ends_s = start.listening_ends_s(SETTINGS.takeover_wait_s)
+    own += (None if listening_ends_s is None else max(listening_ends_s - cell.now_s, -1.0),)
+    # While nothing is measured the clock may jump.
+    shift_ns = 0 if gateway is None else gateway.stamps.shift_ns
+    own += ((cell.clock_ns + shift_ns - cell.stamp_ns) / NANOSECONDS,)
+    now = (cell.now_s, cell.stamp_ns, machine.tick)
+    return hash(tuple([_FREEZERS[type(part)](part, "", now) for part in (own, *parts)]))
 
 
-def _frozen(value: Any, name: str, now: tuple[float, int, int]) -> Any:
-    kind = type(value)
-    if value is None or kind is bool or kind is str:
-        return bool(value) if name in _WHETHER else value
-    if kind is float:
-        if name.endswith("_s") and name != "age_s":
-            value = max(value - now[0], -_FORGOTTEN_S)
-        return round(min(value, 1e9), 3) if isfinite(value) else str(value)
-    if kind is int:
-        if name in _TICKS:
-            return max(value - now[2], -_FORGOTTEN_TICKS)
-        return value - now[1] if name.endswith("_ns") else min(value, _FORGOTTEN_TICKS)
-    if isinstance(value, Enum):
-        return value
+_Now = tuple[float, int, int]
+
+
+class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
+    """By type, what makes of an attribute's value and name something to hash; found once for each type."""
+
+    def __missing__(self, kind: type) -> Callable[[Any, str, _Now], Any]:
+        bases = ((Enum, _plain), (dict, _dict), ((tuple, list, deque), _items), ((set, frozenset), _set))
+        freeze = next((freeze for base, freeze in bases if issubclass(kind, base)), None)
+        self[kind] = freeze or _object_freezer()
+        return self[kind]
+
+
+def _plain(value: Any, name: str, now: _Now) -> Any:
+    return bool(value) if name in _WHETHER else value
+
+
+def _float(value: float, name: str, now: _Now) -> Any:
+    if name.endswith("_s") and name != "age_s":
+        value = min(now[0] - value, _FORGOTTEN_S)
+    return round(value, 3) if isfinite(value) else str(value)
+
+
+def _int(value: int, name: str, now: _Now) -> int:
+    if name in _TICKS:
+        return min(now[2] - value, _FORGOTTEN_TICKS)
+    return (
+        min(now[1] - value, _LONG_AGO_NS) if name.endswith("_ns") else min(value, _ENOUGH.get(name, _FORGOTTEN_TICKS))
+    )
+
+
+def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
+    return tuple([(str(key), _FREEZERS[type(item)](item, "", now)) for key, item in sorted(value.items())])
+
+
+def _items(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
     if name == "_automatic":
-        return tuple(tick - now[2] for tick in value if now[2] - tick < _FORGOTTEN_TICKS)
-    if kind is dict:
-        return tuple([(str(key), _frozen(item, "", now)) for key, item in sorted(value.items())])
-    if isinstance(value, tuple | list | deque):
-        return tuple([_frozen(item, "", now) for item in value])
-    if isinstance(value, set | frozenset):
-        return tuple(sorted(value))
-    return tuple([_frozen(getattr(value, item), item, now) for item in _names(value)])
+        return tuple([now[2] - tick for tick in value if now[2] - tick < _FORGOTTEN_TICKS])
+    return tuple([_FREEZERS[type(item)](item, "", now) for item in value])
 
 
-_NAMES: dict[type, tuple[str, ...]] = {}
+def _set(value: Iterable[Any], name: str, now: _Now) -> tuple[Any, ...]:
+    return tuple(sorted(value))
 
 
-def _names(value: Any) -> tuple[str, ...]:
-    kind = type(value)
-    if kind not in _NAMES:
-        names = getattr(kind, "__slots__", ()) or vars(value)
-        _NAMES[kind] = tuple(name for name in names if name not in _IRRELEVANT)
-    return _NAMES[kind]
+def _object_freezer() -> Callable[[Any, str, _Now], Any]:
+    names: tuple[str, ...] = ()
+
+    def freeze(value: Any, name: str, now: _Now) -> tuple[Any, ...]:
+        nonlocal names
+        names = names or tuple(one for one in getattr(value, "__slots__", ()) or vars(value) if one not in _IRRELEVANT)
+        return tuple([_FREEZERS[type(item := getattr(value, one))](item, one, now) for one in names])
+
+    return freeze
+
+
+_FREEZERS = _Freezers({kind: _plain for kind in (type(None), bool, str)} | {float: _float, int: _int})
 
 
 def packed(cell: Cell) -> bytes:
@@ -141,6 +195,55 @@ def packed(cell: Cell) -> bytes:
     for stamp_ns in list(past)[:-3]:
         del past[stamp_ns]
     return pickle.dumps(cell, pickle.HIGHEST_PROTOCOL)
+
+
+@cache
+def _never_changes(kind: type) -> bool:
+    return issubclass(kind, (str, int, float, Enum, frozenset, NoneType)) or (
+        is_dataclass(kind) and kind.__dataclass_params__.frozen
+    )
+
+
+class Snapshot:
+    """What a cell holds at a moment, to put it back to as often as needed; much cheaper than copies of the cell."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._containers: list[tuple[Any, Any]] = []
+        self._objects: list[tuple[dict[str, Any], dict[str, Any]]] = []
+        self._slotted: list[tuple[Any, list[tuple[str, Any]]]] = []
+        known, ahead = set[int](), [cell]
+        while ahead:
+            one = ahead.pop()
+            kind = type(one)
+            if _never_changes(kind) or id(one) in known:
+                continue
+            known.add(id(one))
+            if isinstance(one, tuple):
+                ahead.extend(one)
+            elif isinstance(one, dict):
+                self._containers.append((one, dict(one)))
+                ahead.extend(one.values())
+            elif isinstance(one, list | deque | set):
+                self._containers.append((one, tuple(one)))
+                ahead.extend(one)
+            elif hasattr(one, "__dict__"):
+                self._objects.append((vars(one), dict(vars(one))))
+                ahead.extend(vars(one).values())
+            else:
+                values = [(name, getattr(one, name)) for name in kind.__slots__]
+                self._slotted.append((one, values))
+                ahead.extend(value for _, value in values)
+
+    def restore(self) -> None:
+        """Put the cell back."""
+        for container, items in self._containers:
+            container.clear()
+            (container.extend if isinstance(container, list | deque) else container.update)(items)
+        for attributes, values in self._objects:
+            attributes.update(values)
+        for one, slots in self._slotted:
+            for name, value in slots:
+                setattr(one, name, value)
 
 
 # ---------------------------------------------------------------- the exploration
@@ -162,47 +265,65 @@ class Result:
 
 
 class Explorer:
-    """Explores from one start; a state counts as known whatever sequence led to it."""
+    """Explores from all starts at once; a state counts as known whatever start and sequence led to it first.
+
+    It is gone on from there, at the least depth at which any start reaches it: so every sequence of every start is
+    covered.
+    """
 
     def __init__(self, alphabet: Sequence[str]) -> None:
         self.alphabet = alphabet
         self.result = Result()
+        self._seen = set[int]()
         self._ticks_to_control: dict[int, int] = {}
 
-    def explore(self, start: Cell, depth: int) -> Result:
-        """Every sequence of ``depth`` letters."""
-        result, seen = self.result, {state(start)}
-        layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), ())]
-        for level in range(depth):
-            result.sequences += len(self.alphabet) ** (level + 1)
-            following: list[tuple[bytes, tuple[str, ...]]] = []
-            for copy, path in layer:
-                for letter in self.alphabet:
-                    cell: Cell = pickle.loads(copy)
-                    result.transitions += 1
-                    try:
-                        decision = cell.step(letter)
-                        key = state(cell)
-                        if key in seen:
-                            continue
-                        seen.add(key)
-                        after = packed(cell)
-                        self._check_order(copy, letter, decision, key)
-                        self._check_recovery(cell, key)
-                    except BrokenRuleError as error:
-                        result.note((*path, letter), error)
-                        continue
-                    if level + 1 < depth:
-                        following.append((after, (*path, letter)))
-            layer = following
-        result.states = len(seen)
-        return result
+    def explore(self, starts: Mapping[str, Cell], depth: int) -> Result:
+        """Every sequence of up to ``depth`` letters from each of the starts, which have names."""
+        for _ in self.levels(starts, depth):
+            pass
+        return self.result
 
-    def _check_order(self, copy: bytes, letter: str, decision: Any, key: int) -> None:
+    def levels(self, starts: Mapping[str, Cell], depth: int) -> Iterator[int]:
+        """As :meth:`explore`; yields each depth when all its sequences are done."""
+        result = self.result
+        self._seen.update(state(start) for start in starts.values())
+        layer: list[tuple[bytes, tuple[str, ...]]] = [(packed(start), (name,)) for name, start in starts.items()]
+        for level in range(1, depth + 1):
+            result.sequences += len(starts) * len(self.alphabet) ** level
+            last = level == depth
+            layer = [new for copy, path in layer for new in self._go_on(copy, path, last)]
+            result.states = len(self._seen)
+            yield level
+
+    def _go_on(self, copy: bytes, path: tuple[str, ...], last: bool) -> Iterator[tuple[bytes, tuple[str, ...]]]:
+        """Try every letter; yields copies of the new states, unless these are the ``last`` ones."""
+        cell: Cell = pickle.loads(copy)
+        before = Snapshot(cell)
+        for letter in self.alphabet:
+            before.restore()
+            if cell.is_already(letter):
+                continue
+            self.result.transitions += 1
+            try:
+                decision = cell.step(letter)
+                key = state(cell)
+                if key in self._seen:
+                    continue
+                self._seen.add(key)
+                after = b"" if last else packed(cell)
+                self._check_recovery(cell, key)
+                before.restore()
+                self._check_order(cell, letter, decision)
+            except BrokenRuleError as error:
+                self.result.note((*path, letter), error)
+                continue
+            if after:
+                yield after, (*path, letter)
+
+    def _check_order(self, cell: Cell, letter: str, decision: Any) -> None:
         """The messages of the tick in another order, which differs from state to state."""
-        other: Cell = pickle.loads(copy)
-        rank = 1 + key % 40319
-        again = other.step(letter, rank)
+        rank = 1 + self.result.transitions % 40319
+        again = cell.step(letter, rank)
         if (again and (again.source, again.command)) != (decision and (decision.source, decision.command)):
             raise BrokenRuleError("the order of messages does not matter", f"{decision} or, in order {rank}, {again}")
 
@@ -224,48 +345,79 @@ class Explorer:
         self.result.slowest_recovery = max(self.result.slowest_recovery, ticks)
 
 
-def run(task: tuple[str, str, bool, int]) -> tuple[tuple[str, str, bool, int], Result, float]:
-    """Explore one alphabet from one mode."""
-    name, mode, gateway, depth = task
-    begun_s = time.process_time()
-    result = Explorer(ALPHABETS[name]).explore(started(mode, gateway), depth)
-    return task, result, time.process_time() - begun_s
+# ---------------------------------------------------------------- runs and their results
+
+Row = dict[str, Any]
+
+
+def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterator[Row]:
+    """Explore one alphabet; yields the figures after each letter, so that a run that is cut off is a result, too."""
+    explorer, begun_s = Explorer(ALPHABETS[name]), time.process_time()
+    for reached in explorer.levels({mode: started(mode, MACHINES[machine]) for mode in modes}, depth):
+        row = {"alphabet": name, "machine": machine, "modes": len(modes), "letters": len(ALPHABETS[name])}
+        yield row | {"depth": reached} | asdict(explorer.result) | {"cpu_s": time.process_time() - begun_s}
+
+
+def save(row: Row, file: Path) -> None:
+    """Put a row into a file, instead of the one that it goes on from."""
+    rows: list[Row] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+    key = ("alphabet", "machine", "modes")
+    rows = [one for one in rows if any(one[name] != row[name] for name in key)]
+    file.write_text(json.dumps([*rows, row], indent=1), encoding="utf-8")
+
+
+def page(rows: Sequence[Row]) -> str:
+    """The table of the results page, and the totals."""
+    lines = ["| alphabet | letters | machine | depth | sequences | transitions | states | slowest recovery | CPU [s] |"]
+    lines.append("|---|---:|---|" + "---:|" * 6)
+    for row in rows:
+        counts = [f"{row[name]:,}" for name in ("sequences", "transitions", "states")]
+        cells = [row["alphabet"], row["letters"], row["machine"], row["depth"], *counts, row["slowest_recovery"]]
+        lines.append("| " + " | ".join(map(str, [*cells, round(row["cpu_s"])])) + " |")
+    total = {name: f"{sum(row[name] for row in rows):,}" for name in ("sequences", "transitions", "states")}
+    slowest = max(row["slowest_recovery"] for row in rows)
+    broken = {rule: told for row in rows for rule, told in row["broken"].items()}
+    text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(**total)
+    text += f" The slowest recovery took {slowest} ticks. Rules broken: {len(broken) or 'none'}."
+    lines += ["", text]
+    lines += [f"\n- After `{' '.join(path)}`: {words}." for path, words in broken.values()]
+    return "\n".join(lines) + "\n"
+
+
+def publish(file: Path) -> None:
+    """Write the figures of a file into the results page."""
+    before, mark, after = RESULT.read_text(encoding="utf-8").partition(MARK)
+    _, end, after = after.partition(END)
+    text = page(json.loads(file.read_text(encoding="utf-8")))
+    RESULT.write_text(f"{before}{mark}\n\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> int:
-    """Explore in two processes; returns how many rules are broken."""
+    """Explore one alphabet after the other; returns how many rules are broken."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--depth", type=int, default=6, help="letters per sequence; two less for the alphabet of all")
     parser.add_argument("--only", choices=ALPHABETS, help="this alphabet only")
-    parser.add_argument("--mode", choices=("start", *STARTS), help="from this mode only")
+    parser.add_argument("--machine", choices=MACHINES, help="with this machine only")
+    parser.add_argument("--mode", choices=MODES, help="from this mode only")
     parser.add_argument("--forgive", nargs="*", default=[], metavar="RULE", help="rules that are not checked")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="enter the figures here after each letter")
+    parser.add_argument("--publish", type=Path, metavar="FILE", help="write such figures into the results page")
     args = parser.parse_args()
+    if args.publish:
+        publish(args.publish)
+        return 0
     Rules.forgiven = frozenset(args.forgive)
-    tasks = [
-        (name, mode, gateway, max(1, args.depth - 2 * (name == "all")))
-        for name in ALPHABETS
-        for mode in ("start", *STARTS)
-        for gateway in ((True, False) if name in WITH_AND_WITHOUT_GATEWAY else (True,))
-        if args.only in (None, name) and args.mode in (None, mode)
-    ]
-    broken: dict[str, tuple[tuple[str, ...], str]] = {}
-    print("| alphabet | from | machine | depth | sequences | transitions | states | slowest recovery | CPU [s] |")
-    print("|---|---|---|" + "---:|" * 6)
-    with multiprocessing.Pool(2) as pool:
-        for (name, mode, gateway, depth), result, cpu_s in pool.imap_unordered(run, tasks):
-            machine = "gateway and PLC" if gateway else "plant"
-            numbers = (
-                depth,
-                result.sequences,
-                result.transitions,
-                result.states,
-                result.slowest_recovery,
-                round(cpu_s),
-            )
-            print("|", " | ".join([name, mode, machine, *map(str, numbers)]), "|", flush=True)
-            for rule, (path, words) in result.broken.items():
-                print(f"BROKEN, {name} from {mode}: {' '.join(path)}: {words}", flush=True)
-                broken.setdefault(rule, (path, words))
+    broken = set[str]()
+    for name in ALPHABETS if args.only is None else (args.only,):
+        for machine in MACHINES if name in WITH_AND_WITHOUT_GATEWAY else (GATEWAY,):
+            if args.machine not in (None, machine):
+                continue
+            depth = max(1, args.depth - 2 * (name == "all"))
+            for row in rows_of(name, machine, (args.mode,) if args.mode else MODES, depth):
+                if args.json:
+                    save(row, args.json)
+            print(page([row]), flush=True)
+            broken |= row["broken"].keys()
     return len(broken)
 
 

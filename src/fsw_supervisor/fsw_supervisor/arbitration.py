@@ -55,6 +55,12 @@ class Arbitration:
                 self.machine.explain("starting: what is applied is not known yet")
                 tick.decide()
             return
+        if not self._listened(tick, final):
+            if final:
+                # A command now would make every controller say that it is not selected; what acts may still change.
+                tick.decide()
+                self.start.forget_applied()
+            return
         if self.machine.mode is Mode.START:
             self._decide_start(tick, final)
         if self.machine.mode is Mode.AUTO and not tick.decided:
@@ -118,6 +124,17 @@ class Arbitration:
         ends_s = self.start.listening_ends_s(self.machine.settings.takeover_wait_s)
         return ends_s is None or self._now_s >= ends_s
 
+    def _listened(self, tick: Tick, final: bool) -> bool:
+        """Whether a first command may be given in any mode, as a safe stop may have been in force before.
+
+        Only the controllers can tell. A status comes after the proposal that it belongs to.
+        """
+        if not self.start.asking or self.machine.mode is Mode.SAFE_STOP:
+            return True
+        if final:
+            return self._informed() or self.registry.all_told()
+        return self._informed() and all(one.status_seen for one in self.registry if one.name in tick.candidates)
+
     @property
     def _starting_with(self) -> str:
         """Who was active before, else who is configured."""
@@ -126,13 +143,7 @@ class Arbitration:
     def _decide_start(self, tick: Tick, final: bool) -> None:
         """Begin with the controller that was active before, else with the configured one."""
         machine, start, name = self.machine, self.start, self._starting_with
-        informed = self._informed() or (final and self.registry.all_told())
-        if not final and (name not in tick.candidates or not informed):
-            return
-        if not informed:
-            # A command now would make every controller say that it is not selected; and what acts may still change.
-            tick.decide()
-            start.forget_applied()
+        if not final and name not in tick.candidates:
             return
         self._believe_who_was_active(tick)
         candidate = tick.candidates.get(name)

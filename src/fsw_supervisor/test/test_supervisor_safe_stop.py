@@ -299,6 +299,30 @@ def test_a_restart_goes_on_with_the_safe_stop(make_rig, why, drives, lockstep):
 
 
 @pytest.mark.requirement("S25")
+@pytest.mark.parametrize("silent_ticks", [1, 2, 3])
+def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop(rig, silent_ticks):
+    """A controller's status comes just after its proposal; the first command waits for it."""
+    ask(rig, "safe_stop")
+    rig.run(2).restart()
+    rig.silent = set(rig.names)
+    before = [one for _ in range(silent_ticks) for one in rig.tick()]
+    rig.silent.clear()
+    assert not before
+    assert [one.source for one in rig.tick()] in ([], ["safe_stop"])
+    assert rig.run(3).last.source == "safe_stop"
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("mode", ["manual", "hold"])
+def test_what_is_asked_of_a_new_supervisor_before_it_has_heard_of_the_safe_stop_does_not_lead_out(rig, mode):
+    ask(rig, "safe_stop")
+    rig.run(2).restart()
+    ask(rig, mode)  # nothing is measured yet, so nobody has told anything
+    assert rig.run(3).last.source == "safe_stop"
+    assert not ask(rig, mode)[0]
+
+
+@pytest.mark.requirement("S25")
 def test_a_safe_stop_seen_on_the_command_topic_before_the_first_command_goes_on(make_rig):
     rig = make_rig()
     rig.arbiter.on_command(1, "safe_stop", MANUAL)

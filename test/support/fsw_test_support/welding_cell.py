@@ -48,7 +48,9 @@ TEMPERATURES_C: dict[str, float | None] = {
 CANDIDATES = ("well", "late", "nan", "jump", "none")
 REQUESTS = ("auto", "manual", "hold", "safe_stop", "switch", "acknowledge")
 LINKS = ("lost", "restored", "dropped", "delivered", "forward", "back", "push", "released")
-ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS)
+#: another supervisor in place of this one, which knows only what it hears: drives, sensors and the controllers' status
+RESTART = "restart"
+ALPHABET = ("tick", *TEMPERATURES_C, *CANDIDATES, *REQUESTS, *LINKS, RESTART)
 #: what a load cell sees besides the set-points when something pushes: three moves
 _PUSH_KN = 3.0
 #: ticks of a switch request until it must be answered: its time-out, and the tick in which that is noticed
@@ -119,10 +121,7 @@ class Cell:
     """
 
     def __init__(self, gateway: bool = True) -> None:
-        self.arbiter = Arbiter(SETTINGS)
-        self.arbiter.configure(_VALUES)
-        for name in NAMES:
-            self.arbiter.registry.join(name)
+        self.arbiter = _new_arbiter()
         self.gateway: Gateway | None = None
         if gateway:
             self.gateway = Gateway(_MACHINE, defaults(load("fsw_machine", "gateway.yaml")))
@@ -132,9 +131,10 @@ class Cell:
         self.temperature, self.candidate = "good", "well"
         self.linked = self.delivering = True
         self.pushed_kn = 0.0
-        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**18
+        # No later: in seconds, stamps of today's date are off by 0.1 us, and whether 0.3 s are over would be chance.
+        self.now_s, self.counter, self.clock_ns = 100.0, 100, 10**15
         self.stamp_ns = 0
-        self.followed = HOME  #: the last command that the controllers have seen
+        self.followed, self.source = HOME, ""  #: the last command that the controllers have seen, and whose it was
         self.control = 0
         self.rules = Rules()
 
@@ -171,6 +171,9 @@ class Cell:
         elif letter in ("forward", "back"):
             self.clock_ns += (3600 if letter == "forward" else -3600) * NANOSECONDS
             self.rules.clock_jumped()
+        elif letter == RESTART:
+            self.arbiter = _new_arbiter()
+            self.rules.restarted()
         elif letter in ("push", "released"):
             self.pushed_kn = _PUSH_KN if letter == "push" else 0.0
         elif letter in ("dropped", "delivered"):
@@ -179,6 +182,16 @@ class Cell:
             changed, self.linked = self.linked != (letter == "restored"), letter == "restored"
             if changed and self.gateway is not None:
                 (self.gateway.on_connected if self.linked else self.gateway.on_lost)()
+
+    def is_already(self, letter: str) -> bool:
+        """Whether ``letter`` is a condition that lasts, so that it would be the same as ``tick``."""
+        if letter in ("push", "released"):
+            return (letter == "push") == (self.pushed_kn != 0.0)
+        if letter in ("dropped", "delivered"):
+            return (letter == "delivered") == self.delivering
+        if letter in ("lost", "restored"):
+            return (letter == "restored") == self.linked
+        return letter in (self.temperature, self.candidate)
 
     def _ask(self, letter: str) -> None:
         operator, machine = self.arbiter.operator, self.arbiter.machine
@@ -228,7 +241,7 @@ class Cell:
         came = False
         for decision in decisions:
             self.arbiter.on_command(decision.stamp_ns, decision.source, decision.command)
-            self.followed = decision.command
+            self.followed, self.source = decision.command, decision.source
             if not (self.delivering and self.linked):
                 continue
             if self.gateway is not None:
@@ -259,7 +272,7 @@ class Cell:
             kind = self.candidate if name == NAMES[0] else "well"
             proposal = ProposalInput(stamp_ns, name, self._proposed(kind))
             (late if kind == "late" else messages).append(partial(arbiter.on_proposal, name, proposal))
-            messages.append(partial(arbiter.on_status, name, (), False))
+            messages.append(partial(self._tell_status, name))
         decisions, at_s = list[Decision](), self.now_s
         for message in permuted(messages, rank):
             at_s += 0.001
@@ -268,6 +281,9 @@ class Cell:
         for message in late:
             decisions += message(self.now_s + 0.09)
         return decisions + self._wait(self.now_s + 0.0999)
+
+    def _tell_status(self, name: str, at_s: float) -> list[Decision]:
+        return self.arbiter.on_status(name, (), self.source == name, at_s, self.source)
 
     def _proposed(self, kind: str) -> Command:
         if kind == "nan":
@@ -293,6 +309,14 @@ class Cell:
         if mode is Mode.SAFE_STOP and not self.arbiter.machine.acknowledged:
             return self.step("acknowledge")
         return self.step("tick" if mode is Mode.AUTO else "auto")
+
+
+def _new_arbiter() -> Arbiter:
+    arbiter = Arbiter(SETTINGS)
+    arbiter.configure(_VALUES)
+    for name in NAMES:
+        arbiter.registry.join(name)
+    return arbiter
 
 
 def permuted(items: list[Any], rank: int) -> list[Any]:
@@ -321,6 +345,16 @@ class Rules:
         self._asked_for = ""
         self._command: Command | None = None
         self._waiting: list[tuple[Any, int]] = []
+        self._source = ""  #: of the last command
+        self._new = False  #: a supervisor that has not commanded yet
+        self._told = False  #: it has been told of a safe stop by then
+
+    def restarted(self) -> None:
+        """Judge a supervisor that has seen nothing yet, and that only the controllers can tell of a safe stop."""
+        self._new, self._told = True, False
+        self.cause = self.to_acknowledge = False
+        self._trips = self._free = self._perhaps = 0
+        self._mode, self._waiting = Mode.START, []
 
     def clock_jumped(self) -> None:
         self._trips = 0
@@ -346,6 +380,8 @@ class Rules:
 
     def after_tick(self, cell: Cell, decisions: list[Decision], measured: bool) -> None:
         arbiter = cell.arbiter
+        if self._new and measured and cell.candidate != "none" and self._source == Mode.SAFE_STOP:
+            self._told = self.to_acknowledge = True
         self._sense(cell, measured)
         self._check_mode(arbiter.machine.mode)
         self._check_blind(arbiter.machine.mode, measured)
@@ -372,7 +408,10 @@ class Rules:
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
         if self.cause and one.source != "safe_stop":
             self._broken("a cause leads to the safe state", f"the command is of {one.source}")
-        self._command = one.command
+        if self._told and one.source != "safe_stop":
+            self._broken("a restart goes on with a safe stop", f"the first command is of {one.source}")
+        self._command, self._source = one.command, one.source
+        self._new = self._told = False
 
     def _sense(self, cell: Cell, measured: bool) -> None:
         """Whether there is a cause; a value that is not valid says nothing, neither that it is there nor gone."""
@@ -380,10 +419,10 @@ class Rules:
         known = measured and not cell.arbiter.safety.sensor_reasons["thermocouple"]
         if known and value is not None and isfinite(value):
             beyond = value >= _VALUES["interlocks.temperature_high.trip"]
-            self._trips = self._trips + 1 if beyond else 0
-            self._perhaps = self._perhaps + 1 if beyond else 0
             lasting = _VALUES["interlocks.persistence_ticks"]
-            self._free = 0 if beyond else self._free + 1
+            self._trips = min(self._trips + 1, lasting) if beyond else 0
+            self._perhaps = min(self._perhaps + 1, lasting) if beyond else 0
+            self._free = self._free + 1 if self.cause and not beyond else 0
             self.cause = self._free < lasting if self.cause else self._trips >= lasting
             self.to_acknowledge |= self.cause
         elif measured:
@@ -409,7 +448,7 @@ class Rules:
         if mode is Mode.SAFE_STOP and before is not mode:
             self.to_acknowledge = True
             blind = before is Mode.MANUAL and self._blind >= _BLIND_TICKS
-            timed_out = before in (Mode.HOLD, Mode.START) or blind
+            timed_out = before in (Mode.HOLD, Mode.START) or blind or self._told
             if not (timed_out or self._asked_for == mode or self._perhaps >= _VALUES["interlocks.persistence_ticks"]):
                 self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
 
