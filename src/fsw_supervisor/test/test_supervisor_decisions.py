@@ -221,6 +221,14 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
     assert rig.arbiter.machine.requested_by == "start"
 
 
+def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
+    rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.0}))
+    hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
+    assert hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).sources == ["decentral"]
+    assert rig.arbiter.safety.invalid_sensors == ()
+    assert "is invalid" not in rig.events()
+
+
 def test_a_fallback_that_does_not_cope_with_a_lost_sensor_is_passed_over_at_a_start(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"readmit_ticks": 6, "fallbacks": ("nmpc", "third")}))
     rig.names = ["nmpc", "third"]
