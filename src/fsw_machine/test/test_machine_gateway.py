@@ -175,6 +175,12 @@ def test_a_stamp_between_two_ticks_is_refused(running):
     assert running.command(stamp_ns=running.stamp_ns - 1) is None and running.refused == {"unknown_stamp"}
 
 
+def test_before_it_is_connected_a_gateway_reports_nothing(machine, parameters):
+    gateway = Gateway(machine, parameters)
+    assert (gateway.connected, gateway.permissive, gateway.joined) == (False, False, False)
+    assert (gateway.samples, gateway.read, gateway.last_failure) == ({}, None, "")
+
+
 @pytest.mark.requirement("S13")
 def test_nothing_before_the_first_read(machine, parameters, read_of):
     made = Machine(machine, parameters, read_of)
