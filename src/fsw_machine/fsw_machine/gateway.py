@@ -105,8 +105,9 @@ class Gateway:
 
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
-        self.gate = CommandGate(Limits(), 0.0, more_reasons=REASONS)
-        self.configure(values)
+        self.gate = CommandGate(
+            limits_from(values), values["commands.max_age_s"], values["commands.sources"], more_reasons=REASONS
+        )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}

@@ -80,6 +80,12 @@ def test_with_stamps_of_receipt_the_first_tick_has_the_local_time(machine, param
     assert gateway.on_read(second).stamp_ns == local_ns + 100 + second.source_ns - first.source_ns
 
 
+def test_where_the_machines_clock_is_set_the_stamps_go_on_by_a_cycle(running):
+    before_ns = running.stamp_ns
+    assert running.cycle(source_ns=before_ns + 10**12).stamp_ns == before_ns + NANOSECONDS // 10
+    assert running.gateway.stamps.steps == 1
+
+
 def test_a_cycle_that_a_busy_machine_ends_late_is_no_step_of_its_clock(running):
     late = running._read_of(running.counter + 1, at_s=running.now_s + 0.7, source_ns=running.stamp_ns + 700_000_000)
     assert running.gateway.on_read(late).stamp_ns == late.source_ns
@@ -167,6 +173,12 @@ def test_a_stamp_between_two_ticks_is_refused(running):
     running.obey(running.command())
     running.cycle()
     assert running.command(stamp_ns=running.stamp_ns - 1) is None and running.refused == {"unknown_stamp"}
+
+
+def test_before_it_is_connected_a_gateway_reports_nothing(machine, parameters):
+    gateway = Gateway(machine, parameters)
+    assert (gateway.connected, gateway.permissive, gateway.joined) == (False, False, False)
+    assert (gateway.samples, gateway.read, gateway.last_failure) == ({}, None, "")
 
 
 @pytest.mark.requirement("S13")
