@@ -153,9 +153,9 @@ def _float(value: float, name: str, now: _Now) -> Any:
 def _int(value: int, name: str, now: _Now) -> int:
     if name in _TICKS:
         return min(now[2] - value, _FORGOTTEN_TICKS)
-    return (
-        min(now[1] - value, _LONG_AGO_NS) if name.endswith("_ns") else min(value, _ENOUGH.get(name, _FORGOTTEN_TICKS))
-    )
+    if name.endswith("_ns"):
+        return min(now[1] - value, _LONG_AGO_NS)
+    return min(value, _ENOUGH.get(name, _FORGOTTEN_TICKS))
 
 
 def _dict(value: dict[Any, Any], name: str, now: _Now) -> tuple[Any, ...]:
@@ -199,9 +199,8 @@ def packed(cell: Cell) -> bytes:
 
 @cache
 def _never_changes(kind: type) -> bool:
-    return issubclass(kind, (str, int, float, Enum, frozenset, NoneType)) or (
-        is_dataclass(kind) and kind.__dataclass_params__.frozen
-    )
+    frozen = is_dataclass(kind) and kind.__dataclass_params__.frozen
+    return frozen or issubclass(kind, (str, int, float, Enum, frozenset, NoneType))
 
 
 class Snapshot:

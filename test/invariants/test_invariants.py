@@ -29,7 +29,7 @@ def test_no_sequence_breaks_a_rule(alphabet, depth, gateway):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("alphabet", "gateway"), [("safety", True), ("control", True), ("link", True), ("link", False)])
+@pytest.mark.parametrize("alphabet, gateway", [("safety", True), ("control", True), ("link", True), ("link", False)])
 def test_states_that_are_merged_go_on_alike(alphabet, gateway):
     """Whatever sequences led to a state, each letter leads on to the same state or breaks the same rule."""
     letters = ALPHABETS[alphabet]

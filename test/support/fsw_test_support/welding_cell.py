@@ -371,7 +371,7 @@ class Rules:
         self._asked_for = wanted if ok else ""
         self.to_acknowledge |= self._asked_for == Mode.SAFE_STOP
         self._blind_manual = 0 if ok else self._blind_manual
-        self._check_mode(mode)
+        self._check_mode(mode, self._blind)
 
     def written(self, command: Command, in_force: Command) -> None:
         wrong = refusal(command, SETTINGS.limits, in_force)
@@ -382,8 +382,9 @@ class Rules:
         arbiter = cell.arbiter
         if self._new and measured and cell.candidate != "none" and self._source == Mode.SAFE_STOP:
             self._told = self.to_acknowledge = True
+        blind_before = self._blind  # a time-out ends a mode before the samples of the tick are judged
         self._sense(cell, measured)
-        self._check_mode(arbiter.machine.mode)
+        self._check_mode(arbiter.machine.mode, blind_before)
         self._check_blind(arbiter.machine.mode, measured)
         self._asked_for = ""
         if len(decisions) > 1 or any(one.stamp_ns != cell.stamp_ns for one in decisions):
@@ -439,7 +440,7 @@ class Rules:
             if self._blind_manual > _BLIND_TICKS + 1:
                 self._broken("a blind manual mode ends", f"it has lasted for {self._blind_manual} ticks")
 
-    def _check_mode(self, mode: Mode) -> None:
+    def _check_mode(self, mode: Mode, blind_ticks: int) -> None:
         before, self._mode = self._mode, mode
         if self.cause and mode is not Mode.SAFE_STOP:
             self._broken("a cause leads to the safe state", f"the mode is {mode} ({before} before)")
@@ -447,7 +448,7 @@ class Rules:
             self._broken("leaving a safe stop needs an acknowledgement", f"{mode} without one")
         if mode is Mode.SAFE_STOP and before is not mode:
             self.to_acknowledge = True
-            blind = before is Mode.MANUAL and self._blind >= _BLIND_TICKS
+            blind = before is Mode.MANUAL and blind_ticks >= _BLIND_TICKS
             timed_out = before in (Mode.HOLD, Mode.START) or blind or self._told
             if not (timed_out or self._asked_for == mode or self._perhaps >= _VALUES["interlocks.persistence_ticks"]):
                 self._broken("only a lasting trip stops", f"after {self._perhaps} ticks beyond the trip")
