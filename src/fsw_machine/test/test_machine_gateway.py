@@ -134,6 +134,24 @@ def test_only_commands_of_the_sources_that_are_allowed_are_written(machine, para
         assert made.refused == (set() if is_written else {"source"})
 
 
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({}, ""),
+        ({"limits.force_max_kn": 78.0}, "out_of_range"),
+        ({"limits.speed_min_rpm": 408.0}, "out_of_range"),
+        ({"commands.sources": ["decentral"]}, "source"),
+        ({"commands.max_age_s": 0.05}, "too_old"),
+    ],
+)
+def test_a_parameter_that_is_changed_counts_at_once(running, parameters, changed, reason):
+    before_ns = running.stamp_ns
+    running.cycle()
+    running.gateway.configure(parameters | changed)
+    assert (running.command(stamp_ns=before_ns) is None) == bool(reason)
+    assert running.refused == ({reason} if reason else set())
+
+
 def test_only_one_command_per_cycle_and_only_one_under_way(running):
     order = running.command()
     assert running.command() is None and running.refused == {"repeated"}
