@@ -40,6 +40,11 @@ class Hand:
         self.out += self.arbiter.on_proposal(name, proposal, self.rig.now_s + after_s)
         return self
 
+    def status(self, name="decentral", after_s=0.001):
+        self.wait(after_s)
+        self.out += self.arbiter.on_status(name, (), False, self.rig.now_s + after_s)
+        return self
+
     def wait(self, until_s):
         while (at_s := self.arbiter.wakeup_s) is not None and at_s <= self.rig.now_s + until_s:
             self.out += self.arbiter.on_time(at_s)
@@ -224,7 +229,8 @@ def test_a_fallback_replaces_the_configured_controller_after_so_many_good_propos
 def test_at_a_start_a_sample_that_is_late_on_a_busy_machine_is_not_missing(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.0}))
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
-    assert hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).sources == ["decentral"]
+    hand.samples("thermocouple", after_s=0.04).proposal(after_s=0.05).status(after_s=0.05)
+    assert hand.sources == ["decentral"]
     assert rig.arbiter.safety.invalid_sensors == ()
     assert "is invalid" not in rig.events()
 
