@@ -11,7 +11,6 @@ read bags in an environment of its own with the oldest supported versions of num
 """
 
 import os
-
 import signal
 import subprocess
 import sys
@@ -21,9 +20,8 @@ from _bootstrap import WORKSPACE, ensure
 OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for two.
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "worksteal"]
-OLDEST_TESTS = [
-    f"src/fsw_{name}/test" for name in ("model", "control", "decentral", "plant", "recorder", "analysis", "experiment")
-]
+OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "experiment"]
+OLDEST_TESTS = [f"src/fsw_{name}/test" for name in OLDEST_PACKAGES]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()

@@ -27,6 +27,7 @@ MAY_IMPORT = {
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
+    "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
     "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_hmi": {
         "fsw_control",
@@ -37,7 +38,7 @@ MAY_IMPORT = {
     },  # of fsw_plant: what disturbs it
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_export", "fsw_msgs"),
+        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_msgs"),
     },
     "fsw_bringup": {"fsw_experiment"},
 }

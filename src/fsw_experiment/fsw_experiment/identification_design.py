@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fsw_analysis.identification.estimation import expected_deviations
-from fsw_analysis.identification.weld_data import prepare
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.controllers import make
 from fsw_experiment.scenario import OPEN_LOOP
 from fsw_experiment.scenario_file import parse
+from fsw_identification.estimation import expected_deviations
+from fsw_identification.weld_data import prepare
 from fsw_model import ModelParameters, ProcessModel, nominal
 from fsw_plant.config import PlantConfig
 

@@ -73,8 +73,8 @@ def _run(arguments: argparse.Namespace) -> int:
             made.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise CommandError(f"identify: cannot make folder {made}: {error.strerror}") from None
-    from fsw_analysis.identification import estimation, model_file, summary
-    from fsw_analysis.identification.weld_data import IdentificationError
+    from fsw_identification import estimation, model_file, summary
+    from fsw_identification.weld_data import IdentificationError
 
     start = _model(arguments.model)
     try:
@@ -82,7 +82,7 @@ def _run(arguments: argparse.Namespace) -> int:
         checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag, "validation ")
         air: dict[str, float] = {}
         if arguments.air is not None:
-            from fsw_analysis.identification.friction import from_air
+            from fsw_identification.friction import from_air
 
             start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
         for weld in welds:
@@ -99,7 +99,7 @@ def _run(arguments: argparse.Namespace) -> int:
     write_text(arguments.out, model_file.text(fit, sources, air))
     files = [arguments.out]
     if arguments.report is not None:
-        from fsw_analysis.identification import report
+        from fsw_identification import report
 
         files += report.write(result, arguments.report)
     print(f"written: {', '.join(map(str, files))}")
@@ -113,8 +113,8 @@ def _design(arguments: argparse.Namespace) -> int:
     if not _SHORTEST_S <= duration_s <= _LONGEST_S:
         raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
     check_new([arguments.out], arguments.force)
-    from fsw_analysis.identification.summary import table
     from fsw_experiment.identification_design import SAFE_C, SAFE_MM, propose
+    from fsw_identification.summary import table
 
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
@@ -145,7 +145,7 @@ def _model(file: Path | None) -> Any:
 
 
 def _data(bag: Path, drive_lag_s: float, what: str = "") -> Any:
-    from fsw_analysis.identification.weld_data import IdentificationError, prepare
+    from fsw_identification.weld_data import IdentificationError, prepare
 
     with ProgressBar(f"reading {what}{bag.name}") as bar:
         signals = cut_to_scenario(load_weld(bag, bar))

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fsw_analysis.identification.estimation import Fit
-from fsw_analysis.identification.model_file import operating_point
-from fsw_analysis.identification.problem import HEAT, WALKS
-from fsw_analysis.identification.simulation import OUTPUTS
-from fsw_analysis.identification.statistics import Judgement, judge
+from fsw_identification.estimation import Fit
+from fsw_identification.model_file import operating_point
+from fsw_identification.problem import HEAT, WALKS
+from fsw_identification.simulation import OUTPUTS
+from fsw_identification.statistics import Judgement, judge
 from fsw_model import ModelParameters
 
 NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")

@@ -1,4 +1,4 @@
-"""Normal equations and Levenberg-Marquardt steps of the estimate of :mod:`fsw_analysis.identification.estimation`."""
+"""Normal equations and Levenberg-Marquardt steps of the estimate of :mod:`fsw_identification.estimation`."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fsw_analysis.identification.simulation import CANDIDATES, START, hats, knots, simulate
-from fsw_analysis.identification.weld_data import Segment
 from fsw_analysis.weld_signals import FloatArray, IntArray
+from fsw_identification.simulation import CANDIDATES, START, hats, knots, simulate
+from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 
 #: prior standard deviation of the logarithm of a parameter: none to speak of

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fsw_analysis.figure_style import COLOURS, STYLE
-from fsw_analysis.identification.estimation import Fit
-from fsw_analysis.identification.statistics import LAGS, Judgement
-from fsw_analysis.identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
 from fsw_control.weld import TICK_S
+from fsw_identification.estimation import Fit
+from fsw_identification.statistics import LAGS, Judgement
+from fsw_identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
 
 _LAGS_S = TICK_S * np.arange(1, LAGS + 1)
 _BOTH_S = TICK_S * np.arange(-LAGS, LAGS + 1)

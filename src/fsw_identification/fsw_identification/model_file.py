@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from fsw_analysis.identification.estimation import Fit
+from fsw_identification.estimation import Fit
 from fsw_model import ModelParameters
 
 #: a mean disturbance that is larger than this many standard deviations goes into the point of linearisation

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_analysis.identification.problem import HEAT, Problem, Shift
-from fsw_analysis.identification.simulation import OUTPUTS
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.weld import TICK_S
+from fsw_identification.problem import HEAT, Problem, Shift
+from fsw_identification.simulation import OUTPUTS
 
 #: a shift of an output: samples before and after that are compared, and how many standard deviations are a shift
 _SHIFT_TICKS, _SHIFT = 30, 9.0

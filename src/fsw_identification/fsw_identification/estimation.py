@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fsw_analysis.identification.disturbed import astray, drop_small_shifts, leave_out, shifts
-from fsw_analysis.identification.problem import NOISE_FLOOR, OUTLIER, WALK, WALKS, Problem, Shift
-from fsw_analysis.identification.simulation import CANDIDATES, OUTPUTS, START, hats, knots
-from fsw_analysis.identification.statistics import long_run_factor
-from fsw_analysis.identification.weld_data import IdentificationError, Segment
 from fsw_analysis.weld_signals import FloatArray
+from fsw_identification.disturbed import astray, drop_small_shifts, leave_out, shifts
+from fsw_identification.problem import NOISE_FLOOR, OUTLIER, WALK, WALKS, Problem, Shift
+from fsw_identification.simulation import CANDIDATES, OUTPUTS, START, hats, knots
+from fsw_identification.statistics import long_run_factor
+from fsw_identification.weld_data import IdentificationError, Segment
 from fsw_model import ModelParameters
 
 #: a parameter with a larger relative standard deviation is one that the data cannot tell

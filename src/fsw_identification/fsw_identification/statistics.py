@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fsw_analysis.identification.weld_data import Segment
 from fsw_analysis.weld_signals import FloatArray, IntArray
+from fsw_identification.weld_data import Segment
 
 #: lags at which residuals are judged [ticks]
 LAGS = 50

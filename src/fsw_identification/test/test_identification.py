@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_analysis.identification import disturbed, estimation, model_file, report, statistics, summary
-from fsw_analysis.identification.friction import from_air
-from fsw_analysis.identification.problem import HEAT
-from fsw_analysis.identification.simulation import CANDIDATES, START, knots, simulate
-from fsw_analysis.identification.weld_data import IdentificationError, Segment, prepare
 from fsw_analysis.weld_signals import DriveSignals, FloatArray, WeldSignals
+from fsw_identification import disturbed, estimation, model_file, report, statistics, summary
+from fsw_identification.friction import from_air
+from fsw_identification.problem import HEAT
+from fsw_identification.simulation import CANDIDATES, START, knots, simulate
+from fsw_identification.weld_data import IdentificationError, Segment, prepare
 from fsw_model import ModelParameters, ProcessModel
 
 NOISE = (0.002, 0.1, 2.0)

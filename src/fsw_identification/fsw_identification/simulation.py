@@ -15,9 +15,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fsw_analysis.identification.weld_data import Segment
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.units import RAD_PER_S_PER_RPM
+from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
 
