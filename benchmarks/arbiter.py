@@ -35,8 +35,8 @@ from sensor_msgs.msg import Temperature
 from fsw_control import Command, Proposal, run_controller, weld
 from fsw_control import messages_ros as convert
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
+from fsw_scenario.launcher import Launcher
 
 ACTIVE, SHADOW = "decentral", "nmpc"
 MODULES = {ACTIVE: "fsw_decentral.decentral_node", SHADOW: "fsw_nmpc.nmpc_node"}

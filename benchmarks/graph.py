@@ -22,11 +22,11 @@ if __name__ == "__main__":
 from report import parser, save, show
 
 from fsw_control.free_domain import free_domain
-from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.controllers import make
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import load
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import load
 
 AIMS = {"offline_steps_per_s": 20_000, "graph_steps_per_s": 300}
 

@@ -29,7 +29,7 @@ from websockets.asyncio.client import connect
 
 from fsw_control import weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher
+from fsw_scenario.launcher import Launcher
 
 NODES = {
     "supervisor": "fsw_supervisor.supervisor_node",

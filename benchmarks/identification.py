@@ -28,15 +28,15 @@ import yaml
 from report import parser, save, show
 
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import RANDOM, random_factors
-from fsw_experiment.controllers import make
-from fsw_experiment.scenario_file import content_of, parse, text_of
 from fsw_identification.estimation import identify
 from fsw_identification.summary import Summary, told_disturbances
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant.config import specs
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario_file import content_of, parse, text_of
 
 #: largest medians of the relative errors, in percent; of the dead time in s
 AIMS = {

@@ -35,9 +35,9 @@ from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED
-from fsw_experiment.launcher import Launcher
 from fsw_machine import machine_server
 from fsw_msgs.msg import WeldReference
+from fsw_scenario.launcher import Launcher
 
 NODES = {
     "gateway": "fsw_machine.machine_node",

@@ -24,13 +24,13 @@ from fsw_control import weld
 from fsw_control.contract import Command, Reference
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS
-from fsw_experiment.launcher import Launcher
 from fsw_machine import machine_server
 from fsw_machine.machine_server import moves_between
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import SetMode
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
+from fsw_scenario.launcher import Launcher
 from fsw_test_support.machine import Proxy, free_port, write_machine_file
 from fsw_test_support.ros_graph import Spinner
 

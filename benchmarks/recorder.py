@@ -34,10 +34,10 @@ from rosbags import rosbag2
 from fsw_analysis.kpi import compute
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher, LaunchError
 from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
+from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_test_support.sample_weld import TOPICS, sample_messages, sample_topics, write_sample_weld
 
 WELD_TICKS = 27_000

@@ -30,9 +30,9 @@ from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.progress import ProgressBar
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import load
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import load
 
 EVERY_S = 10.0
 #: memory is compared from here on, as a share of the weld; before, caches fill

@@ -99,7 +99,7 @@ def _stamp(lock):
 def _search_path():
     """A .pth file: the source folders that the environment imports from and, without ROS 2, the import of messages."""
     lines = sorted(str(path.parent) for path in SOURCES.glob("*/package.xml"))
-    lines.append(str(WORKSPACE / "test" / "support"))
+    lines += [str(WORKSPACE / "studies"), str(WORKSPACE / "test" / "support")]
     if not with_genuine_ros():
         lines += [str(RUNTIME), "import rosidl_embedded"]
     return "".join(f"{line}\n" for line in lines)

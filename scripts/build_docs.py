@@ -35,13 +35,13 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 from fsw_control.parameters import ParameterSpec, parse
-from fsw_experiment import ranges, scenario_file
 from fsw_experiment.cli.main import parser as operator_parser
 from fsw_experiment.demo import parser as demo_parser
-from fsw_experiment.weld_programme import CANISTER_DIAMETER_MM, PHASES, TRAVERSE_MM_PER_MIN
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_scenario import ranges, scenario_file
+from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM, PHASES, TRAVERSE_MM_PER_MIN
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"

@@ -25,14 +25,14 @@ from fsw_analysis import kpi
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import load
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.recover import recover
 from fsw_recorder.stamps import is_ticking, stamp_ns
 from fsw_recorder.topic import TopicSelection
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import load
 
 #: bag: scenario, and the controller that welds in closed loop
 BAGS = {

@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.controller_node")
+    start("fsw_scenario.controller_node")

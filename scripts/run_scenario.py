@@ -7,4 +7,4 @@ usage: run_scenario.py [SCENARIO] [--ros-args -p use_sim_time:=true ...]
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.scenario_node")
+    start("fsw_scenario.scenario_node")

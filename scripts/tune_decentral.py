@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.tune_decentral")
+    start("decentral_tuning.command")

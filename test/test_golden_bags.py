@@ -14,7 +14,7 @@ from fsw_analysis import kpi
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_analysis.verify import Verification, recorded_controllers, verify
-from fsw_experiment.controllers import kind_of
+from fsw_scenario.controllers import kind_of
 
 GOLDEN = Path(__file__).parent / "golden"
 BAGS = sorted(folder.name for folder in GOLDEN.iterdir() if folder.is_dir())

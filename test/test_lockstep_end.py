@@ -13,9 +13,9 @@ import pytest
 
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher, LaunchError
-from fsw_experiment.scenario_file import load
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher, LaunchError
+from fsw_scenario.scenario_file import load
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 NODES = ("recorder", "plant", "decentral", "supervisor")
@@ -105,7 +105,7 @@ def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
 def test_player_alone_gives_up_with_one_clear_line(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
         player = launcher.start(
-            "player", "fsw_experiment.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
+            "player", "fsw_scenario.scenario_node", ["quick", "--ros-args", "-p", "silence_timeout_s:=1.0"]
         )
         player.process.wait(TIMEOUT_S)
         assert player.process.returncode == 1
@@ -118,7 +118,7 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
         launcher.start("supervisor", "fsw_supervisor.supervisor_node")
         launcher.start("recorder", "fsw_recorder.recorder_node", ["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
         launcher.wait_for_text("supervisor", "role: active")
-        player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
+        player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
         launcher.wait_for_text("recorder", "subscribed to /fsw/reference")
         player.process.wait(TIMEOUT_S)
         assert "no 1 controllers listening for 3 s" in player.text()
@@ -127,10 +127,10 @@ def test_player_does_not_begin_for_listeners_that_are_no_controllers(tmp_path):
 def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
         launcher.start("decentral", "fsw_decentral.decentral_node")
-        launcher.start("first", "fsw_experiment.scenario_node", ["quick"])
+        launcher.start("first", "fsw_scenario.scenario_node", ["quick"])
         launcher.wait_for_text("first", "playing quick")
         arguments = ["reference_tracking", "--ros-args", "-p", "silence_timeout_s:=3.0"]
-        second = launcher.start("second", "fsw_experiment.scenario_node", arguments)
+        second = launcher.start("second", "fsw_scenario.scenario_node", arguments)
         second.process.wait(TIMEOUT_S)
         assert second.process.returncode == 1
         assert "another scenario player there for 3 s" in second.text()
@@ -147,7 +147,7 @@ def test_a_second_player_leaves_the_set_points_of_the_first_alone(tmp_path):
 )
 def test_player_with_bad_input(arguments, words, tmp_path):
     with free_domain() as domain, Launcher(tmp_path, domain) as launcher:
-        player = launcher.start("player", "fsw_experiment.scenario_node", arguments)
+        player = launcher.start("player", "fsw_scenario.scenario_node", arguments)
         player.process.wait(TIMEOUT_S)
         assert player.process.returncode == 2
         assert words in player.text()

@@ -6,11 +6,11 @@ import pytest
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.controllers import make
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import load
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import load
 
 CLOSED = """
 name: everything

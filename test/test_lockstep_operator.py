@@ -6,9 +6,9 @@ import pytest
 
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.main import main
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import load
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import load
 
 
 @pytest.fixture(scope="module")

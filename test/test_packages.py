@@ -36,11 +36,15 @@ MAY_IMPORT = {
         "fsw_recorder",
         "fsw_msgs",
     },  # of fsw_plant: what disturbs it
+    "fsw_scenario": {
+        *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
+        *("fsw_analysis", "fsw_identification", "fsw_msgs"),
+    },
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_msgs"),
+        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_msgs"),
     },
-    "fsw_bringup": {"fsw_experiment"},
+    "fsw_bringup": {"fsw_scenario"},
 }
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
@@ -130,7 +134,7 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_experiment": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
+    started = {"fsw_bringup": said, "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

@@ -7,10 +7,10 @@ from rclpy.context import Context
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATEST, STREAM
 from fsw_experiment.cli.main import main
-from fsw_experiment.graph import STANDBY, WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import parse
 from fsw_msgs.msg import WeldCommand, WeldReference
+from fsw_scenario.graph import STANDBY, WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import parse
 from fsw_test_support.ros_graph import Spinner, domain_id
 
 __all__ = ["domain_id"]

@@ -19,7 +19,7 @@ NODES = {
     "run_supervisor": ("fsw_supervisor", "supervisor.yaml"),
     "run_recorder": ("fsw_recorder", "recorder.yaml"),
     "run_replay": ("fsw_recorder", "replay.yaml"),
-    "run_scenario": ("fsw_experiment", "player.yaml"),
+    "run_scenario": ("fsw_scenario", "player.yaml"),
     "run_hmi": ("fsw_hmi", "hmi.yaml"),
     "run_machine": ("fsw_machine", "gateway.yaml"),
 }

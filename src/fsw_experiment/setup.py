@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "campaigns/*.yaml", "py.typed"]},
+    package_data={package_name: ["campaigns/*.yaml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
@@ -22,9 +22,6 @@ setup(
     tests_require=["pytest"],
     entry_points={
         "console_scripts": [
-            "scenario = fsw_experiment.scenario_node:main",
-            "controller = fsw_experiment.controller_node:main",
-            "open_loop = fsw_experiment.open_loop_node:main",
             "fsw = fsw_experiment.cli.main:main",
         ]
     },

@@ -17,7 +17,7 @@ from fault_table import Table
 from faulty_weld import Weld
 
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher
+from fsw_scenario.launcher import Launcher
 
 TABLE_FILE = os.environ.get("FSW_FAULT_TABLE", "")
 

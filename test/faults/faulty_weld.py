@@ -39,7 +39,7 @@ MODULES = {
     "supervisor": "fsw_supervisor.supervisor_node",
     "standby": "fsw_supervisor.supervisor_node",
     "recorder": "fsw_recorder.recorder_node",
-    "scenario": "fsw_experiment.scenario_node",
+    "scenario": "fsw_scenario.scenario_node",
 }
 SUPERVISORS = ("supervisor", "standby")
 DEEP = QoSProfile(depth=2000)

@@ -13,9 +13,9 @@ from fsw_analysis.signals import load_weld
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.topics_ros import LATEST, STREAM
-from fsw_experiment.weld_programme import CANISTER_DIAMETER_MM
 from fsw_msgs.msg import WeldProgress, WeldReference
 from fsw_msgs.srv import SetMode
+from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_test_support.ros_graph import Spinner
 
 PHASES = ["dwell", "start", "joint_line", "overlap"]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from fsw_experiment.launcher import Launcher
 from fsw_recorder.bag_reader import BagReader
+from fsw_scenario.launcher import Launcher
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import PATIENCE_S
 

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from fsw_control.free_domain import free_domain
-from fsw_experiment.launcher import Launcher
+from fsw_scenario.launcher import Launcher
 from fsw_test_support.browser import shot
 
 PARTS = {

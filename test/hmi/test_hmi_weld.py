@@ -13,11 +13,11 @@ from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED, LATEST
-from fsw_experiment.graph import STANDBY, WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import parse
 from fsw_msgs.msg import OperatorAction, SupervisorState, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
+from fsw_scenario.graph import STANDBY, WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import parse
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import Spinner
 

@@ -19,7 +19,7 @@ FILES = {
     "fsw_plant": [("fsw_plant", "plant.yaml")],
     "fsw_decentral": [("fsw_control", "controller.yaml"), ("fsw_decentral", "decentral.yaml")],
     "fsw_supervisor": [("fsw_supervisor", "supervisor.yaml")],
-    "fsw_scenario": [("fsw_experiment", "player.yaml")],
+    "fsw_scenario": [("fsw_scenario", "player.yaml")],
 }
 
 

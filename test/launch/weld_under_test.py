@@ -26,9 +26,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from fsw_control.free_domain import free_domain
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario_file import parse
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario_file import parse
 
 try:
     from launch_testing import post_shutdown_test

@@ -21,11 +21,11 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_experiment.controllers import name_of, program, variant_of
-from fsw_experiment.graph import STANDBY, WeldGraph, for_standby
-from fsw_experiment.launcher import REFUSED, RESPAWN_DELAY_S
-from fsw_experiment.scenario import Scenario, ScenarioError
-from fsw_experiment.scenario_file import load, parse, shipped
+from fsw_scenario.controllers import name_of, program, variant_of
+from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
+from fsw_scenario.launcher import REFUSED, RESPAWN_DELAY_S
+from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.scenario_file import load, parse, shipped
 
 ARGUMENTS = {
     "controllers": (
@@ -121,7 +121,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if standby:
         actions.append(node.standby(**_respawn()))
     if scenario is not None:
-        actions.append(node("fsw_experiment", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
+        actions.append(node("fsw_scenario", "scenario", on_exit=[Shutdown(reason="the scenario player has ended")]))
     return [LogInfo(msg=f"weld with {', '.join(controllers)}; parameters and scenario are in {folder}"), *actions]
 
 

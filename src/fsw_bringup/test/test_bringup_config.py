@@ -19,7 +19,7 @@ FILES = {
     "fsw_supervisor": [("fsw_supervisor", "supervisor.yaml")],
     "fsw_recorder": [("fsw_recorder", "recorder.yaml")],
     "fsw_replay": [("fsw_recorder", "replay.yaml")],
-    "fsw_scenario": [("fsw_experiment", "player.yaml")],
+    "fsw_scenario": [("fsw_scenario", "player.yaml")],
     "fsw_hmi": [("fsw_hmi", "hmi.yaml")],
 }
 SECTIONS = yaml.safe_load((CONFIG / "weld.yaml").read_text(encoding="utf-8"))

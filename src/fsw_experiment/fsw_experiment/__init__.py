@@ -1,7 +1,3 @@
-"""Experiments: scenarios as data, run in one process or in the graph; their KPIs and figures."""
+"""Comparison of controllers, campaigns, demonstration, command line."""
 
-import os
-
-# The matrices here are small: threads of the linear algebra only get into each other's way, and into that of other
-# processes. Takes effect when numpy is not loaded yet.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import fsw_scenario  # noqa: F401  (before numpy: it sets the threads of the linear algebra)

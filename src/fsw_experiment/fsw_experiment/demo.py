@@ -13,15 +13,15 @@ from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
-from fsw_experiment import live
 from fsw_experiment.cli.errors import CommandError, exit_code
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import new_folder, write_phases
-from fsw_experiment.controllers import OURS, name_of, variant_of
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario import Scenario
-from fsw_experiment.scenario_file import load, parse, shipped
+from fsw_scenario import live
+from fsw_scenario.controllers import OURS, name_of, variant_of
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, parse, shipped
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"

@@ -11,10 +11,10 @@ import pytest
 from fsw_analysis.signals import load_weld
 from fsw_control.contract import Command, Measurement, Proposal, Reference
 from fsw_experiment.cli.main import main
-from fsw_experiment.controllers import KNOWN
-from fsw_experiment.shadow_run import ShadowRun
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
+from fsw_scenario.controllers import KNOWN
+from fsw_scenario.shadow_run import ShadowRun
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import write_sample_weld
 

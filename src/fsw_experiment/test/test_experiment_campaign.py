@@ -19,8 +19,8 @@ from fsw_experiment.campaign.errors import CampaignError  # noqa: E402
 from fsw_experiment.campaign.statistics import Results, arguments, first_order  # noqa: E402
 from fsw_experiment.campaign.welds import run_batch, run_weld  # noqa: E402
 from fsw_experiment.cli.main import main  # noqa: E402
-from fsw_experiment.closed_loop import ClosedLoop  # noqa: E402
 from fsw_plant.event_schema import Place  # noqa: E402
+from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
 
 SMALL = {
     "name": "small",

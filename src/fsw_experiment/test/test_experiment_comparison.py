@@ -12,8 +12,8 @@ from fsw_experiment.comparison import figures as comparison_figures
 from fsw_experiment.comparison import other_models, report, study
 from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_factors, scenario
 from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
-from fsw_experiment.standard_events import REST
 from fsw_model import ProcessModel
+from fsw_scenario.standard_events import REST
 
 pytestmark = pytest.mark.slow
 

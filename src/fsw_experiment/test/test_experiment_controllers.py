@@ -1,115 +1,25 @@
-"""The registry of controllers: every command finds one of a user's own, and nothing that it does is a traceback."""
+"""Every command finds a controller of a user's own, and nothing that it does is a traceback."""
 
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
 from fsw_analysis.verify import TickDifference, Verification
-from fsw_experiment import controller_node, controllers, scenario_file
 from fsw_experiment.campaign import definition
 from fsw_experiment.campaign.errors import CampaignError
 from fsw_experiment.campaign.welds import run_weld
 from fsw_experiment.cli.main import main
-from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.controllers import kind_of, make, name_of, program, short
 from fsw_experiment.demo import _controllers, parser
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.scenario import ScenarioError
-from fsw_experiment.shadow_run import ShadowRun
+from fsw_scenario import scenario_file
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.scenario import ScenarioError
+from fsw_scenario.shadow_run import ShadowRun
+from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]
 EXAMPLE = f"{SOURCES.parent}/examples/my_controller.py:DepthOnly"
-OWN = """
-from fsw_control import Command, Diagnosis, Proposal
-
-class Own:
-    name = "own"
-    tolerated_sensors = ()
-    def step(self, measurement, reference, applied, dt_s):
-        {step}
-    def reset(self, applied):
-        pass
-
-class Idle(Own):
-    name = "idle"
-    variant = "pace"
-
-nameless = Own()
-broken_name = type("Broken", (Own,), {{"name": "two words"}})
-"""
-
-
-@pytest.fixture(autouse=True)
-def forgotten(monkeypatch):
-    """What a test names by its class is forgotten after it."""
-    monkeypatch.setattr(controllers, "KNOWN", dict(controllers.KNOWN))
-    controllers._class_at.cache_clear()
-
-
-def own(tmp_path, step="return Proposal(applied)"):
-    (tmp_path / "own.py").write_text(OWN.format(step=step))
-    return f"{tmp_path}/own.py:Own"
-
-
-def test_entry_points_of_our_packages_are_those_of_the_registry():
-    for name, place in controllers.OURS.items():
-        setup = (SOURCES / f"fsw_{name}" / "setup.py").read_text(encoding="utf-8")
-        assert f'"fsw.controllers": ["{name} = {place}"]' in setup
-        assert kind_of(name).name == name
-
-
-def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
-    information = tmp_path / "theirs-1.0.dist-info"
-    information.mkdir()
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[fsw.controllers]\ntheirs = theirs:Own\nnmpc = theirs:Own\n")
-    (tmp_path / "theirs.py").write_text(OWN.format(step="return Proposal(applied)"))
-    monkeypatch.syspath_prepend(tmp_path)
-    assert controllers._known() == controllers.OURS | {"theirs": "theirs:Own"}
-    sys.modules.pop("theirs", None)
-
-
-def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
-    label = own(tmp_path)
-    assert (name_of(label), short(label), name_of("own")) == ("own", "own", "own")
-    assert program("own") == ("fsw_experiment", "controller", [label])
-    assert short("decentral:tight") == "decentral:tight"
-
-
-@pytest.mark.parametrize(
-    ("label", "said"),
-    [
-        ("nobody", "available: decentral, nmpc"),
-        ("", "no name"),
-        ("no_such_module:Own", "no_such_module"),
-        ("{0}/missing.py:Own", "FileNotFoundError"),
-        ("{0}/own.py:Nothing", "no class Nothing"),
-        ("{0}/own.py:nameless", "no class nameless"),
-        ("{0}/own.py:broken_name", "two words"),
-        ("{0}/own.py:Own:fast", "no variants"),
-        ("{0}/own.py:Idle:fast", "pace"),
-        ("decentral:wrong", "wrong"),
-    ],
-)
-def test_what_is_not_there_is_told(tmp_path, label, said):
-    own(tmp_path)
-    with pytest.raises(ScenarioError, match=said):
-        make(label.format(tmp_path))
-
-
-def test_a_name_stands_for_one_class(tmp_path):
-    own(tmp_path)
-    (tmp_path / "other.py").write_text("class Other:\n    name = 'nmpc'\n")
-    with pytest.raises(ScenarioError, match="give it another one"):
-        name_of(f"{tmp_path}/other.py:Other")
-
-
-def test_a_class_that_is_no_controller_is_told(tmp_path):
-    (tmp_path / "other.py").write_text("class Other:\n    name = 'other'\n    def step(self): ...\n")
-    with pytest.raises(ScenarioError, match="it has no tolerated_sensors, reset"):
-        make(f"{tmp_path}/other.py:Other")
+pytestmark = pytest.mark.usefixtures("forgotten")
 
 
 def test_every_command_takes_it(tmp_path, capsys):
@@ -128,12 +38,6 @@ def test_one_that_fails_is_told_as_not_healthy(tmp_path, capsys, step):
     label = own(tmp_path, step)
     assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     assert "own is not healthy at 600 of 600 ticks, first at 0.1 s: controller raised" in capsys.readouterr().err
-
-
-def test_a_diagnosis_that_cannot_be_read_ends_no_weld(tmp_path):
-    label = own(tmp_path, "return Proposal(applied, diagnosis=Diagnosis(depth_estimate_mm='deep'))")
-    signals = ClosedLoop(scenario_file.load("quick", ["controller=own"]), {"own": make(label)}).run()
-    assert signals.statuses == {} and "deep" in signals.problems[0] and signals.proposals["own"].healthy.all()
 
 
 def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
@@ -192,9 +96,3 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
     monkeypatch.setattr("fsw_experiment.cli.replays.described_in", lambda _: None)
     monkeypatch.setattr("fsw_experiment.cli.replays.verify", verify)
     assert main(["bag", "verify", str(weld_bag)]) == code
-
-
-@pytest.mark.parametrize(("words", "code"), [([], 2), (["--help"], 0), (["-h"], 0)])
-def test_without_a_controller_the_node_says_what_to_give(words, code, capsys):
-    assert controller_node.main(["run_controller.py", *words]) == code
-    assert "FILE.py:CLASS" in capsys.readouterr().out

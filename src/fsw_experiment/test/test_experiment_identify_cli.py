@@ -6,12 +6,12 @@ import pytest
 import yaml
 
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_experiment import identification_design, scenario_file
 from fsw_experiment.cli import identify
 from fsw_experiment.cli.main import main
-from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.controllers import make
 from fsw_model import ModelParameters
+from fsw_scenario import identification_design, scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
 from fsw_test_support.sample_weld import write_sample_weld
 
 GOLDEN = Path(__file__).resolve().parents[3] / "test" / "golden"

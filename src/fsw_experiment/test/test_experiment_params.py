@@ -4,7 +4,7 @@ import pytest
 
 from fsw_control.free_domain import free_domain
 from fsw_experiment.cli.main import main
-from fsw_experiment.launcher import Launcher
+from fsw_scenario.launcher import Launcher
 
 pytestmark = pytest.mark.slow
 NODE = "fsw_decentral"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fsw_experiment.cli.main import main
-from fsw_experiment.closed_loop import ClosedLoop
-from fsw_experiment.controllers import make
-from fsw_experiment.scenario_file import parse
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario_file import parse
 from fsw_test_support.fmus import Units, fmu_loop
 
 SCENARIO = """

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_control.contract import Controller
 from fsw_control.ranges import Range
-from fsw_experiment import scenario_file
 from fsw_experiment.campaign.distributions import SAMPLERS, Distribution, draw, values, weld_seed
 from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.controllers import make_all, name_of, short, source_of
-from fsw_experiment.scenario import Scenario, ScenarioError
 from fsw_plant.event_schema import DURATION_S, Place
+from fsw_scenario import scenario_file
+from fsw_scenario.controllers import make_all, name_of, short, source_of
+from fsw_scenario.scenario import Scenario, ScenarioError
 
 _SHIPPED = Path(__file__).parent.parent / "campaigns"
 _KEYS = ("name", "description", "scenario", "controllers", "welds", "seed", "sampler", "distributions", "limits")

@@ -14,11 +14,11 @@ from platform import python_version
 _PACKAGES = ("fsw_control", "fsw_decentral", "fsw_model", "fsw_nmpc", "fsw_plant", "fsw_supervisor")
 _MODULES = {
     "fsw_analysis": ("changes", "kpi", "weld_signals"),
-    "fsw_experiment": (
+    "fsw_scenario": (
         *("closed_loop", "controllers", "offline_supervisor", "open_loop", "ranges", "scenario", "scenario_file"),
         *("timeline", "weld_programme", "weld_programme_file"),
-        *("campaign/definition", "campaign/distributions", "campaign/welds"),
     ),
+    "fsw_experiment": ("campaign/definition", "campaign/distributions", "campaign/welds"),
 }
 #: files of theirs that are for the graph alone
 _GRAPH = ("_ros.py", "_node.py")

@@ -15,10 +15,10 @@ import yaml
 from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment import scenario_file
 from fsw_experiment.campaign.dataset import SCENARIO
 from fsw_experiment.campaign.definition import Campaign, Entrant
 from fsw_experiment.campaign.welds import OK
+from fsw_scenario import scenario_file
 
 Vector = NDArray[np.float64]
 #: figures by which welds are ranked and parameters are judged

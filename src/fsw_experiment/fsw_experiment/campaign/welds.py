@@ -18,7 +18,7 @@ from fsw_control.weld import TICK_S
 from fsw_experiment.campaign import definition
 from fsw_experiment.campaign.definition import ERRORS, Campaign, Entrant
 from fsw_experiment.campaign.software import versions
-from fsw_experiment.closed_loop import ClosedLoop
+from fsw_scenario.closed_loop import ClosedLoop
 
 Row = dict[str, Any]
 #: what a weld can come to

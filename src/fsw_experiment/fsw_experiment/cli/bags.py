@@ -22,12 +22,12 @@ from fsw_control.units import NANOSECONDS
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.outputs import add_force, check_new, write_json
 from fsw_experiment.cli.progress import ProgressBar
-from fsw_experiment.scenario import ScenarioError
-from fsw_experiment.scenario_file import parse
 from fsw_recorder.bag_reader import BagInfo, BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.recover import recover
 from fsw_recorder.topic import TopicSelection
+from fsw_scenario.scenario import ScenarioError
+from fsw_scenario.scenario_file import parse
 
 _KIB = 1024
 _STATE = "bag folder or file (MCAP, sqlite3; whole, cut off or damaged)"

@@ -10,10 +10,10 @@ from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
 from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.launcher import LaunchError
-from fsw_experiment.scenario import ScenarioError
 from fsw_model import ModelParameterError
 from fsw_recorder.errors import BagError
+from fsw_scenario.launcher import LaunchError
+from fsw_scenario.scenario import ScenarioError
 
 
 class CommandError(Exception):

@@ -15,10 +15,10 @@ from fsw_decentral import DecentralController
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import assignment
-from fsw_experiment.controllers import make
-from fsw_experiment.scenario_file import parse
 from fsw_model import ModelParameters, OperatingPointError, ProcessModel, nominal
 from fsw_nmpc import NmpcController
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario_file import parse
 
 #: A weld of 240 s in which everything happens that a controller must bear; set-points are relative to the model's.
 _WELD = """
@@ -212,7 +212,7 @@ def _origin(arguments: argparse.Namespace) -> str:
 
 def _weld(controller: Controller, model: ModelParameters, file: Path | None) -> None:
     """Let the controller weld on a plant that is like its model."""
-    from fsw_experiment.closed_loop import ClosedLoop
+    from fsw_scenario.closed_loop import ClosedLoop
 
     depth, temperature = model.operating_depth_mm, model.operating_temperature_c
     text = _WELD.format(

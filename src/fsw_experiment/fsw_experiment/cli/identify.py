@@ -113,8 +113,8 @@ def _design(arguments: argparse.Namespace) -> int:
     if not _SHORTEST_S <= duration_s <= _LONGEST_S:
         raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
     check_new([arguments.out], arguments.force)
-    from fsw_experiment.identification_design import SAFE_C, SAFE_MM, propose
     from fsw_identification.summary import table
+    from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:

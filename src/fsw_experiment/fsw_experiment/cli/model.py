@@ -17,10 +17,10 @@ from fsw_analysis.export import write_table
 from fsw_control.weld import TICK_S
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.outputs import add_force, check_new
-from fsw_experiment.ranges import DURATION_S, Range
-from fsw_experiment.scenario import ScenarioError
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, ProcessModel
 from fsw_plant.event_schema import Place
+from fsw_scenario.ranges import DURATION_S, Range
+from fsw_scenario.scenario import ScenarioError
 
 COLUMNS = (
     "time_s",
@@ -72,7 +72,7 @@ def add_command(commands: Any) -> None:
 
 def shipped() -> list[str]:
     """Names of the files of input steps that come with the package."""
-    folder = resources.files("fsw_experiment").joinpath("events")
+    folder = resources.files("fsw_scenario").joinpath("events")
     return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
@@ -167,7 +167,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _text(source: str) -> str:
     path = Path(source)
     if source in shipped() and not path.is_file():
-        return resources.files("fsw_experiment").joinpath("events", f"{source}.yaml").read_text(encoding="utf-8")
+        return resources.files("fsw_scenario").joinpath("events", f"{source}.yaml").read_text(encoding="utf-8")
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:

@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from fsw_control.contract import BUILT_IN_SOURCES
-from fsw_experiment import ranges
-from fsw_experiment.ranges import Range
+from fsw_scenario import ranges
+from fsw_scenario.ranges import Range
 
 #: what ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"

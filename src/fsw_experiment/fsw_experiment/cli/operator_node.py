@@ -23,13 +23,13 @@ from fsw_control.contract import Reference
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM
-from fsw_experiment import ranges
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.operate import CLEAR
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import ListControllers, SetDisturbance, SetFault, SetMode, SetReference, SwitchController
 from fsw_plant.event_schema import Place, read_disturbance
 from fsw_plant.events import DisturbanceError
+from fsw_scenario import ranges
 
 #: how long to go on listening when something has been heard
 _SETTLE_S = 1.0

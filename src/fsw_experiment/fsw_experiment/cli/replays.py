@@ -16,10 +16,10 @@ from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.outputs import add_force, check_new, write_json
 from fsw_experiment.cli.progress import ProgressBar
 from fsw_experiment.cli.simulate import assignment
-from fsw_experiment.controllers import described_in, maker, name_of
-from fsw_experiment.scenario import ScenarioError
-from fsw_experiment.shadow_run import ShadowRun
 from fsw_recorder.player import check_rate
+from fsw_scenario.controllers import described_in, maker, name_of
+from fsw_scenario.scenario import ScenarioError
+from fsw_scenario.shadow_run import ShadowRun
 
 _RATE = 5.0
 #: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4

@@ -17,11 +17,11 @@ from fsw_control.free_domain import free_domain
 from fsw_control.yaml_text import load_yaml
 from fsw_experiment.cli.errors import CommandError
 from fsw_experiment.cli.progress import ProgressBar
-from fsw_experiment.graph import WeldGraph
-from fsw_experiment.launcher import Launcher
-from fsw_experiment.scenario import Scenario
-from fsw_experiment.scenario_file import load, shipped
-from fsw_experiment.weld_programme import spans
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, shipped
+from fsw_scenario.weld_programme import spans
 
 if TYPE_CHECKING:
     from fsw_analysis.figures import Run
@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     from fsw_analysis import kpi
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run, draw
-    from fsw_experiment.closed_loop import ClosedLoop
-    from fsw_experiment.controllers import make_all, name_of, short, variant_of
+    from fsw_scenario.closed_loop import ClosedLoop
+    from fsw_scenario.controllers import make_all, name_of, short, variant_of
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)

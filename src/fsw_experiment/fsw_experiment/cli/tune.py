@@ -54,8 +54,8 @@ def _run(arguments: argparse.Namespace) -> int:
         raise CommandError(f"tune: --evaluations {arguments.evaluations}: give 1 to 1000000")
     model = ModelParameters.from_file(arguments.model)
     folder = new_folder(arguments.out, "tuning").resolve()
-    from fsw_experiment.tune_decentral import NAMES, tune
     from fsw_nmpc.tuning import Tuning
+    from fsw_scenario.tune_decentral import NAMES, tune
 
     gains = {}
     try:
@@ -94,8 +94,8 @@ def _sweep(
     """Judged figures of all controllers, each with its own parameters, on processes unlike the model; with noise."""
     from fsw_experiment.comparison.runs import Job, run_all
     from fsw_experiment.comparison.study import judged
-    from fsw_experiment.identification_design import plant_factors
-    from fsw_experiment.standard_events import CASES
+    from fsw_scenario.identification_design import plant_factors
+    from fsw_scenario.standard_events import CASES
 
     jobs = {}
     for name, factors in _SWEEP.items():

@@ -10,11 +10,11 @@ from typing import Any
 import yaml
 
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_experiment import scenario_file
-from fsw_experiment.scenario import Scenario
-from fsw_experiment.standard_events import DISTURBANCES, DURATION_S, SET_POINTS, set_points
 from fsw_model import nominal
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE
+from fsw_scenario import scenario_file
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.standard_events import DISTURBANCES, DURATION_S, SET_POINTS, set_points
 
 CONSERVATIVE, TIGHT = "decentral:conservative", "decentral:tight"
 PAPER, DEFAULT = "nmpc:paper", "nmpc:default"
@@ -44,7 +44,7 @@ _STANDARD = {
         for step in DISTURBANCES.values()
     ],
 }
-#: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_experiment.
+#: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_scenario.
 _OWN: dict[str, tuple[float, list[Event]]] = {
     **{case: (DURATION_S[case], events) for case, events in _STANDARD.items()},
     "rest": (300.0, []),

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure as Canvas
 
 from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, STYLE
 from fsw_analysis.figures import Run, draw, draw_outputs
-from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT, scenario
 from fsw_experiment.comparison.runs import Job, weld
 from fsw_experiment.comparison.study import JUDGED, failed, ratios
 from fsw_nmpc import NmpcController
+from fsw_scenario.closed_loop import ClosedLoop
 
 
 def papers(folder: Path) -> None:

@@ -16,9 +16,9 @@ import yaml
 from fsw_experiment.comparison.cases import DEAD_TIME_S, DEFAULT, random_factors
 from fsw_experiment.comparison.runs import Job, figures
 from fsw_experiment.comparison.study import judged
-from fsw_experiment.standard_events import CASES
-from fsw_experiment.tune_decentral import NAMES, tune
 from fsw_model import nominal
+from fsw_scenario.standard_events import CASES
+from fsw_scenario.tune_decentral import NAMES, tune
 
 #: Factors on the paper's parameters, drawn independently and uniformly.
 FACTORS = {

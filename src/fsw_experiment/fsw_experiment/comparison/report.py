@@ -9,7 +9,7 @@ from typing import Any
 from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT
 from fsw_experiment.comparison.runs import KPIS, VARIATIONS
 from fsw_experiment.comparison.study import FINALISTS, JUDGED, failed, quantiles, ratios
-from fsw_experiment.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
+from fsw_scenario.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
 
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 _WHY_WORSE = (

@@ -16,9 +16,9 @@ from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.weld_signals import TruthSignals, WeldSignals
 from fsw_control.contract import Command, Controller
-from fsw_experiment.closed_loop import ClosedLoop
 from fsw_experiment.comparison.cases import scenario
-from fsw_experiment.controllers import make, name_of
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make, name_of
 
 #: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
 KPIS = {

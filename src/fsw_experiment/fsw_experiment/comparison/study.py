@@ -22,9 +22,9 @@ from fsw_experiment.comparison.cases import (
     random_factors,
 )
 from fsw_experiment.comparison.runs import KPIS, VARIATIONS, Figures, Job, is_stable, run_all
-from fsw_experiment.standard_events import CASES, DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 from fsw_model import STEP_S
 from fsw_model import nominal as model_nominal
+from fsw_scenario.standard_events import CASES, DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
 
 Progress = Callable[[str], None]
 #: Those compared on other processes than the nominal one.

@@ -1,0 +1,34 @@
+"""Runs the ``main`` of a module as a child that ends when its parent does, however the parent ends.
+
+usage: python -m fsw_scenario.child_process <parent's pid> <module> [arguments]
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent(parent_pid: int) -> None:
+    """Ask the kernel for SIGTERM when the parent dies (Linux; elsewhere nothing can be asked for)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != parent_pid:
+        sys.exit("the parent has ended already")
+
+
+def main() -> int:
+    """Run the module named on the command line; returns its exit code."""
+    parent_pid, module, *arguments = sys.argv[1:]
+    end_with_parent(int(parent_pid))
+    sys.argv = [module, *arguments]
+    return int(importlib.import_module(module).main() or 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,249 @@
+"""The closed loop in one process: plant emulator, controllers and selection, without middleware, at full speed."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import fields, replace
+from math import nan
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fsw_analysis.weld_signals import (
+    DriveSignals,
+    FloatArray,
+    ProposalSignals,
+    StatusSignals,
+    TextArray,
+    TruthSignals,
+    WeldSignals,
+    experiment_time_s,
+)
+from fsw_control import weld
+from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
+from fsw_control.host import answer
+from fsw_control.references import ReferencePlan
+from fsw_control.validity import SensorGuard
+from fsw_model import STEP_S
+from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantEvent, PlantSchedule, Truth
+from fsw_plant.events import Fault
+from fsw_scenario.offline_supervisor import OfflineSupervisor
+from fsw_scenario.open_loop import OpenLoopController
+from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.timeline import announced, references, switches
+
+#: ticks between two reports of progress
+_PROGRESS_TICKS = 100
+
+
+def plant_of(scenario: Scenario) -> PlantEmulator:
+    """The plant that a scenario sets up, with its disturbances and faults."""
+    events = (deepcopy(event) for event in scenario.events if isinstance(event, PlantEvent))  # faults have a memory
+    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule(events))
+
+
+def start_reference(scenario: Scenario) -> Reference:
+    """Set-points in force before a scenario's first reference event: those the plant starts from."""
+    plant = scenario.plant
+    return Reference(
+        float(plant.get("start.depth_mm", weld.DEPTH_MM)), float(plant.get("start.temperature_c", weld.TEMPERATURE_C))
+    )
+
+
+class _Tick(NamedTuple):
+    """What happened at one tick; of each controller the proposal, and how long it took."""
+
+    stamp_ns: int
+    values: dict[str, float]
+    drives: Command
+    reference: Reference
+    answers: dict[str, tuple[Proposal, float]]
+    applied: Command
+    source: str
+    reason: str
+    active: str
+    mode: str
+    truth: Truth
+
+
+class ClosedLoop:
+    """Runs a scenario offline.
+
+    All controllers are always ready, as in the graph: each is stepped at every tick and follows the applied command.
+    The supervisor's arbiter applies one of several, with fallback, inhibition, interlocks and all else, so that the
+    trajectory is that of the graph in lockstep; and so it does with one alone when the scenario has sensor faults.
+    Otherwise one alone is studied without supervisor: its proposal is limited and applied, and the last command is
+    held while it is unhealthy.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    controllers : mapping of str to Controller
+        By name; a scenario without controller needs none.
+
+    Attributes
+    ----------
+    plant : PlantEmulator
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario selects a controller that is not there.
+    """
+
+    def __init__(self, scenario: Scenario, controllers: Mapping[str, Controller] | None = None) -> None:
+        self.scenario = scenario
+        self.plant = plant_of(scenario)
+        start = self.plant.applied
+        self._controllers: dict[str, Controller] = dict(controllers or {})
+        if scenario.open_loop:
+            self._controllers[OpenLoopController.name] = OpenLoopController(scenario, start)
+        missing = [name for name in scenario.controllers if name not in self._controllers]
+        if missing:
+            raise ScenarioError(
+                f"{scenario.name}: controller {', '.join(missing)} is not available; "
+                f"available: {', '.join(self._controllers) or 'none'}"
+            )
+        for controller in self._controllers.values():
+            controller.reset(start)
+
+    def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
+        """Run to the end and return what a bag of the same weld would give.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called now and then with the share done, 0 to 1.
+        """
+        scenario, plant, limits = self.scenario, self.plant, Limits()
+        changes, swaps = references(scenario, start_reference(scenario)), deque(switches(scenario).items())
+        reference, applied = changes[0], plant.applied
+        first = OpenLoopController.name if scenario.open_loop else scenario.controller
+        faulty = any(isinstance(event, Fault) for event in scenario.events)
+        supervised = faulty or len(self._controllers) > 1
+        supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
+        (active, mode), reason = (first, "auto"), ""
+        coming = announced(changes.items()) if scenario.announced else None
+        plan = None if coming is None else ReferencePlan([(tick * TICK_NS, one) for tick, one in coming])
+        guard = SensorGuard()
+        ticks: list[_Tick] = []
+        for tick in range(1, scenario.n_ticks + 1):
+            reference = changes.get(tick, reference)
+            if plan is not None:
+                reference = replace(reference, coming=plan.after(tick * TICK_NS, reference))
+            _, stamp_ns, *sent, drives = plant.measure()
+            values = {
+                sensor: sample.value
+                for sensor, samples in zip(SENSORS, sent, strict=True)
+                for sample in samples
+                if sample.stamp_ns == stamp_ns
+            }
+            measurement = guard.measure(stamp_ns * 1e-9, values, drives)
+            answers = {}
+            for name, controller in self._controllers.items():
+                began = time.perf_counter()
+                proposal = answer(controller, measurement, reference, applied, STEP_S)
+                answers[name] = proposal, time.perf_counter() - began
+            if supervisor is None:
+                proposal, _ = answers[first]
+                source = first if proposal.healthy else "hold"
+                applied = limits.clip(proposal.command if proposal.healthy else applied, applied)
+            else:
+                proposals = {name: proposal for name, (proposal, _) in answers.items()}
+                decision = supervisor.decide(stamp_ns, values, drives, proposals)
+                applied, source, reason = decision.command, decision.source, decision.reason
+                active, mode = supervisor.state
+                while swaps and swaps[0][0] <= tick + 1:
+                    supervisor.switch(swaps.popleft()[1])
+            truth = plant.truth()
+            row = _Tick(stamp_ns, values, drives, reference, answers, applied, source, reason, active, mode, truth)
+            ticks.append(row)
+            plant.apply(applied, stamp_ns, source)
+            plant.step()
+            if progress is not None and tick % _PROGRESS_TICKS == 0:
+                progress(tick / scenario.n_ticks)
+        return self._signals(ticks)
+
+    def _signals(self, ticks: Sequence[_Tick]) -> WeldSignals:
+        stamps = np.array([tick.stamp_ns for tick in ticks], dtype=np.int64)
+        statuses, problems = {}, []
+        for name in self._controllers:
+            try:
+                statuses[name] = _status_signals(ticks, name)
+            except (TypeError, ValueError, AttributeError) as error:  # a user's diagnosis may hold anything
+                problems.append(f"{name}: its diagnosis cannot be read: {error}")
+        return WeldSignals(
+            path=Path(self.scenario.name),
+            stamp_ns=stamps,
+            time_s=experiment_time_s(stamps),
+            depth_mm=_numbers(tick.values.get("depth", nan) for tick in ticks),
+            torque_nm=_numbers(tick.values.get("torque", nan) for tick in ticks),
+            temperature_c=_numbers(tick.values.get("thermocouple", nan) for tick in ticks),
+            reference_depth_mm=_numbers(tick.reference.depth_mm for tick in ticks),
+            reference_temperature_c=_numbers(tick.reference.temperature_c for tick in ticks),
+            force_kn=_numbers(tick.applied.force_kn for tick in ticks),
+            speed_rpm=_numbers(tick.applied.speed_rpm for tick in ticks),
+            command_source=_texts(tick.source for tick in ticks),
+            command_reason=_texts(tick.reason for tick in ticks),
+            command_latency_s=_numbers(nan for _ in ticks),
+            actual_controller=_texts(tick.active for tick in ticks),
+            actual_mode=_texts(tick.mode for tick in ticks),
+            proposals={name: _proposal_signals(ticks, name) for name in self._controllers},
+            statuses=statuses,
+            problems=problems,
+            drives=_group(DriveSignals, [tick.drives for tick in ticks]),
+            truth=_group(TruthSignals, [tick.truth for tick in ticks]),
+            attachments={"scenario.yaml": self.scenario.text.encode()},
+        )
+
+
+def _proposal_signals(ticks: Sequence[_Tick], name: str) -> ProposalSignals:
+    answers = [tick.answers[name] for tick in ticks]
+    signals: ProposalSignals = _group(
+        ProposalSignals,
+        [proposal.command for proposal, _ in answers],
+        healthy=_numbers(proposal.healthy for proposal, _ in answers),
+        reason=_texts(proposal.reason for proposal, _ in answers),
+        latency_s=_numbers(seconds for _, seconds in answers),
+    )
+    return signals
+
+
+def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
+    proposals = [tick.answers[name][0] for tick in ticks]
+    diagnoses = [proposal.diagnosis for proposal in proposals]
+    keys = dict.fromkeys(key for diagnosis in diagnoses for key in diagnosis.disturbances)
+    status: StatusSignals = _group(
+        StatusSignals,
+        diagnoses,
+        healthy=_numbers(proposal.healthy for proposal in proposals),
+        selected=_numbers(tick.source == name for tick in ticks),
+        reason=_texts(proposal.reason for proposal in proposals),
+        disturbances={key: _numbers(one.disturbances.get(key, nan) for one in diagnoses) for key in keys},
+    )
+    return status
+
+
+def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
+    """A group of signals from objects whose attributes have the names of its columns, but for those known."""
+    wanted = [one for one in fields(kind) if one.name not in known]
+    columns = zip(*map(attrgetter(*(one.name for one in wanted)), sources), strict=True)
+    for one, values in zip(wanted, columns, strict=True):
+        if one.metadata["kind"] == "number":
+            known[one.name] = _numbers(values)
+        else:
+            known[one.name] = _texts(value if isinstance(value, str) else ",".join(value) for value in values)
+    return kind(**known)
+
+
+def _numbers(values: Iterable[float]) -> FloatArray:
+    return np.fromiter(values, dtype=np.float64)
+
+
+def _texts(values: Iterable[str]) -> TextArray:
+    return np.array(list(values), dtype=object)

@@ -1,0 +1,30 @@
+"""Any controller as a node: one that is known by its name, or a user's own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from fsw_control import run_controller
+from fsw_scenario.controllers import kind_of
+from fsw_scenario.scenario import ScenarioError
+
+_USAGE = "NAME | MODULE:CLASS | FILE.py:CLASS [--help] [--ros-args ...]"
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    program, *words = sys.argv if args is None else args
+    if not words or words[0] in ("-h", "--help"):
+        print(f"usage: {program.rsplit('/', 1)[-1]} {_USAGE}\n\nNAME --help lists the parameters.")
+        return 0 if words else 2
+    try:
+        kind = kind_of(words[0] if words else "")
+    except ScenarioError as error:
+        print(f"{program.rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
+        return 2
+    return run_controller(kind, args=[program, *words[1:]])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

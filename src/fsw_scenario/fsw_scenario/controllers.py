@@ -1,0 +1,175 @@
+"""The controllers that can be named: ours, those of installed packages, and those in a user's own module or file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import import_module, metadata
+from importlib.util import find_spec
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+from fsw_control.contract import Controller
+from fsw_control.parameters import ParameterError, Source, load_source, validate
+from fsw_scenario.open_loop import OpenLoopController
+from fsw_scenario.scenario import Scenario, ScenarioError
+
+#: Our own, by name: where the class is; entry points, too, but a source tree has none.
+OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
+
+
+def _known() -> dict[str, str]:
+    """Ours, and the entry points ``name = module:Class`` of installed packages."""
+    return {one.name: one.value for one in metadata.entry_points(group="fsw.controllers")} | OURS
+
+
+#: All that are known by their name.
+KNOWN = _known()
+
+
+def name_of(label: str) -> str:
+    """Name of the controller of a label, as of :func:`make`; one named by its class is known by its name from then on.
+
+    Raises
+    ------
+    ScenarioError
+        When there is no such controller.
+    """
+    return _parts(label)[0]
+
+
+def short(label: str) -> str:
+    """Label without the place of the class; errors as :func:`name_of`."""
+    return ":".join(filter(None, _parts(label)))
+
+
+def _parts(label: str) -> tuple[str, str]:
+    """Name and variant of a label."""
+    first, _, rest = label.partition(":")
+    if first in KNOWN:
+        return first, rest
+    word, _, variant = rest.partition(":")
+    if not word:
+        known = f"available: {', '.join(KNOWN)}; or name one of your own as MODULE:CLASS or FILE.py:CLASS"
+        raise ScenarioError(f"controller {label or '(no name)'} is not available; {known}")
+    # a process that is started elsewhere finds the file, too
+    place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
+    name = str(_class_at(place).name)
+    if KNOWN.setdefault(name, place) != place:
+        raise ScenarioError(f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one")
+    return name, variant
+
+
+@cache
+def _class_at(place: str) -> Any:
+    module, _, kind = place.rpartition(":")
+    try:
+        found = run_path(module).get(kind) if module.endswith(".py") else getattr(import_module(module), kind, None)
+    except Exception as error:  # a user's file may fail in any way
+        raise ScenarioError(f"controller {place} is not available: {_words(error)}") from None
+    if not callable(found) or not isinstance(getattr(found, "name", None), str):
+        raise ScenarioError(f"controller {place} is not available: no class {kind} there with an attribute 'name'")
+    if not re.fullmatch(r"[a-zA-Z]\w*", found.name, re.ASCII):
+        raise ScenarioError(f"controller {place}: its name {found.name!r} has other characters than letters, digits, _")
+    return found
+
+
+def _words(error: Exception) -> str:
+    return str(error) if isinstance(error, ParameterError | ValueError) else f"{type(error).__name__}: {error}"
+
+
+def described_in(label: str) -> Source:
+    """Where the parameters of a controller are described; errors as :func:`name_of`."""
+    source: Source = getattr(kind_of(label), "parameters", None)
+    return source
+
+
+def kind_of(label: str) -> Any:
+    """Class of a controller, by label; errors as :func:`name_of`."""
+    return _class_at(KNOWN[name_of(label)])
+
+
+def source_of(label: str) -> bytes:
+    """Text of the file with the class of a controller that is not ours, else empty; errors as :func:`name_of`."""
+    name = name_of(label)
+    module = KNOWN[name].rpartition(":")[0]
+    file = module if module.endswith(".py") else getattr(find_spec(module), "origin", None)
+    return b"" if name in OURS or file is None else Path(file).read_bytes()
+
+
+def program(name: str) -> tuple[str, str, list[str]]:
+    """Package, program and arguments that run a known controller as a node; ``<program>_node`` is its module."""
+    if name in OURS:
+        return OURS[name].partition(":")[0], name, []
+    if name == OpenLoopController.name:
+        return "fsw_scenario", name, []
+    return "fsw_scenario", "controller", [KNOWN[name_of(name)]]
+
+
+def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
+    """Make a controller.
+
+    Parameters
+    ----------
+    label : str
+        Name, ``MODULE:CLASS`` or ``FILE.py:CLASS``, and behind it, where wanted, ``:variant``: one of its documented
+        tunings, e.g. ``decentral:tight``.
+    parameters : mapping of str to value, optional
+        Of the controller's node, by name; the others have their defaults.
+
+    Raises
+    ------
+    ScenarioError
+        When there is no such controller or variant here.
+    """
+    make_one = maker(label)
+    try:
+        values = validate(load_source(described_in(label)), {**(parameters or {}), **variant_of(label)})
+        made = make_one(values)
+    except ScenarioError:
+        raise
+    except Exception as error:  # a user's class may fail in any way
+        raise ScenarioError(f"controller {label}: {_words(error)}") from None
+    lacking = [name for name in ("tolerated_sensors", "step", "reset") if not hasattr(made, name)]
+    if lacking:
+        raise ScenarioError(f"controller {label}: it has no {', '.join(lacking)}")
+    return made
+
+
+def maker(label: str) -> Callable[[dict[str, Any]], Controller]:
+    """Function that makes a controller from all its parameters, empty where it has none; errors as :func:`name_of`."""
+    kind: Callable[..., Controller] = kind_of(label)
+    return kind if described_in(label) is not None else lambda _: kind()
+
+
+def variant_of(label: str) -> dict[str, str]:
+    """The parameter that the variant of a label of :func:`make` sets; none without variant."""
+    (_, variant), parameter = _parts(label), getattr(kind_of(label), "variant", None)
+    if not variant:
+        return {}
+    if not isinstance(parameter, str):
+        raise ScenarioError(f"controller {label}: it has no variants")
+    return {parameter: variant}
+
+
+def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Controller]:
+    """Make the controllers of a scenario by name, the one that ``label`` names in that variant.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    label : str
+        As of :func:`make`.
+    parameters : mapping of str to mapping
+        By name of the controller.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`make`.
+    """
+    name = "" if scenario.open_loop else name_of(label)
+    variants = {other: label if other == name else other for other in scenario.controllers}
+    return {other: make(variant, parameters.get(other)) for other, variant in variants.items()}

@@ -1,0 +1,228 @@
+"""The decentralized controller in closed loop with a process model: robustness, noise and errors of a set of gains.
+
+Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised about the operating
+point; the errors from simulation of the nonlinear loop. Emulated sensors and drives are left out: the search simulates
+thousands of welds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control import Command, Measurement, Reference
+from fsw_control.units import KW_PER_NM_RPM, RAD_PER_S_PER_RPM
+from fsw_decentral import DecentralController, Gains
+from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
+from fsw_plant import PlantConfig
+from fsw_scenario.scenario import tick_of
+from fsw_scenario.standard_events import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
+
+Vector = NDArray[np.float64]
+Response = NDArray[np.complex128]
+_PLANT = PlantConfig.from_values({})
+#: Standard deviations of the sensors, in the order of the outputs: mm, degC, N m.
+NOISE = tuple(
+    _PLANT[f"sensors.{name}_noise_{unit}"] for name, unit in (("depth", "mm"), ("temperature", "c"), ("torque", "nm"))
+)
+#: rad/s; for peaks, and evenly spaced for variances
+_OMEGA = np.geomspace(2e-3, 0.95 * math.pi / STEP_S, 400)
+_EVEN = np.linspace(0.0, math.pi / STEP_S, 402)[1:-1]
+
+
+def simulate(
+    gains: Gains,
+    disturbance: Vector,
+    references: Mapping[int, Reference] | None = None,
+    parameters: ModelParameters | None = None,
+    latency_ticks: int = 0,
+) -> Vector:
+    """Run controller and process from rest at the operating point.
+
+    Parameters
+    ----------
+    gains : Gains
+    disturbance : (n, 3) array
+        Added to depth (mm), temperature (degC) and motor torque (N m) as measured.
+    references : mapping of int to Reference, optional
+        Set-points from a tick on; the operating point by default.
+    parameters : ModelParameters, optional
+        The paper's by default.
+    latency_ticks : int
+        Delay added between command and process.
+
+    Returns
+    -------
+    (n, 4) array
+        Depth (mm) and temperature (degC) with the disturbance, force (kN) and speed (rpm) before the tick's command.
+
+    Raises
+    ------
+    OperatingPointError
+        If the shoulder leaves the copper.
+    """
+    model = process_model(parameters or nominal())
+    inertia = model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
+    start = model.equilibrium(REST.depth_mm, REST.temperature_c)
+    state = start.state.copy()
+    controller = DecentralController(asdict(gains))
+    reference = REST
+    changes = references or {}
+    queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)
+    controller.reset(queue[0])
+    rows = []
+    for k, (depth_more, temperature_more, torque_more) in enumerate(disturbance.tolist()):
+        reference = changes.get(k, reference)
+        before, acting, now = queue[0], queue[1], queue[-1]
+        shown = model.outputs(state, acting.force_kn, acting.speed_rpm)
+        depth, temperature = shown.depth_mm + depth_more, shown.temperature_c + temperature_more
+        rows.append((depth, temperature, now.force_kn, now.speed_rpm))
+        torque = shown.motor_torque_nm + inertia * (acting.speed_rpm - before.speed_rpm) + torque_more
+        measurement = Measurement(k * STEP_S, depth, torque, temperature)
+        queue = [*queue[1:], controller.step(measurement, reference, now, STEP_S).command]
+        model.step(state, queue[1].force_kn, queue[1].speed_rpm)
+    return np.array(rows)
+
+
+@lru_cache(maxsize=8)
+def process_model(parameters: ModelParameters) -> ProcessModel:
+    """The model of these parameters; it has no state, and takes a tenth of a second to make."""
+    return ProcessModel(parameters)
+
+
+def loop_response(
+    gains: Gains, parameters: ModelParameters, omega: Vector, latency_ticks: int = 1
+) -> tuple[Response, Response]:
+    """Sensitivity of the outputs (n, 3, 3) and response of force and speed to sensor noise (n, 2, 3).
+
+    At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command and process.
+    """
+    model = process_model(parameters)
+    at, line, p = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise(), parameters
+    torque, speed = at.outputs.process_torque_nm, at.speed_rpm
+    s, back = 1j * omega, np.exp(-1j * omega * STEP_S)
+    hold = (1.0 - back) / (s * STEP_S) * back**latency_ticks
+    process = line.frequency_response(omega) * hold[:, None, None]
+
+    def lag(time_s: float) -> Response:
+        take = 1.0 - math.exp(-STEP_S / time_s) if time_s > 0.0 else 1.0
+        return np.asarray(take / (1.0 - (1.0 - take) * back))
+
+    def pid(gain: float, integral_s: float, derivative_s: float = 0.0) -> Response:
+        move = 1.0 - back
+        return np.asarray(gain * (1.0 + STEP_S / integral_s / move + derivative_s / STEP_S * move))
+
+    power = pid(gains.power_gain, gains.power_integral_time)
+    by_torque = -speed / torque * lag(gains.feedforward_filter)
+    by_torque = by_torque - power * KW_PER_NM_RPM * speed * lag(gains.power_filter)
+    inertia = p.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
+    friction = p.friction_linear_nm_per_rpm + 2.0 * p.friction_quadratic_nm_per_rpm2 * speed
+    # of the speed, through what the controller takes off the torque; the peak is in the measurement as well, later
+    own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
+    solved = 1.0 - by_torque * own + power * KW_PER_NM_RPM * torque * back
+    by_power = 1.0 / (torque * KW_PER_NM_RPM) + power
+    controller = np.zeros((len(omega), 2, 3), dtype=np.complex128)
+    depth = pid(gains.depth_gain, gains.depth_integral_time, gains.depth_derivative_time)
+    controller[:, 0, 0] = depth * lag(gains.depth_filter) ** 2
+    temperature = pid(gains.temperature_gain, gains.temperature_integral_time, gains.temperature_derivative_time)
+    controller[:, 1, 1] = by_power * temperature * lag(gains.temperature_filter) ** 2 / solved
+    controller[:, 1, 2] = -by_torque / solved
+    sensitivity = np.linalg.inv(np.eye(3) + process @ controller)
+    return sensitivity, -controller @ sensitivity
+
+
+def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
+    """Peak of the sensitivity of the depth loop and of the temperature loop, the other one closed.
+
+    One whole tick of delay is added for transport and drives. Only of a stable loop; see ``simulated_sensitivity``.
+    """
+    found, _ = loop_response(gains, parameters or nominal(), _OMEGA)
+    return float(np.abs(found[:, 0, 0]).max()), float(np.abs(found[:, 1, 1]).max())
+
+
+def simulated_sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
+    """The same by simulation: the response to an infinitesimal impulse on one sensor; inf if it does not die out."""
+    peaks = []
+    for channel, size in enumerate((1e-5, 1e-4)):
+        pulse = np.zeros((3010, 3))
+        pulse[10, channel] = size
+        try:
+            rows = simulate(gains, pulse, None, parameters, latency_ticks=1)
+        except OperatingPointError:
+            return math.inf, math.inf
+        response = rows[10:, channel] - (REST.depth_mm, REST.temperature_c)[channel]
+        settled = np.abs(response[-500:]).max() < 1e-3 * size
+        peaks.append(float(np.abs(np.fft.rfft(response / size)).max()) if settled else math.inf)
+    return peaks[0], peaks[1]
+
+
+def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
+    """Standard deviation of the moves per tick of force (kN) and speed (rpm) under sensor noise."""
+    _, by_noise = loop_response(gains, parameters or nominal(), _EVEN, latency_ticks=0)
+    moves = by_noise * (1.0 - np.exp(-1j * _EVEN * STEP_S))[:, None, None] * np.array(NOISE)
+    deviation = np.sqrt((np.abs(moves) ** 2).mean(axis=0).sum(axis=1))
+    return float(deviation[0]), float(deviation[1])
+
+
+def _windows(case: str) -> dict[str, slice]:
+    """Ticks of each event of a case, until the next one begins."""
+    events = CASES[case]
+    ticks = [tick_of(at_s) for at_s in (*(step.at_s for step in events.values()), DURATION_S[case])]
+    return dict(zip(events, map(slice, ticks, ticks[1:]), strict=True))
+
+
+def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str, float]:
+    """Errors of a set of gains in the standard events, noise-free.
+
+    Returns
+    -------
+    dict of str to float
+        Integrals of the absolute error (iae) of a whole run and of the output that an event is about; peaks of the
+        other output; total variation of the inputs; ``unsettled_c``, the largest temperature error in the last 10 s of
+        a run, which tells a loop that swings. Units in the names.
+
+    Raises
+    ------
+    OperatingPointError
+        If the shoulder leaves the copper.
+    """
+    references = dict(zip([0, *(tick_of(step.at_s) for step in SET_POINTS.values())], set_points(), strict=True))
+    target = np.empty((tick_of(DURATION_S["tracking"]), 2))
+    for tick, reference in references.items():
+        target[tick:] = reference.depth_mm, reference.temperature_c
+    tracked = simulate(gains, np.zeros((len(target), 3)), references, parameters)
+    depth, temperature = np.abs(tracked[:, :2] - target).T
+    disturbance = np.zeros((tick_of(DURATION_S["disturbances"]), 3))
+    for step in DISTURBANCES.values():
+        disturbance[tick_of(step.at_s) :] += step.depth_mm, step.temperature_c, 0.0
+    disturbed = simulate(gains, disturbance, None, parameters)
+    depth_off, temperature_off = np.abs(disturbed[:, :2] - (REST.depth_mm, REST.temperature_c)).T
+    steps, offs = _windows("tracking"), _windows("disturbances")
+
+    def iae(error: Vector) -> float:
+        return float(error.sum() * STEP_S)
+
+    return {
+        "tracking_iae_depth_mm_s": iae(depth),
+        "tracking_iae_temperature_c_s": iae(temperature),
+        "disturbance_iae_depth_mm_s": iae(depth_off),
+        "disturbance_iae_temperature_c_s": iae(temperature_off),
+        "depth_up_iae_mm_s": iae(depth[steps["z up"]]),
+        "depth_down_iae_mm_s": iae(depth[steps["z down"]]),
+        "depth_disturbance_iae_mm_s": iae(depth_off[offs["dz"]]),
+        "temperature_up_iae_c_s": iae(temperature[steps["T up"]]),
+        "temperature_down_iae_c_s": iae(temperature[steps["T down"]]),
+        "temperature_disturbance_iae_c_s": iae(temperature_off[offs["dT"]]),
+        "depth_up_peak_c": float(temperature[steps["z up"]].max()),
+        "depth_down_peak_c": float(temperature[steps["z down"]].max()),
+        "depth_disturbance_peak_c": float(temperature_off[offs["dz"]].max()),
+        "temperature_steps_peak_mm": float(max(depth[steps["T up"]].max(), depth[steps["T down"]].max())),
+        "variation_force_kn": float(np.abs(np.diff(tracked[:, 2])).sum()),
+        "variation_speed_rpm": float(np.abs(np.diff(tracked[:, 3])).sum()),
+        "unsettled_c": float(max(temperature[-100:].max(), temperature_off[-100:].max())),
+    }

@@ -1,0 +1,170 @@
+"""The processes of a weld graph for one scenario, and running it to its end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw_control.parameters import validate
+from fsw_plant.config import specs as plant_parameters
+from fsw_scenario.closed_loop import plant_of
+from fsw_scenario.controllers import program
+from fsw_scenario.launcher import Child, Launcher, LaunchError
+from fsw_scenario.open_loop import OpenLoopController
+from fsw_scenario.scenario import Scenario
+
+#: Node name of the supervisor that stands by.
+STANDBY = "fsw_supervisor_standby"
+#: how long the first tick may take, and so the end
+_PATIENCE_S = 60.0
+_SUPERVISOR_SECTION = re.compile(r"^(\s*[\"']?(?:[^#\s:\"']*/)?)fsw_supervisor([\"']?\s*:)", re.MULTILINE)
+
+
+def for_standby(parameter_file: str) -> str:
+    """Text of a parameter file in which the entries for the supervisor, in any namespace, are those of the standby."""
+    return _SUPERVISOR_SECTION.sub(rf"\g<1>{STANDBY}\g<2>", parameter_file)
+
+
+@dataclass(slots=True)
+class WeldGraph:
+    """Everything that runs for one scenario.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    folder : Path
+        Gets ``scenario.yaml``, ``parameters.yaml``, ``log/`` and, with ``record``, ``bag/``; made if need be.
+    controllers : sequence of str
+        All that run, by name; the scenario's own are added.
+    realtime : bool
+        10 Hz on the wall clock instead of lockstep.
+    record : bool
+        Whether a recorder runs.
+    standby : bool
+        Whether a second supervisor stands by.
+    parameters : mapping of str to mapping
+        Parameters of the controllers' nodes, by name of the controller; the others have their defaults.
+    """
+
+    scenario: Scenario
+    folder: Path
+    controllers: Sequence[str] = ()
+    realtime: bool = False
+    record: bool = True
+    standby: bool = False
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def bag(self) -> Path:
+        """Folder of the bag."""
+        return self.folder / "bag"
+
+    @property
+    def all_controllers(self) -> list[str]:
+        """Names of the controllers that run, the one selected at the start first."""
+        if self.scenario.open_loop:
+            return [OpenLoopController.name]
+        return list(dict.fromkeys([*self.scenario.controllers, *self.controllers]))
+
+    def start(self, launcher: Launcher) -> Child:
+        """Start all processes; the plant's first tick waits for all others. Returns the player.
+
+        Raises
+        ------
+        ScenarioError
+            When a controller is not known.
+        """
+        programs = {name: program(name) for name in self.all_controllers}
+        self.folder.mkdir(parents=True, exist_ok=True)
+        scenario_file = self.folder / "scenario.yaml"
+        scenario_file.write_text(self.scenario.text, encoding="utf-8")
+        parameter_file = self.folder / "parameters.yaml"
+        parameter_file.write_text(yaml.safe_dump(self.parameter_file(scenario_file), sort_keys=False), encoding="utf-8")
+        ros_args = ["--ros-args", "--params-file", str(parameter_file)]
+        if self.record:
+            launcher.start("recorder", "fsw_recorder.recorder_node", ros_args)
+        launcher.start("plant", "fsw_plant.plant_node", ros_args)
+        for name, (package, executable, words) in programs.items():
+            launcher.start(name, f"{package}.{executable}_node", [*words, *ros_args])
+        launcher.start("supervisor", "fsw_supervisor.supervisor_node", ros_args)
+        if self.standby:
+            renamed = [*ros_args, "-r", f"__node:={STANDBY}"]
+            launcher.start("standby", "fsw_supervisor.supervisor_node", renamed)
+        return launcher.start("scenario", "fsw_scenario.scenario_node", ros_args)
+
+    def parameter_file(self, scenario_file: Path) -> dict[str, Any]:
+        """Content of the parameter file: what each node needs for the scenario."""
+        start = plant_of(self.scenario).applied
+        names = self.all_controllers
+        plant = validate(plant_parameters(), self.scenario.plant)
+        nodes: dict[str, dict[str, Any]] = {
+            "fsw_plant": {
+                **{name: plant[name] for name in self.scenario.plant},
+                "scenario": str(scenario_file),
+                "wait_for_subscribers": len(names) + 2 + self.record + self.standby,  # and supervisor and player
+                **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
+            },
+            "fsw_supervisor": {"controller": names[0]},
+            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
+            "fsw_recorder": {
+                "output": str(self.bag),
+                "scenario": str(scenario_file),
+                **({"number_if_taken": True} if self.realtime else {}),  # one that died goes on beside its bag
+            },
+        }
+        for name in names:
+            nodes[f"fsw_{name}"] = {"initial_force": start.force_kn, "initial_speed": start.speed_rpm}
+            nodes[f"fsw_{name}"] |= self.parameters.get(name, {})
+        if self.scenario.open_loop:
+            nodes["fsw_open_loop"] |= {"scenario": str(scenario_file), "from_first_tick": self.realtime}
+        if self.standby:
+            nodes[STANDBY] = nodes["fsw_supervisor"] | {"standby": True}
+        if not self.realtime:
+            for name, values in nodes.items():
+                if name != "fsw_plant":
+                    values["use_sim_time"] = True
+        return {name: {"ros__parameters": values} for name, values in nodes.items()}
+
+    def run(self, launcher: Launcher, progress: Callable[[float], None] | None = None) -> float:
+        """Start everything, wait for the scenario's end, end everything.
+
+        Parameters
+        ----------
+        launcher : Launcher
+        progress : callable, optional
+            Called with the share done, 0 to 1.
+
+        Returns
+        -------
+        float
+            Wall time from the first tick to the last [s], as the player saw it.
+
+        Raises
+        ------
+        LaunchError
+            When a process ends too early or nothing moves.
+        """
+        player = self.start(launcher)
+        others = [name for name in launcher.children if name != "scenario"]
+        launcher.wait_until(lambda: "progress " in player.text(), _PATIENCE_S, "the first tick", others)
+
+        def over() -> bool:
+            told = re.findall(r"^progress (\d+) (\d+)$", player.text(), re.MULTILINE)
+            if progress is not None and told:
+                progress(int(told[-1][0]) / int(told[-1][1]))
+            return not player.running
+
+        launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
+        if player.process.returncode != 0 or "finished after" not in player.text():
+            raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
+        codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
+        codes |= launcher.stop()
+        failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]
+        if failed:
+            raise LaunchError(f"not ended cleanly: {', '.join(failed)}; see {launcher.log_folder}")
+        return float(launcher.wait_for_text("scenario", r"finished after [\d.]+").split()[-1])

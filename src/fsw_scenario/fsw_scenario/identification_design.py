@@ -1,0 +1,174 @@
+"""Proposes an experiment for identification: steps of set-points or inputs that tell much and stay within bounds."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import yaml
+
+from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
+from fsw_identification.estimation import expected_deviations
+from fsw_identification.weld_data import prepare
+from fsw_model import ModelParameters, ProcessModel, nominal
+from fsw_plant.config import PlantConfig
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario import OPEN_LOOP
+from fsw_scenario.scenario_file import parse
+
+#: bounds of an experiment about the operating point
+SAFE_MM, SAFE_C = 0.15, 8.0
+#: shares of the bounds that the process of the model may use, in closed loop and in open loop: in closed loop room is
+#: left for processes unlike the model; in open loop there is none to leave, because only the model says what rests
+_SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
+#: what relative standard deviations are measured by, for the choice between experiments
+AIMS = {
+    "thermal_gain_c_per_kw": 0.02,
+    "depth_gain_mm_per_kn_s": 0.02,
+    "copper_lag_s": 0.04,
+    "tool_lag_s": 0.04,
+    "dead_time_s": 0.05 / nominal().dead_time_s,
+    "depth_zero_s": 0.05,
+    "depth_pole_slow_s": 0.05,
+    "softening_per_c": 0.05,
+    "motor_lag_s": 0.05,
+    "sliding_friction": 0.02,
+}
+_CONTROLLER = "decentral:conservative"
+#: for how long a level is held, drawn from these [s]; slower ones for what heats
+_HOLD_S = {
+    "depth_mm": (4, 8, 12, 20),
+    "temperature_c": (8, 16, 30),
+    "force_kn": (3, 6, 10, 15),
+    "speed_rpm": (5, 9, 14),
+}
+_CLOSED, _OPEN = {"depth_mm": 0.06, "temperature_c": 4.0}, {"force_kn": 1.5, "speed_rpm": 6.0}
+#: first event and quiet time at the end [s]
+_BEGIN_S, _QUIET_S = 5, 5
+_ROUNDS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """An experiment, and the relative standard deviations that it promises on the nominal process."""
+
+    scenario: str
+    deviations: dict[str, float]
+    depth_mm: float
+    temperature_c: float
+
+
+def propose(
+    duration_s: float,
+    closed: bool = True,
+    model: ModelParameters | None = None,
+    tries: int = 24,
+    progress: Callable[[float], None] | None = None,
+) -> Proposal:
+    """The best of some random binary sequences, by the largest ratio of a standard deviation to its aim.
+
+    Parameters
+    ----------
+    duration_s : float
+    closed : bool
+        Whether set-points are stepped under the decentralized controller, or force and speed without one.
+    model : ModelParameters, optional
+        Of the process, as far as known; the paper's by default.
+    tries : int
+    progress : callable, optional
+        Called with the share done.
+    """
+    best: tuple[float, Proposal] | None = None
+    for seed in range(tries):
+        found = _bounded(seed, duration_s, closed, model or nominal())
+        worst = max(found.deviations[name] / aim for name, aim in AIMS.items())
+        worst += 100.0 * max(
+            0.0, max(_use(found, closed)) - 1.0
+        )  # only if nothing stays within the share of the bounds
+        if best is None or worst < best[0]:
+            best = worst, found
+        if progress is not None:
+            progress((seed + 1) / tries)
+    assert best is not None
+    return best[1]
+
+
+def _use(found: Proposal, closed: bool) -> tuple[float, float]:
+    """How much of what may be used is used, of depth and of temperature."""
+    return found.depth_mm / SAFE_MM / _SHARES[closed][0], found.temperature_c / SAFE_C / _SHARES[closed][1]
+
+
+def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters) -> Proposal:
+    """A sequence with amplitudes at which the process of the model uses its share of the bounds."""
+    rest = ProcessModel(model).equilibrium(DEPTH_MM, TEMPERATURE_C)
+    centre = {
+        "depth_mm": DEPTH_MM,
+        "temperature_c": TEMPERATURE_C,
+        "force_kn": rest.force_kn,
+        "speed_rpm": rest.speed_rpm,
+    }
+    plant = plant_factors(model)
+    sizes = dict(_CLOSED if closed else _OPEN)
+    for _ in range(_ROUNDS):
+        found = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
+        use = _use(found, closed)
+        if min(use) > 0.85 and max(use) <= 1.0:
+            break
+        # the first input is mostly for the depth, the second for the temperature
+        sizes = {name: size * min(0.95 / share, 1.5) for (name, size), share in zip(sizes.items(), use, strict=True)}
+        sizes = {name: float(f"{size:.2g}") for name, size in sizes.items()}
+    return found
+
+
+def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dict[str, float], closed: bool) -> str:
+    generator = random.Random(seed)
+    events: dict[float, dict[str, float]] = {}
+    for name, size in sizes.items():
+        at_s, sign, last = float(_BEGIN_S), generator.choice((-1, 1)), 0
+        while at_s < duration_s - _QUIET_S:
+            # a level and its opposite for as long, so that what integrates returns
+            hold_s = generator.choice(_HOLD_S[name])
+            for level in (sign, -sign):
+                if level != last and at_s < duration_s - _QUIET_S:
+                    events.setdefault(at_s, {})[name] = round(centre[name] + level * size, 4)
+                    last = level
+                at_s += hold_s
+            sign = generator.choice((-1, 1))
+    kind = "reference" if closed else "command"
+    content: dict[str, Any] = {
+        "name": f"identify_{'closed' if closed else 'open'}_loop",
+        "description": "Experiment for identification: steps chosen by the information that they give of the nominal "
+        "model; proposed by fsw.py identify --design.",
+        "duration_s": duration_s,
+        "controller": "decentral" if closed else OPEN_LOOP,
+        "events": [{"at_s": at_s, kind: events[at_s]} for at_s in sorted(events)],
+    }
+    return yaml.safe_dump(content, sort_keys=False, width=120, default_flow_style=None)
+
+
+def plant_factors(model: ModelParameters) -> dict[str, float]:
+    """Parameters of the plant emulator that make it the process of a model."""
+    of = nominal()
+    pairs = {one.name: (getattr(model, one.name), getattr(of, one.name)) for one in fields(ModelParameters)}
+    return {f"model.{name}": value / usual for name, (value, usual) in pairs.items() if value != usual}
+
+
+def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
+    """What an experiment promises on a process, and how far it moves it; without noise."""
+    overrides = ["plant.noise=false", *(f"plant.{name}={value!r}" for name, value in (plant or {}).items())]
+    scenario = parse(text, "design", overrides)
+    controllers = {} if scenario.open_loop else {scenario.controller: make(_CONTROLLER)}
+    signals = ClosedLoop(scenario, controllers).run()
+    assert signals.truth is not None  # a simulation has it
+    config = PlantConfig.from_values(scenario.plant)
+    noise = np.array(
+        [config[f"sensors.{name}"] for name in ("depth_noise_mm", "temperature_noise_c", "torque_noise_nm")]
+    )
+    segments = prepare(signals, config["actuators.lag_s"]).segments
+    depth_mm = float(np.abs(signals.truth.depth_mm - DEPTH_MM).max())
+    temperature_c = float(np.abs(signals.truth.temperature_c - TEMPERATURE_C).max())
+    return Proposal(text, expected_deviations(segments, config.model, noise), depth_mm, temperature_c)

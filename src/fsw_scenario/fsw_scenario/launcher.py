@@ -1,0 +1,234 @@
+"""Starts the parts of the graph as processes, watches them and ends them all, whatever happens."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+_POLL_S = 0.02
+#: exit code of a node whose arguments or parameters are wrong
+REFUSED = 2
+#: pause before a process is started again, doubled each time that it ended sooner than _SOON_S; how often (chosen)
+RESPAWN_DELAY_S, _SOON_S, _MOST_SOON = 0.5, 10.0, 6
+
+
+class LaunchError(RuntimeError):
+    """A process could not be started, ended too early, or did not do in time what was waited for."""
+
+
+@dataclass(slots=True)
+class Child:
+    """One running part of the graph; its log has everything that it prints, after what its predecessors printed."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+    module: str
+    arguments: Sequence[str]
+    begin: int  #: of its part of the log
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.process.poll() is None
+
+    def text(self) -> str:
+        """What it has printed so far."""
+        return self.log.read_bytes()[self.begin :].decode(errors="replace")
+
+    def last_words(self) -> str:
+        """The last lines that it printed but for its progress, as one line."""
+        lines = [line for line in self.text().strip().splitlines() if not line.startswith("progress ")]
+        return " | ".join(lines[-5:]) or "it printed nothing"
+
+
+class Launcher:
+    """Context in which processes run; leaving it ends them: SIGINT, then SIGTERM, then SIGKILL.
+
+    Children that outlive the launcher because it was killed get SIGTERM from the kernel (Linux).
+
+    Parameters
+    ----------
+    log_folder : Path
+        Made if need be; one ``<name>.log`` per process.
+    domain : int
+        ROS domain of all processes.
+    patience_s : float
+        How long to wait after each signal.
+    """
+
+    def __init__(self, log_folder: Path, domain: int, patience_s: float = 5.0) -> None:
+        self.log_folder = log_folder
+        self.children: dict[str, Child] = {}
+        self._patience_s = patience_s
+        self._environment = {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        }
+        log_folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Launcher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
+        """Start the ``main`` of a Python module as a process.
+
+        One that has ended may be started again; its log goes on.
+
+        Raises
+        ------
+        LaunchError
+            When a process of this name runs already.
+        """
+        if name in self.children and self.children[name].running:
+            raise LaunchError(f"{name} is running already")
+        command = [sys.executable, "-m", "fsw_scenario.child_process", str(os.getpid()), module, *arguments]
+        log = self.log_folder / f"{name}.log"
+        with log.open("ab" if name in self.children else "wb") as file:
+            begin = file.tell()
+            process = subprocess.Popen(
+                command,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                # a session of its own: Ctrl-C reaches the launcher alone, which then ends its children in order
+                start_new_session=True,
+            )
+        self.children[name] = child = Child(name, process, log, module, tuple(arguments), begin)
+        return child
+
+    def check(self, expected_to_run: Sequence[str] | None = None) -> None:
+        """Raise LaunchError if a process (any, or one of those named) has ended."""
+        for name in self.children if expected_to_run is None else expected_to_run:
+            child = self.children[name]
+            if not child.running:
+                code = child.process.returncode
+                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_words()} (see {child.log})")
+
+    def wait_until(
+        self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
+    ) -> None:
+        """Wait for a condition while the processes run.
+
+        Parameters
+        ----------
+        condition : callable
+        timeout_s : float
+        what : str
+            What is waited for, for the error.
+        watch : sequence of str, optional
+            Processes that must not end meanwhile; all by default.
+
+        Raises
+        ------
+        LaunchError
+            When a watched process ends, or when it takes too long.
+        """
+        end = time.monotonic() + timeout_s
+        while not condition():
+            self.check(watch)
+            if time.monotonic() > end:
+                raise LaunchError(f"waited {timeout_s:g} s without success for {what}; logs are in {self.log_folder}")
+            time.sleep(_POLL_S)
+
+    def wait_for_text(self, name: str, pattern: str, timeout_s: float = 120.0) -> str:
+        """Wait until a process has printed something that matches; returns what matched."""
+        child = self.children[name]
+        self.wait_until(lambda: re.search(pattern, child.text()), timeout_s, f"{name} to print {pattern!r}")
+        match = re.search(pattern, child.text())
+        return match.group(0) if match else ""
+
+    def stop(self, *names: str) -> dict[str, int]:
+        """End processes (all by default, the last started first) and return their exit codes."""
+        chosen = [self.children[name] for name in names] if names else list(reversed(self.children.values()))
+        for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            for child in chosen:
+                if child.running:
+                    with contextlib.suppress(ProcessLookupError):
+                        child.process.send_signal(sign)
+            end = time.monotonic() + self._patience_s
+            while any(child.running for child in chosen) and time.monotonic() < end:
+                time.sleep(_POLL_S)
+            if not any(child.running for child in chosen):
+                break
+        return {child.name: child.process.wait() for child in chosen}
+
+
+@dataclass(slots=True)
+class _Life:
+    """What is known of a process that is started again when it ends."""
+
+    began_s: float
+    lives: int = 1
+    soon: int = 0  #: how often in succession it ended soon after its start
+    due_s: float | None = None  #: when it is to be started again
+    given_up: bool = False
+
+
+class Respawn:
+    """Starts processes again that have ended, as the launch file does, and says so.
+
+    Parameters
+    ----------
+    launcher : Launcher
+    names : sequence of str
+        Running processes.
+    tell : callable, optional
+        Takes a line for the person at the console.
+    clock : callable, optional
+        Monotonic time [s].
+    """
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        names: Sequence[str],
+        tell: Callable[[str], object] = lambda line: print(line, file=sys.stderr, flush=True),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._launcher, self._tell, self._clock = launcher, tell, clock
+        self._lives = {name: _Life(clock()) for name in names}
+
+    def look(self) -> None:
+        """Start again what has ended; to be called often.
+
+        Raises
+        ------
+        LaunchError
+            When a process refuses its very first start. A later refusal may pass, as a full disk does.
+        """
+        now_s = self._clock()
+        for name, life in self._lives.items():
+            child = self._launcher.children[name]
+            if life.given_up or child.running:
+                continue
+            if life.due_s is None:
+                self._on_end(child, life, now_s)
+            elif now_s >= life.due_s:
+                self._launcher.start(name, child.module, child.arguments)
+                life.began_s, life.due_s, life.lives = now_s, None, life.lives + 1
+
+    def _on_end(self, child: Child, life: _Life, now_s: float) -> None:
+        code = child.process.returncode
+        if life.lives == 1 and code == REFUSED:
+            self._launcher.check([child.name])
+        life.soon = life.soon + 1 if now_s - life.began_s < _SOON_S else 0
+        life.given_up = life.soon >= _MOST_SOON
+        life.due_s = now_s + RESPAWN_DELAY_S * 2.0 ** max(0, life.soon - 1)
+        what = f"is given up: it ended {life.soon} times in succession" if life.given_up else "is started again"
+        self._tell(f"{child.name} has ended with exit code {code} and {what}; see {child.log}")

@@ -1,0 +1,68 @@
+"""A weld in real time with the operator's page beside it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher, LaunchError, Respawn
+
+_ADDRESS = r"http://\S+"
+
+
+def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
+    """Weld to the scenario's end; Ctrl-C ends everything. Returns the exit code.
+
+    What dies is started again, but for plant and player: a weld cannot be begun half-way. Without its player it goes
+    on until Ctrl-C, so that the operator sees why it has stopped or can stop it.
+    """
+    graph.folder.mkdir(parents=True, exist_ok=True)
+    token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
+    _write_secret(token_file, token)
+    hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file)])
+    url = launcher.wait_for_text("hmi", _ADDRESS)
+    hmi.arguments = [
+        "--port",
+        str(urlsplit(url).port),
+        *hmi.arguments[2:],
+    ]  # where it is found when it is started again
+    print(f"operator's page: {url}")
+    print(f"token: {token}")
+    minutes = graph.scenario.duration_s / 60.0
+    print(f"{graph.scenario.name} takes {minutes:.0f} min and goes on if the page is closed; Ctrl-C ends it")
+    print(f"bag: {graph.bag}", flush=True)
+    player = graph.start(launcher)
+    respawn = Respawn(launcher, [name for name in launcher.children if name not in ("plant", "scenario")])
+    told = False
+
+    def over() -> bool:
+        nonlocal told
+        respawn.look()
+        if player.running or told:
+            return False
+        if "finished after" in player.text():
+            return True
+        if "progress " not in player.text():
+            raise LaunchError(f"the scenario player has ended before the first tick: {player.last_words()}")
+        told = True
+        code = player.process.returncode
+        print(f"the scenario player has ended with exit code {code}: {player.last_words()}", file=sys.stderr)
+        print("the other parts go on, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
+        return False
+
+    # an operator may hold the programme for as long as he likes
+    launcher.wait_until(over, float("inf"), "the end of the weld", ["plant"])
+    print("the weld is over; look at it:")
+    for bag in sorted(graph.folder.glob("bag*")):
+        print(f"  python3 scripts/run_hmi.py --bag {bag}")
+    return 0
+
+
+def _write_secret(path: Path, text: str) -> None:
+    """Write a file that its owner alone may read."""
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        file.write(text + "\n")

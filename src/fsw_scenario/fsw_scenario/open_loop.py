@@ -1,0 +1,45 @@
+"""The manipulated variables driven by the scenario's command events, as a controller like any other."""
+
+from __future__ import annotations
+
+from fsw_control.contract import SENSORS, Command, Limits, Measurement, Proposal, Reference
+from fsw_control.weld import TICK_S
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.timeline import commands
+
+
+class OpenLoopController:
+    """Proposes what a scenario with ``controller: none`` commands, whatever is measured.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its command events say what is proposed when; a step larger than a move limit takes several ticks.
+    start : Command
+        Proposed before the first event.
+    from_first_tick : bool
+        Count the scenario's time from the first measurement (wall clock), not from stamp 0 (simulated time).
+    """
+
+    name = "open_loop"
+    tolerated_sensors: tuple[str, ...] = SENSORS
+
+    def __init__(self, scenario: Scenario, start: Command, from_first_tick: bool = False) -> None:
+        self._changes = commands(scenario, start)
+        self._wanted = start
+        self._limits = Limits()
+        self._begin_s: float | None = None if from_first_tick else 0.0
+        self._next_tick = 0
+
+    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        """Return the proposal of this tick; see ``fsw_control.Controller``."""
+        if self._begin_s is None:
+            self._begin_s = measurement.time_s
+        tick = round((measurement.time_s - self._begin_s) / TICK_S)
+        for passed in range(self._next_tick, tick + 1):
+            self._wanted = self._changes.get(passed, self._wanted)
+        self._next_tick = max(self._next_tick, tick + 1)
+        return Proposal(self._limits.clip(self._wanted, applied))
+
+    def reset(self, applied: Command) -> None:
+        """Nothing to forget: the timeline alone says what is proposed."""

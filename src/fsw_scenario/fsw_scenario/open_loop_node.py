@@ -1,0 +1,26 @@
+"""The open-loop controller as a node."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fsw_control import run_controller
+from fsw_scenario.closed_loop import plant_of
+from fsw_scenario.open_loop import OpenLoopController
+from fsw_scenario.scenario_file import load
+
+
+def _make(values: Mapping[str, Any]) -> OpenLoopController:
+    scenario = load(values["scenario"])
+    return OpenLoopController(scenario, plant_of(scenario).applied, from_first_tick=values["from_first_tick"])
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_controller(_make, name=OpenLoopController.name, parameters=("fsw_scenario", "open_loop.yaml"), args=args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

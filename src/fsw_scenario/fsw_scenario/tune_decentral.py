@@ -1,0 +1,190 @@
+"""Tunes the decentralized controller for a process model.
+
+Minimises the errors in set-point steps and output disturbances under bounds: on the peak Ms of the sensitivity of each
+loop with the other one closed and one whole tick of delay added, and on the moves that sensor noise causes. A figure
+above its target costs much more than the same figure below it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from fsw_decentral import Gains
+from fsw_model import ModelParameters, OperatingPointError, nominal
+from fsw_scenario.decentral_loop import errors, noise_moves, sensitivity
+
+Vector = NDArray[np.float64]
+#: A bound and a target are kept with so much to spare, so that they hold after rounding.
+_BOUND_MARGIN, _TARGET_MARGIN = 0.985, 0.995
+#: cost of exceeding a target and a bound, per share of it
+_MISSED, _BROKEN = 5.0, 50.0
+#: beyond this excess over the bounds a run is not worth its time; the loop may be unstable
+_HOPELESS = 0.5
+_SWINGING_C = 2.0
+#: how far the first simplex of the search reaches from the start, in logarithms of the gains
+_REACH = 0.25
+EVALUATIONS = 3000
+
+
+NAMES = ("conservative", "tight")
+
+
+def _of_each(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+    """Columns of a table, by the names of the tunings."""
+    return {name: {key: row[i] for key, row in table.items()} for i, name in enumerate(NAMES)}
+
+
+#: What a set of gains may not exceed: Ms of each loop, standard deviation of the moves per tick under sensor noise.
+BOUNDS = _of_each(
+    {
+        "ms_depth": (1.6, 2.0),
+        "ms_temperature": (1.6, 2.0),
+        "noise_move_kn": (0.03, 0.12),
+        "noise_move_rpm": (0.5, 0.8),
+    }
+)
+#: What the search aims to stay below: figures of another, independent tuning of such loops on the paper's process.
+TARGETS = _of_each(
+    {
+        "tracking_iae_depth_mm_s": (4.08, 1.48),
+        "tracking_iae_temperature_c_s": (300.0, 207.0),
+        "disturbance_iae_depth_mm_s": (0.93, 0.34),
+        "disturbance_iae_temperature_c_s": (45.0, 45.0),
+        "depth_up_iae_mm_s": (1.82, 0.679),
+        "depth_down_iae_mm_s": (1.78, 0.654),
+        "depth_disturbance_iae_mm_s": (0.778, 0.302),
+        "temperature_up_iae_c_s": (136.0, 82.4),
+        "temperature_down_iae_c_s": (137.0, 84.1),
+        "temperature_disturbance_iae_c_s": (39.1, 38.3),
+        "depth_up_peak_c": (0.85, 1.42),
+        "depth_down_peak_c": (0.86, 3.24),
+        "depth_disturbance_peak_c": (0.86, 3.24),
+    }
+)
+
+#: Searched for, with the range: all gains. The unit is that of the gain. The events hardly reach the bounds of the
+#: speed, so the range is what keeps the tracking times short enough for a speed that rests at a bound.
+SEARCHED = {
+    "depth_gain": (1.0, 500.0),
+    "depth_integral_time": (0.3, 100.0),
+    "depth_derivative_time": (0.001, 2.0),
+    "depth_filter": (0.02, 5.0),
+    "depth_weight": (0.001, 1.0),
+    "depth_reference_filter": (0.01, 20.0),
+    "depth_tracking_time": (0.1, 100.0),
+    "temperature_gain": (0.01, 2.0),
+    "temperature_integral_time": (3.0, 200.0),
+    "temperature_derivative_time": (0.001, 4.0),
+    "temperature_filter": (0.02, 5.0),
+    "temperature_weight": (0.01, 1.0),
+    "temperature_reference_filter": (0.01, 20.0),
+    "temperature_tracking_time": (1.0, 25.0),
+    "power_gain": (0.02, 15.0),
+    "power_integral_time": (0.2, 20.0),
+    "power_filter": (0.02, 3.0),
+    "power_tracking_time": (0.1, 30.0),
+    "feedforward_filter": (0.02, 10.0),
+}
+
+
+def start_of(name: str, parameters: ModelParameters) -> Gains:
+    """Where the search for one of ``NAMES`` starts: internal model control of the loops by themselves."""
+    p, tight = parameters, name == "tight"
+    closed_s = (1.0 if tight else 1.4) * p.dead_time_s
+    heat_c_per_kw_s = p.thermal_gain_c_per_kw / p.copper_lag_s
+    creep_mm_per_kn_s = p.depth_gain_mm_per_kn_s * p.depth_zero_s / p.depth_pole_slow_s
+    return Gains(
+        depth_gain=(0.6 if tight else 0.25) / creep_mm_per_kn_s,
+        depth_integral_time=3.0 if tight else 5.5,
+        depth_derivative_time=0.05,
+        depth_filter=0.2 if tight else 0.5,
+        depth_weight=0.07 if tight else 0.3,
+        depth_reference_filter=0.05 if tight else 1.0,
+        depth_tracking_time=0.2 if tight else 1.0,
+        temperature_gain=1.0 / (heat_c_per_kw_s * (closed_s + p.dead_time_s)),
+        temperature_integral_time=p.copper_lag_s + p.tool_lag_s,
+        temperature_derivative_time=1.5 * p.tool_lag_s,
+        temperature_filter=0.35 * p.tool_lag_s,
+        temperature_weight=0.95,
+        temperature_reference_filter=0.1 if tight else 1.0,
+        temperature_tracking_time=20.0,
+        power_gain=2.0 if tight else 1.5,
+        power_integral_time=0.25,
+        power_filter=0.15,
+        power_tracking_time=20.0,
+        feedforward_filter=0.15 if tight else 0.25,
+    )
+
+
+def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
+    """The figures of a set of gains that have ``BOUNDS``."""
+    peaks, moves = sensitivity(gains, parameters), noise_moves(gains, parameters)
+    return {"ms_depth": peaks[0], "ms_temperature": peaks[1], "noise_move_kn": moves[0], "noise_move_rpm": moves[1]}
+
+
+def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
+    """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
+    robust = robustness(gains, parameters)
+    excess = sum(max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items())
+    hopeless = 1e3 + min(excess, 1e3)
+    if excess > _HOPELESS:
+        return hopeless
+    try:
+        found = errors(gains, parameters)
+    except OperatingPointError:
+        return hopeless
+    shares = np.array([found[key] / target for key, target in TARGETS[name].items()])
+    missed = np.maximum(shares - _TARGET_MARGIN, 0.0).sum()
+    swing = max(found["unsettled_c"] - _SWINGING_C, 0.0)
+    return float(shares.mean() + _MISSED * missed + _BROKEN * (excess + swing))
+
+
+def tune(
+    name: str,
+    parameters: ModelParameters | None = None,
+    evaluations: int = EVALUATIONS,
+    progress: Callable[[float], None] | None = None,
+) -> Gains:
+    """Search for a set of gains, from ``start_of`` on.
+
+    Parameters
+    ----------
+    name : str
+        One of ``NAMES``.
+    parameters : ModelParameters, optional
+        The paper's by default.
+    evaluations : int
+        At most; of the cost, some 0.1 s each.
+    progress : callable, optional
+        Called with the share of the evaluations done, 0 to 1.
+
+    Returns
+    -------
+    Gains
+        Rounded to three digits.
+    """
+    p = parameters or nominal()
+    start = start_of(name, p)
+    ranges = np.log(list(SEARCHED.values()))
+    done = 0
+
+    def gains_of(x: Vector) -> Gains:
+        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
+
+    def cost_of(x: Vector) -> float:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(min(done / evaluations, 1.0))
+        return cost(gains_of(x), name, p)
+
+    x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), *ranges.T)
+    reach = np.where(x + _REACH <= ranges[:, 1], _REACH, -_REACH)
+    simplex = np.vstack([x, x + np.diag(reach)])
+    options = {"adaptive": True, "initial_simplex": simplex, "maxfev": evaluations}
+    return gains_of(minimize(cost_of, x, method="Nelder-Mead", bounds=ranges, options=options).x)

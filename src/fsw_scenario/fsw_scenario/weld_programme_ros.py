@@ -1,0 +1,158 @@
+"""The programme of a weld on topics and services: progress; hold, resume and abort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import nan, radians
+
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from fsw_control import messages_ros as convert
+from fsw_control import units
+from fsw_control.contract import Reference
+from fsw_control.topics_ros import LATEST
+from fsw_msgs.msg import SupervisorState, WeldProgress
+from fsw_msgs.srv import SetMode
+from fsw_scenario.weld_programme import PhaseMachine, State
+from fsw_scenario.weld_programme_course import Course
+
+_TICKS_PER_REPORT = 10
+SAFE_STOP = "safe_stop"
+
+
+class ProgrammeServer:
+    """Publishes ``fsw/weld_progress``, serves ``fsw/weld/hold|resume|abort`` and asks the supervisor for a safe stop.
+
+    A safe stop that comes from elsewhere aborts the programme as well.
+
+    Parameters
+    ----------
+    node : Node
+    machine : PhaseMachine
+    course : Course
+    in_force : callable
+        Set-points that hold now.
+    restart : callable
+        Sends set-points that hold at once, and what is coming of the course.
+
+    Attributes
+    ----------
+    stopped : str
+        The supervisor's answer, once an aborted weld is in the safe state.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        machine: PhaseMachine,
+        course: Course,
+        in_force: Callable[[], Reference],
+        restart: Callable[[Reference], object],
+    ) -> None:
+        self._node, self.machine, self._course = node, machine, course
+        self._in_force, self._restart = in_force, restart
+        self.stopped = ""
+        self._asked: Future | None = None
+        self._stamp_ns = 0
+        self._told: tuple[object, ...] | None = None
+        self._told_tick = 0
+        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
+        self._set_mode = node.create_client(SetMode, "fsw/set_mode")
+        self._serve("hold", self._hold)
+        self._serve("resume", self._resume)
+        self._serve("abort", self._abort)
+        node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
+
+    def _serve(self, name: str, ask: Callable[[], tuple[bool, str]]) -> None:
+        def on_request(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = ask()
+            if response.success:
+                self._node.get_logger().info(f"{name}: {response.message}")
+                self.publish(self._stamp_ns)
+            else:
+                self._node.get_logger().warning(f"{name}: {response.message}")
+            return response
+
+        self._node.create_service(Trigger, f"fsw/weld/{name}", on_request)
+
+    def _hold(self) -> tuple[bool, str]:
+        return self._keep(*self.machine.hold())
+
+    def _abort(self) -> tuple[bool, str]:
+        return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
+
+    def _keep(self, ok: bool, words: str) -> tuple[bool, str]:
+        """Keep the set-points in force: sent now, they void what was sent ahead."""
+        if ok:
+            present = self._in_force()
+            self._course.leave()
+            self._restart(present)
+        return ok, words
+
+    def _resume(self) -> tuple[bool, str]:
+        """Go back to the programme, from a hold or from set-points by hand."""
+        by_hand = self.machine.state is State.RUNNING and not self._course.followed
+        ok, words = (True, self.machine.describe()) if by_hand else self.machine.resume()
+        if not ok:
+            return ok, words
+        present = self._in_force()
+        way = self._course.resume(present, self.machine.tick)
+        self._restart(present)
+        return ok, f"{words}; {way}"
+
+    def _on_supervisor(self, message: SupervisorState) -> None:
+        if message.actual_mode == SAFE_STOP and self._abort()[0]:
+            self.stopped = f"safe stop by the supervisor: {message.reason}"
+
+    def ask_safe_stop(self) -> None:
+        """Ask the supervisor for the safe stop, again and again until it has answered; only for an aborted weld."""
+        if self.machine.state is not State.ABORTED or self.stopped:
+            return
+        if self._asked is not None and self._asked.done():
+            answer = self._asked.result()
+            if answer is not None and answer.ok:
+                self.stopped = str(answer.message)
+                return
+            self._asked = None
+        if self._asked is None and self._set_mode.service_is_ready():
+            self._asked = self._set_mode.call_async(SetMode.Request(mode=SAFE_STOP, axial_force=nan, spindle_speed=nan))
+        elif self._asked is None:
+            self._node.get_logger().error(
+                "abort: no supervisor to ask for a safe stop; start one", throttle_duration_sec=1.0
+            )
+
+    def on_tick(self, stamp_ns: int) -> None:
+        """Report where due."""
+        self._stamp_ns = stamp_ns
+        self._told_tick += 1
+        if self._state() != self._told or self._told_tick >= _TICKS_PER_REPORT:
+            self.publish(stamp_ns)
+
+    def _state(self) -> tuple[object, ...]:
+        """What is reported at once when it changes."""
+        now = self.machine.progress()
+        return now.state, now.phase, self._course.followed, self._course.programme_at(self.machine.tick)
+
+    def publish(self, stamp_ns: int) -> None:
+        """Report the progress."""
+        now = self.machine.progress()
+        planned = self._course.programme_at(self.machine.tick)
+        left = not self._course.followed
+        way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
+        self._told, self._told_tick = self._state(), 0
+        self._publisher.publish(
+            WeldProgress(
+                header=convert.header(stamp_ns),
+                state=str(now.state),
+                phase=now.phase,
+                angle=radians(now.angle_deg),
+                length=units.m_from_mm(now.length_mm),
+                time_left=now.time_left_s,
+                depth=units.m_from_mm(planned.depth_mm),
+                temperature=planned.temperature_c,
+                left=left,
+                way_back=way_s,
+            )
+        )

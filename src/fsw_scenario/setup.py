@@ -1,0 +1,30 @@
+"""Ament package of the scenarios."""
+
+from setuptools import find_packages, setup
+
+package_name = "fsw_scenario"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["*.yaml", "scenarios/*.yaml", "events/*.yaml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="FSW Control maintainers",
+    maintainer_email="maintainers@fsw-control.invalid",
+    description="Scenarios and weld programmes as data, run in one process or in the graph",
+    license="Apache-2.0",
+    tests_require=["pytest"],
+    entry_points={
+        "console_scripts": [
+            "scenario = fsw_scenario.scenario_node:main",
+            "controller = fsw_scenario.controller_node:main",
+            "open_loop = fsw_scenario.open_loop_node:main",
+        ]
+    },
+)

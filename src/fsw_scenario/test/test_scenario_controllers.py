@@ -1,0 +1,86 @@
+"""The registry of controllers: one of a user's own is found, and what is wrong with one is told."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from fsw_scenario import controller_node, controllers, scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import kind_of, make, name_of, program, short
+from fsw_scenario.scenario import ScenarioError
+from fsw_test_support.own_controller import OWN, own
+
+SOURCES = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.usefixtures("forgotten")
+
+
+def test_entry_points_of_our_packages_are_those_of_the_registry():
+    for name, place in controllers.OURS.items():
+        setup = (SOURCES / f"fsw_{name}" / "setup.py").read_text(encoding="utf-8")
+        assert f'"fsw.controllers": ["{name} = {place}"]' in setup
+        assert kind_of(name).name == name
+
+
+def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
+    information = tmp_path / "theirs-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text("[fsw.controllers]\ntheirs = theirs:Own\nnmpc = theirs:Own\n")
+    (tmp_path / "theirs.py").write_text(OWN.format(step="return Proposal(applied)"))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert controllers._known() == controllers.OURS | {"theirs": "theirs:Own"}
+    sys.modules.pop("theirs", None)
+
+
+def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
+    label = own(tmp_path)
+    assert (name_of(label), short(label), name_of("own")) == ("own", "own", "own")
+    assert program("own") == ("fsw_scenario", "controller", [label])
+    assert short("decentral:tight") == "decentral:tight"
+
+
+@pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        ("nobody", "available: decentral, nmpc"),
+        ("", "no name"),
+        ("no_such_module:Own", "no_such_module"),
+        ("{0}/missing.py:Own", "FileNotFoundError"),
+        ("{0}/own.py:Nothing", "no class Nothing"),
+        ("{0}/own.py:nameless", "no class nameless"),
+        ("{0}/own.py:broken_name", "two words"),
+        ("{0}/own.py:Own:fast", "no variants"),
+        ("{0}/own.py:Idle:fast", "pace"),
+        ("decentral:wrong", "wrong"),
+    ],
+)
+def test_what_is_not_there_is_told(tmp_path, label, said):
+    own(tmp_path)
+    with pytest.raises(ScenarioError, match=said):
+        make(label.format(tmp_path))
+
+
+def test_a_name_stands_for_one_class(tmp_path):
+    own(tmp_path)
+    (tmp_path / "other.py").write_text("class Other:\n    name = 'nmpc'\n")
+    with pytest.raises(ScenarioError, match="give it another one"):
+        name_of(f"{tmp_path}/other.py:Other")
+
+
+def test_a_class_that_is_no_controller_is_told(tmp_path):
+    (tmp_path / "other.py").write_text("class Other:\n    name = 'other'\n    def step(self): ...\n")
+    with pytest.raises(ScenarioError, match="it has no tolerated_sensors, reset"):
+        make(f"{tmp_path}/other.py:Other")
+
+
+def test_a_diagnosis_that_cannot_be_read_ends_no_weld(tmp_path):
+    label = own(tmp_path, "return Proposal(applied, diagnosis=Diagnosis(depth_estimate_mm='deep'))")
+    signals = ClosedLoop(scenario_file.load("quick", ["controller=own"]), {"own": make(label)}).run()
+    assert signals.statuses == {} and "deep" in signals.problems[0] and signals.proposals["own"].healthy.all()
+
+
+@pytest.mark.parametrize(("words", "code"), [([], 2), (["--help"], 0), (["-h"], 0)])
+def test_without_a_controller_the_node_says_what_to_give(words, code, capsys):
+    assert controller_node.main(["run_controller.py", *words]) == code
+    assert "FILE.py:CLASS" in capsys.readouterr().out

@@ -1,0 +1,87 @@
+"""The shipped gains keep the bounds and reach the targets they are documented with; the tuner's formulas are right."""
+
+import math
+import random
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from fsw_decentral import tunings
+from fsw_model import nominal
+from fsw_scenario import decentral_loop, tune_decentral
+from fsw_scenario.decentral_loop import noise_moves, sensitivity, simulate, simulated_sensitivity
+from fsw_scenario.tune_decentral import BOUNDS, SEARCHED, TARGETS
+
+BOTH = pytest.mark.parametrize("name", ["conservative", "tight"])
+
+
+@BOTH
+def test_shipped_gains_are_within_the_bounds(name):
+    gains = tunings()[name]
+    found = zip(BOUNDS[name].values(), (*simulated_sensitivity(gains), *noise_moves(gains)), strict=True)
+    assert all(figure <= bound for bound, figure in found)
+
+
+@BOTH
+def test_shipped_gains_reach_their_targets(name):
+    found = decentral_loop.errors(tunings()[name])
+    assert {key: found[key] for key, target in TARGETS[name].items() if found[key] > target} == {}
+    assert found["unsettled_c"] < 0.3
+
+
+@BOTH
+def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
+    """Away from the shipped gains as well, and with every filter and derivative in play."""
+    gains = tunings()[name]
+    other = replace(
+        gains,
+        depth_derivative_time=0.3,
+        temperature_derivative_time=0.4,
+        temperature_filter=0.8,
+        power_filter=0.5,
+        feedforward_filter=0.7,
+    )
+    for these in (gains, other):
+        assert sensitivity(these) == pytest.approx(simulated_sensitivity(these), rel=0.01)
+
+
+def test_noise_moves_of_the_formulas_are_the_simulated_ones():
+    gains, source = tunings()["tight"], random.Random(3)
+    rows = simulate(gains, np.array([[source.gauss(0.0, size) for size in decentral_loop.NOISE] for _ in range(8000)]))
+    moves = np.diff(rows[200:, 2:], axis=0).std(axis=0)
+    assert tuple(moves) == pytest.approx(noise_moves(gains), rel=0.05)
+
+
+def test_an_unstable_loop_has_no_finite_sensitivity():
+    gains = replace(tunings()["tight"], temperature_gain=5.0)
+    assert simulated_sensitivity(gains)[1] == math.inf
+
+
+def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
+    """As many variables as there are gains, whose scales differ by 30, turned against the axes."""
+    shipped = tunings()["tight"]
+    turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((len(SEARCHED), len(SEARCHED))))
+    scales, bottom = np.geomspace(1.0, 30.0, len(SEARCHED)), np.log(list(asdict(shipped).values()))
+
+    def valley(gains, name, parameters):
+        return float(((scales * (turn @ (np.log(list(asdict(gains).values())) - bottom))) ** 2).sum())
+
+    monkeypatch.setattr(tune_decentral, "cost", valley)
+    shares = []
+    found = tune_decentral.tune("tight", evaluations=3000, progress=shares.append)
+    start = tune_decentral.start_of("tight", nominal())
+    assert valley(found, "", None) < 1e-2 * valley(start, "", None)
+    assert shares == sorted(shares) and shares[0] > 0.0 and shares[-1] <= 1.0
+    assert tune_decentral.tune("tight", evaluations=100) == tune_decentral.tune("tight", evaluations=100)
+
+
+@pytest.mark.slow
+def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
+    other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
+    found = tune_decentral.tune("conservative", other, evaluations=60)
+    start = tune_decentral.start_of("conservative", other)
+    assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(start, "conservative", other)
+    assert set(SEARCHED) == set(asdict(found))
+    for key, (low, high) in SEARCHED.items():
+        assert low <= getattr(found, key) <= high

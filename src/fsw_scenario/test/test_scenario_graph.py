@@ -1,0 +1,35 @@
+"""Parameters of the processes of a weld."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
+from fsw_scenario.scenario_file import parse
+
+SECTION = "{ros__parameters: {deadline_s: 0.07}}"
+
+
+@pytest.mark.parametrize("key", ["fsw_supervisor", "/fsw_supervisor", "/**/fsw_supervisor", "/cell_1/fsw_supervisor"])
+@pytest.mark.parametrize("quote", ["", '"', "'"])
+def test_what_a_file_says_to_the_supervisor_it_says_to_the_standby(key, quote):
+    text = for_standby(f"# of fsw_supervisor: all\n{quote}{key}{quote}: {SECTION}\n/**: {SECTION}\n")
+    assert list(yaml.safe_load(text)) == [key.replace("fsw_supervisor", STANDBY), "/**"]
+
+
+def test_sections_by_namespace_are_found_and_others_left_alone():
+    text = f"cell_1:\n  fsw_supervisor: {SECTION}\n  fsw_plant: {SECTION}\n"
+    text += f"{STANDBY}: {SECTION}\nmy_fsw_supervisor: {SECTION}\n"
+    values = yaml.safe_load(for_standby(text))
+    assert list(values) == ["cell_1", STANDBY, "my_fsw_supervisor"]
+    assert list(values["cell_1"]) == [STANDBY, "fsw_plant"]
+
+
+@pytest.mark.parametrize("standby", [False, True])
+def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervisor_is(standby):
+    graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), Path("weld"), ("decentral", "nmpc"), standby=standby)
+    nodes = {name: section["ros__parameters"] for name, section in graph.parameter_file(Path("s.yaml")).items()}
+    assert nodes["fsw_plant"]["wait_for_subscribers"] == 5 + standby
+    if standby:
+        assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}

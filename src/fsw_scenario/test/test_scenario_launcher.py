@@ -1,0 +1,188 @@
+"""The launcher: processes start, are watched, and end whatever happens."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from fsw_control.free_domain import free_domain
+from fsw_scenario.launcher import REFUSED, Launcher, LaunchError, Respawn
+
+pytestmark = pytest.mark.slow
+
+STUBBORN = """
+    import signal
+    def main():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, {term})
+        print("ready", flush=True)
+        while True:
+            signal.pause()
+"""
+
+
+@pytest.fixture
+def modules(tmp_path, monkeypatch):
+    """A folder of modules that children can import."""
+    folder = tmp_path / "modules"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+
+    def write(name, text):
+        (folder / f"{name}.py").write_text(textwrap.dedent(text))
+
+    return write
+
+
+def test_arguments_environment_and_exit_code(modules, tmp_path):
+    modules(
+        "child_a", "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n"
+    )
+    with Launcher(tmp_path / "log", 77) as launcher:
+        child = launcher.start("a", "child_a", ["x", "y"])
+        child.process.wait(20.0)
+        assert child.text().strip() == "['x', 'y'] 77"
+        with pytest.raises(LaunchError, match="a has ended with exit code 3"):
+            launcher.check()
+
+
+def test_the_last_words_tell_no_progress(modules, tmp_path):
+    modules("w", "def main():\n    print('progress 1 9\\nit broke\\nprogress 2 9', flush=True)\n    return 3")
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        child = launcher.start("w", "w")
+        assert child.process.wait() == 3
+    assert child.last_words() == "it broke"
+
+
+def test_waiting_for_text_and_for_too_long(modules, tmp_path):
+    modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("b", "child_b")
+        assert launcher.wait_for_text("b", r"re\w+") == "ready"
+        with pytest.raises(LaunchError, match="running already"):
+            launcher.start("b", "child_b")
+        with pytest.raises(LaunchError, match="without success for a miracle"):
+            launcher.wait_until(lambda: False, 0.1, "a miracle")
+    assert not child.running
+    assert child.process.returncode == -signal.SIGTERM
+
+
+def test_whoever_ignores_everything_is_killed(modules, tmp_path):
+    modules("child_c", STUBBORN.format(term="signal.SIG_IGN"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("c", "child_c")
+        launcher.wait_for_text("c", "ready")
+    assert child.process.returncode == -signal.SIGKILL
+
+
+def test_an_error_in_the_context_ends_the_children(modules, tmp_path):
+    modules("child_d", STUBBORN.format(term="signal.SIG_DFL"))
+    with pytest.raises(RuntimeError, match="on purpose"), Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        child = launcher.start("d", "child_d")
+        launcher.wait_for_text("d", "ready")
+        raise RuntimeError("on purpose")
+    assert not child.running
+
+
+class Kept:
+    """Processes that are started again, and a clock by hand."""
+
+    def __init__(self, launcher, *names):
+        self.launcher, self.now_s, self.told = launcher, 1000.0, []
+        self.respawn = Respawn(launcher, names, self.told.append, lambda: self.now_s)
+
+    def child(self, name):
+        return self.launcher.children[name]
+
+    def ends(self, name):
+        """Wait for its end; returns the process that comes in its place once the pause is over."""
+        ended = self.child(name)
+        ended.process.wait(60.0)
+        self.respawn.look()
+        assert self.child(name) is ended
+        self.now_s += 9.0
+        self.respawn.look()
+        return self.child(name)
+
+
+@pytest.mark.requirement("S34")
+def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, tmp_path):
+    modules("child_f", STUBBORN.format(term="signal.SIG_DFL"))
+    with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
+        first, other = [launcher.start(name, "child_f") for name in ("f", "g")]
+        launcher.wait_for_text("f", "ready")
+        kept = Kept(launcher, "f", "g")
+        first.process.kill()
+        again = kept.ends("f")
+        launcher.wait_until(lambda: again.log.read_text().count("ready") == 2, 60.0, "the second start in the same log")
+        assert (again.running, other.running, launcher.children["g"]) == (True, True, other)
+        assert len(kept.told) == 1
+        assert "exit code -9" in kept.told[0]
+        kept.respawn.look()
+        assert launcher.children["f"] is again
+
+
+def test_what_ends_at_once_again_and_again_is_given_up(modules, tmp_path):
+    modules("child_h", "def main():\n    return 1\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("h", "child_h")
+        kept = Kept(launcher, "h")
+        starts = [kept.ends("h") for _ in range(6)]
+        assert len(set(map(id, starts))) == 5  # the sixth end was the last
+        assert "given up" in kept.told[-1]
+        assert len(kept.told) == 6
+
+
+def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
+    modules("child_i", f"def main():\n    return {REFUSED}\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("i", "child_i").process.wait()
+        kept = Kept(launcher, "i")
+        with pytest.raises(LaunchError, match=f"exit code {REFUSED}"):
+            kept.respawn.look()  # its first start
+    modules("child_j", f"import os\ndef main():\n    return {REFUSED} if os.path.exists('{tmp_path}/j') else 1\n")
+    with Launcher(tmp_path, 77) as launcher:
+        launcher.start("j", "child_j").process.wait()
+        kept = Kept(launcher, "j")
+        (tmp_path / "j").touch()
+        for _ in range(8):
+            before = kept.child("j")
+            kept.now_s += 11.0
+            assert kept.ends("j") is not before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a child that its parent has died")
+def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
+    modules("child_e", STUBBORN.format(term="signal.SIG_DFL"))
+    script = f"""
+        import sys
+        sys.path[:0] = {sys.path!r}
+        from pathlib import Path
+        from fsw_scenario.launcher import Launcher
+        with Launcher(Path({str(tmp_path)!r}), 77) as launcher:
+            child = launcher.start("e", "child_e")
+            launcher.wait_for_text("e", "ready")
+            print(child.process.pid, flush=True)
+            child.process.wait()
+    """
+    parent = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
+    try:
+        child = os.pidfd_open(int(parent.stdout.readline()))
+        assert select.select([child], [], [], 0.0)[0] == [], "the child runs"
+    finally:
+        parent.kill()
+        parent.wait()
+        parent.stdout.close()
+    assert select.select([child], [], [], 20.0)[0] == [child], "the child has ended"
+    os.close(child)
+
+
+def test_every_user_of_the_machine_gets_a_domain_of_its_own():
+    with free_domain() as first, free_domain() as second:
+        assert first != second
+    with free_domain() as again:
+        assert again not in (first, second), "who was killed lingers in his domain"

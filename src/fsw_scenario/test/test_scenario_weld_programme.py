@@ -1,0 +1,165 @@
+"""The programme of a whole weld: its phases as data, the machine that runs them, and bad input."""
+
+import itertools
+from math import pi
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fsw_control.contract import Reference
+from fsw_scenario import scenario_file, timeline
+from fsw_scenario.closed_loop import start_reference
+from fsw_scenario.scenario import ScenarioError
+from fsw_scenario.weld_programme import PHASES, Phase, PhaseMachine, State, spans
+
+WELD = [
+    {"name": "dwell", "duration_s": 5.0},
+    {"name": "start", "to_deg": 2.0, "set_points": [{"at_s": 1.0, "depth_mm": 2.7}]},
+    {"name": "joint_line", "to_deg": 4.0, "set_points": [{"at_s": 2.0, "temperature_c": 819.4, "over_s": 3.0}]},
+]
+
+
+def parse(phases, **others):
+    return scenario_file.parse(yaml.safe_dump({"name": "t", "phases": phases} | others), "weld.yaml")
+
+
+def changed(number, **values):
+    return [phase | (values if i == number else {}) for i, phase in enumerate(WELD)]
+
+
+def test_the_canister_is_welded_all_around_in_three_quarters_of_an_hour():
+    scenario = scenario_file.load("canister_weld")
+    assert [phase.name for phase in scenario.phases] == list(PHASES)
+    joint_line = scenario.phases[3]
+    assert joint_line.to_deg - joint_line.from_deg == 360.0
+    assert joint_line.duration_s / 60.0 == pytest.approx(pi * 1050.0 / 86.0)
+    assert 44.0 < scenario.duration_s / 60.0 < 46.0
+    assert scenario.announced
+
+
+def test_set_points_begin_with_their_phase():
+    scenario = parse(WELD)
+    start_s = 2.0 / 360.0 * pi * 1050.0 / 86.0 * 60.0
+    assert spans(scenario.phases)[1] == ("start", 5.0, pytest.approx(5.0 + start_s))
+    changes = timeline.references(scenario, start_reference(scenario))
+    assert changes[60] == Reference(2.7, 816.4)
+    first, last = sorted(changes)[2], max(changes)
+    assert first * 0.1 == pytest.approx(5.0 + start_s + 2.0, abs=0.1)
+    assert (last - first) * 0.1 == pytest.approx(3.0, abs=0.11)
+    assert changes[last] == Reference(2.7, 819.4)
+    assert scenario_file.parse(scenario.text) == scenario, "with the duration in it"
+
+
+BAD = [
+    ([], "phases is empty"),
+    (5, "phases is 5, not a list"),
+    ([WELD[1], WELD[0]], "phases[1] dwell cannot follow start"),
+    ([WELD[0], WELD[0]], "phases[1] dwell cannot follow dwell"),
+    (changed(0, name="plunge"), "phases[0].name is 'plunge'; one of dwell"),
+    (changed(0, duration_s=float("nan")), "phases[0].duration_s = nan is outside"),
+    (changed(0, length_mm=3.0), "phases[0] has length_mm but no to_deg"),
+    (changed(1, duration_s=3.0), "phases[1] has duration_s and to_deg"),
+    (changed(1, speed=86.0), "phases[1] has unknown key speed"),
+    (changed(1, speed_mm_per_min=0.0), "phases[1].speed_mm_per_min = 0 is outside 10 to 300"),
+    (changed(2, from_deg=3.0), "phases[2].from_deg = 3 jumps: the phase before ends at 2 deg"),
+    (changed(2, to_deg=1.0), "phases[2].to_deg = 1 is outside 2 to 720 deg"),
+    (changed(2, to_deg=721.0), "phases[2].to_deg = 721 is outside 2 to 720 deg"),
+    (changed(2, to_deg=2.0), "phases[2] has a path without length"),
+    (changed(2, length_mm=1.0), "phases[2].length_mm = 1 is outside 18."),
+    (
+        changed(1, set_points=[{"depth_mm": 2.9}]),
+        "depth_mm = 2.9 jumps by 0.24 mm, more than 0.2; give over_s: 12 or more",
+    ),
+    (changed(1, set_points=[{"temperature_c": 830, "over_s": 12.0}]), "jumps by 13.6 degC, more than 12"),
+    (changed(1, set_points=[{"depth_mm": 5.0}]), "set_points[0].depth_mm = 5 is outside 1.5 to 4 mm"),
+    (changed(1, set_points=[{"at_s": 20.0, "depth_mm": 2.7}]), "at_s = 20 is outside 0 to 12.7"),
+    (changed(1, set_points=[{"at_s": 9.0, "over_s": 9.0, "depth_mm": 2.7}]), "over_s = 9 is outside 0 to 3.7"),
+    (changed(1, set_points=[{"over_s": 5.0, "depth_mm": 2.7}, {"at_s": 4.0, "depth_mm": 2.7}]), "at_s = 4 is before"),
+    (changed(1, set_points=[{"at_s": 4.0}]), "set_points[0] needs depth_mm or temperature_c"),
+]
+
+
+@pytest.mark.parametrize(("phases", "part"), BAD)
+def test_a_bad_programme_is_one_clear_error(phases, part):
+    with pytest.raises(ScenarioError) as error:
+        parse(phases)
+    assert str(error.value).startswith("weld.yaml: phases")
+    assert part in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_ramp_is_announced_as_a_stair_about_it_and_steps_as_they_are():
+    ramp = [(100 + i, Reference(2.66, 800.0 + 0.1 * i)) for i in range(101)]
+    steps = [(10, Reference(2.7, 800.0)), (11, Reference(2.66, 800.0)), (300, Reference(2.7, 810.0))]
+    plan = timeline.announced([*steps[:2], *ramp, steps[2]])
+    assert [tick for tick, _ in plan] == [10, 11, *range(100, 201, 10), 300]
+    assert (plan[:2], plan[-2:]) == (steps[:2], [ramp[-1], steps[2]])
+    assert [one.temperature_c for _, one in plan[2:-2]] == pytest.approx([800.5 + i for i in range(10)])
+    assert timeline.announced([]) == []
+
+
+def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
+    edge = {"disturbance": {"channel": "depth", "shape": "step", "amplitude_mm": 0.1}}
+    scenario = parse(WELD, events=[edge | {"at_deg": 0.0}, edge | {"at_deg": 2.0}, edge | {"at_deg": 3.0}])
+    per_deg = pi * 1050.0 / 360.0 / 86.0 * 60.0
+    times = [event.at_s for event in scenario.events if event.at_s != 6.0 and hasattr(event, "kind")]
+    assert times == pytest.approx([5.0, 5.0 + 2.0 * per_deg, 5.0 + 3.0 * per_deg], abs=0.051)
+    assert "at_deg" not in scenario.text, "the plant does not know angles"
+    for wrong, words in (({"at_deg": 4.1}, "at_deg = 4.1 is outside 0 to 4 deg"), ({"at_deg": 1, "at_s": 1}, "one of")):
+        with pytest.raises(ScenarioError, match=words):
+            parse(WELD, events=[edge | wrong])
+
+
+def test_what_contradicts_the_phases_is_an_error():
+    with pytest.raises(ScenarioError, match=r"duration_s = 99, but the phases take 30\.6 s"):
+        parse(WELD, duration_s=99.0)
+    with pytest.raises(ScenarioError, match="give set_points in the phases"):
+        parse(WELD, events=[{"at_s": 1.0, "reference": {"depth_mm": 2.7}}])
+
+
+durations = st.lists(st.floats(0.1, 30.0), min_size=1, max_size=len(PHASES))
+#: what happens; a number: so much later is the next tick of the process
+events = st.sampled_from([1, 1, 1, 15, 0, -3, 36_000, -36_000, "hold", "resume", "hold", "resume", "abort"])
+actions = st.lists(events, max_size=200)
+
+
+@given(durations, actions)
+def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, actions):
+    angles = itertools.pairwise(itertools.accumulate(durations, initial=0.0))
+    phases = [
+        Phase(name, duration_s, *angle, length_mm=duration_s)
+        for name, duration_s, angle in zip(PHASES, durations, angles, strict=False)
+    ]
+    machine, number = PhaseMachine(phases), 0
+    for action in actions:
+        last, state = machine.progress(), machine.state
+        late = isinstance(action, int) and action <= 0 and action != -36_000
+        if isinstance(action, int):
+            machine.follow(number + action)
+            number += 0 if late else action
+        else:
+            done, words = getattr(machine, action)()
+            allowed = {"hold": [State.RUNNING], "resume": [State.HELD], "abort": [State.RUNNING, State.HELD]}[action]
+            assert done == (state in allowed)
+            assert words.startswith("refused: " if not done else machine.state) and "\n" not in words
+        now = machine.progress()
+        assert PHASES.index(now.phase) >= PHASES.index(last.phase)
+        assert now.angle_deg == pytest.approx(now.length_mm), "both follow the path, across the phases"
+        moved = now.length_mm - last.length_mm
+        if isinstance(action, int) and not late and state is State.RUNNING:
+            assert 0.0 < moved <= 1.5 + 1e-9, "also when the clock jumps"
+        else:
+            assert moved == 0.0
+        assert now.time_left_s + machine.tick * 0.1 == pytest.approx(sum(durations), abs=0.051)
+        assert machine.state is not State.DONE or now.time_left_s == 0.0
+
+
+def test_a_finished_weld_is_over():
+    machine = PhaseMachine([Phase("dwell", 1.0), Phase("start", 1.0, 0.0, 5.0, 7.0)])
+    machine.follow(99)
+    assert machine.describe() == "done in phase start at 5.0 deg"
+    assert machine.progress().length_mm == 7.0 and machine.progress().time_left_s == 0.0
+    for ask in (machine.hold, machine.resume, machine.abort):
+        assert ask()[1].startswith("refused: the weld is done; it must be ")
