@@ -22,8 +22,8 @@ if __name__ == "__main__":
 import psutil
 from report import parser, save, show
 
-from fsw_experiment.campaign import dataset, definition, engine
-from fsw_experiment.campaign.welds import run_batch
+from fsw_campaign import dataset, definition, engine
+from fsw_campaign.welds import run_batch
 
 AIMS = {
     "nmpc_default_2_workers_welds_per_s": 4.0,

@@ -15,10 +15,10 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.signals import load_weld
-from fsw_experiment.campaign import dataset, definition, engine
-from fsw_experiment.campaign.dataset import TIMES, Dataset
-from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.welds import run_batch
+from fsw_campaign import dataset, definition, engine
+from fsw_campaign.dataset import TIMES, Dataset
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.welds import run_batch
 from fsw_experiment.cli.main import main
 
 pytestmark = pytest.mark.slow

@@ -40,9 +40,10 @@ MAY_IMPORT = {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
+    "fsw_campaign": {"fsw_scenario", "fsw_analysis", "fsw_plant", "fsw_control", "fsw_nmpc", "fsw_decentral"},
     "fsw_experiment": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_msgs"),
+        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign", "fsw_msgs"),
     },
     "fsw_bringup": {"fsw_scenario"},
 }

@@ -1,59 +1,17 @@
-"""Campaigns without Dask: files, points, rows, datasets, reports."""
+"""The command of campaigns: what is wrong is one line; a weld is run again; reports."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
-pa = pytest.importorskip("pyarrow")
+pytest.importorskip("pyarrow")
 
-from fsw_analysis.kpi import compute  # noqa: E402
-from fsw_experiment.campaign import dataset, definition, report, software  # noqa: E402
-from fsw_experiment.campaign.dataset import TIMES, Dataset  # noqa: E402
-from fsw_experiment.campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
-from fsw_experiment.campaign.errors import CampaignError  # noqa: E402
-from fsw_experiment.campaign.statistics import Results, arguments, first_order  # noqa: E402
-from fsw_experiment.campaign.welds import run_batch, run_weld  # noqa: E402
-from fsw_experiment.cli.main import main  # noqa: E402
-from fsw_plant.event_schema import Place  # noqa: E402
-from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
-
-SMALL = {
-    "name": "small",
-    "scenario": "quick",
-    "controllers": ["decentral:tight", {"controller": "decentral", "parameters": {"depth_gain": 9.0}, "label": "mine"}],
-    "welds": 4,
-    "seed": 3,
-    "distributions": {
-        "plant.model.copper_lag_s": {"uniform": [0.8, 1.2]},
-        "plant.sensors.depth_noise_mm": {"loguniform": [1e-7, 1e-3]},
-        "events[2].disturbance.amplitude_mm": {"normal": {"mean": 0.05, "deviation": 0.1, "low": -0.1, "high": 0.2}},
-        "plant.noise": {"choice": [True, False]},
-    },
-    "limits": {"depth_error_mm": {"min": -0.09, "max": 0.09, "at_most_s": 1.0}, "temperature_c": {"max": 910.0}},
-}
-
-
-def campaign(tmp_path, **changes):
-    file = tmp_path / "campaign.yaml"
-    file.write_text(yaml.safe_dump(SMALL | changes, sort_keys=False))
-    return definition.load(file)
-
-
-def rows_of(made, indices=None):
-    labels = [one.label for one in made.entrants]
-    indices = range(made.welds) if indices is None else indices
-    return run_batch(made.text, [(i, made.parameters(i), labels) for i in indices])
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    made = campaign(tmp_path_factory.mktemp("small"))
-    return made, rows_of(made)
+from fsw_campaign import dataset, report
+from fsw_campaign.dataset import TIMES
+from fsw_campaign.statistics import arguments
+from fsw_experiment.cli.main import main
+from fsw_test_support.small_campaign import SMALL
 
 
 def one(path, **entry):
@@ -118,158 +76,6 @@ def test_unreadable_campaign_is_one_line(tmp_path, capsys, content, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written(small, tmp_path):
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(CampaignError, match=r"cannot write to folder .*Not a directory"):
-        Dataset(tmp_path / "file" / "out", small[0])
-
-
-def test_shipped_campaigns_are_valid():
-    for name in definition.shipped():
-        assert definition.load(name).name == name
-
-
-def test_points_depend_on_seed_and_number_alone(tmp_path):
-    made, again = campaign(tmp_path), campaign(tmp_path)
-    assert [made.parameters(i) for i in (2, 0)] == [again.parameters(2), again.parameters(0)]
-    other = campaign(tmp_path, seed=4)
-    assert other.parameters(0) != made.parameters(0)
-    seeds = {weld_seed(1, i) for i in range(1000)}
-    assert len(seeds) == 1000 and max(seeds) < 2**32
-
-
-def test_samplers_fill_the_cube_evenly():
-    three = [Distribution(str(i), "uniform", 0.0, 1.0) for i in range(3)]
-    hypercube = draw(three, 20, 1, "latin_hypercube")
-    assert all(sorted((column * 20).astype(int)) == list(range(20)) for column in hypercube.T)
-    assert np.array_equal(draw(three, 64, 1, "sobol")[:20], draw(three, 20, 1, "sobol"))
-    assert draw([], 5, 1, "sobol").shape == (5, 0)
-
-
-@pytest.mark.parametrize(
-    ("entry", "quantiles"),
-    [
-        ({"uniform": [2.0, 4.0]}, [2.0, 2.5, 4.0]),
-        ({"loguniform": [0.01, 100.0]}, [0.01, 0.1, 100.0]),
-        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": -50.0, "high": 50.0}}, [-50.0, -0.6744897501960817, 50.0]),
-        ({"normal": {"mean": 0.0, "deviation": 1.0, "low": 0.0, "high": 50.0}}, [0.0, 0.31863936396437514, 50.0]),
-        ({"choice": ["a", "b", "c"]}, ["a", "a", "c"]),
-    ],
-)
-def test_quantiles_of_distributions(entry, quantiles):
-    made = Distribution.read("x", entry, Place("test"))
-    found = [made.value(share) for share in (0.0, 0.25, 1.0)]
-    assert found == (quantiles if "choice" in entry else pytest.approx(quantiles))
-
-
-def test_a_weld_has_one_plant_and_one_noise_under_all_controllers(small):
-    made, _ = small
-    first, second = (made.weld(made.parameters(1), entrant) for entrant in made.entrants)
-    assert first.plant == second.plant and first.events == second.events
-    assert made.weld(made.parameters(2), made.entrants[0]).plant["seed"] != first.plant["seed"]
-
-
-def test_a_row_has_all_figures_of_merit(small):
-    made, rows = small
-    columns = set(dataset.schema(made).names)
-    assert set(rows[0]) - columns == set()
-    scenario = made.weld(made.parameters(0), made.entrants[0])
-    found = compute(ClosedLoop(scenario, made.controllers(scenario, made.entrants[0])).run())
-    for key, value in found.items():
-        if key not in ("label", "controllers", "outputs"):
-            assert rows[0][key] == value, key
-    assert {event for row in rows for entry in row["events"] for event in entry} <= {f.name for f in dataset._EVENT}
-
-
-def test_limits_are_judged_on_the_true_outputs(small):
-    _, rows = small
-    for row in rows:
-        assert row["status"] == "ok"
-        assert row["inside"] == (row["outside_depth_error_mm_s"] <= 1.0)
-        assert row["highest_depth_error_mm"] - row["lowest_depth_error_mm"] > 0.09
-    assert len({row["inside"] for row in rows}) == 2
-
-
-def test_what_cannot_be_welded_is_a_row(tmp_path):
-    made = campaign(tmp_path, **one("plant.start.temperature_c", uniform=[816.4, 1000.0]))
-    hot = run_weld(made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0])
-    assert hot["status"] == "error" and "beyond the drives" in hot["reason"] and not hot["inside"]
-    made = campaign(tmp_path, **one("plant.model.depth_gain_mm_per_kn_s", uniform=[1.0, 10.0]))
-    parameters = {"plant.seed": 1, "plant.model.depth_gain_mm_per_kn_s": 10.0}
-    lost = run_weld(made, 1, parameters | {"events[2].disturbance.channel": "temperature"}, made.entrants[0])
-    assert lost["status"] == "error"  # amplitude_mm is no key of that channel
-    with Dataset(tmp_path / "out", made) as written:
-        written.write([hot | parameters, lost])
-    assert dataset.load(tmp_path / "out")[1]["status"].to_pylist() == ["error", "error"]
-
-
-def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
-    made, rows = small
-    folder = tmp_path / "out"
-    with Dataset(folder, made) as written:
-        written.write(rows[:3])
-        assert written.missing() == [(1, ["mine"]), (2, ["decentral:tight", "mine"]), (3, ["decentral:tight", "mine"])]
-        with pytest.raises(CampaignError, match="another run"):
-            Dataset(folder, made, resume=True)
-    with pytest.raises(CampaignError, match="--resume"):
-        Dataset(folder, made)
-    with pytest.raises(CampaignError, match="another campaign"):
-        Dataset(folder, campaign(tmp_path, seed=4), resume=True)
-    (folder / "welds" / ".00000001.parquet.tmp").write_text("cut off")
-    with Dataset(folder, made, resume=True) as written:
-        written.write(rows[3:])
-        assert not written.missing()
-    table = dataset.load(folder)[1]
-    assert [row["index"] for row in table.to_pylist()] == [0, 0, 1, 1, 2, 2, 3, 3]
-    assert not list((folder / "welds").glob(".*"))
-    (joined,) = (folder / "welds").iterdir()
-    (folder / "welds" / "00000001.parquet").write_bytes(joined.read_bytes())  # as if cut off while files are joined
-    assert dataset.load(folder)[1].equals(table)
-    (folder / "welds" / "00000001.parquet").write_text("broken")
-    with pytest.raises(CampaignError, match="damaged"):
-        dataset.load(folder)
-    manifest = json.loads((folder / "campaign.json").read_text())
-    (folder / "campaign.json").write_text(json.dumps(manifest | {"versions": "other"}))
-    with pytest.raises(CampaignError, match="other software"):
-        Dataset(folder, made, resume=True)
-
-
-def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
-    (tmp_path / "precious").write_text("x")
-    with pytest.raises(CampaignError, match="not a campaign's"):
-        Dataset(tmp_path, small[0])
-    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
-
-
-@pytest.fixture(scope="module")
-def folder(small, tmp_path_factory):
-    made, rows = small
-    path = tmp_path_factory.mktemp("results") / "data"
-    with Dataset(path, made) as written:
-        written.write([row | {"status": "diverged", "reason": "lost"} if row["index"] == 2 else row for row in rows])
-    return path
-
-
-def test_statistics_of_a_campaign(folder):
-    made, table = dataset.load(folder)
-    results = Results(made, table, folder)
-    assert results.labels == ["decentral:tight", "mine"]
-    assert results.complete.tolist() == [0, 1, 3]
-    good, total, low, high = results.share(results.inside, "mine")
-    p, z2 = good / total, 1.959963984540054**2  # Wilson's formula
-    centre, spread = p + z2 / (2 * total), (z2 * (p * (1 - p) / total + z2 / (4 * total**2))) ** 0.5
-    assert (low, high) == pytest.approx(((centre - spread) / (1 + z2 / total), (centre + spread) / (1 + z2 / total)))
-    assert total == 4
-    ratio = results.ratio("iae_depth_mm_s", "mine")
-    assert ratio == pytest.approx(
-        results.numbers("iae_depth_mm_s", "mine") / results.numbers("iae_depth_mm_s", results.labels[0])
-    )
-    assert set(results.sensitivities("iae_depth_mm_s", "mine")) == set(SMALL["distributions"])
-    assert results.meets({"iae_depth_mm_s": (0.0, 1e9)}).sum() == 6
-    worst = results.worst()
-    assert [row["index"] for row, _ in worst[:2]] == [2, 2] and worst[0][1] == "diverged: lost"
-
-
 def test_the_command_of_a_weld_reproduces_it_to_the_last_digit(folder, tmp_path, capsys):
     made, table = dataset.load(folder)
     for number, row in enumerate(table.to_pylist()[2:4]):
@@ -299,14 +105,6 @@ def test_reports(folder, tmp_path, capsys):
     assert (tmp_path / "again.md").read_text() == page.read_text().replace("page_", "again_")
 
 
-def test_mixed_versions_are_told(small, tmp_path):
-    made, rows = small
-    with Dataset(tmp_path / "mixed", made) as written:
-        written.write([row | {"versions": "new" if row["index"] else "old"} for row in rows])
-    page = report.write(tmp_path / "mixed", tmp_path / "page.md").read_text()
-    assert "Mixed versions: 6 welds by new; 2 welds by old." in page
-
-
 def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
     limits = tmp_path / "limits.yaml"
     limits.write_text("- words: hardly any error\n  limits: {iae_depth_mm_s: {max: 1.0e-9}}\n")
@@ -325,39 +123,6 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
         assert main(["campaign", "report", str(folder), "--out", str(page), "--limits", str(limits), "--force"]) == 1
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and words in error
-
-
-def test_first_order_index_of_known_functions():
-    generator = np.random.default_rng(1)
-    x, other = generator.uniform(-1.0, 1.0, (2, 4000))
-    assert first_order(x, x) == pytest.approx(1.0, abs=0.01)
-    assert first_order(x, x**2) == pytest.approx(1.0, abs=0.03)  # whose rank correlation is 0
-    assert first_order(x, x + other) == pytest.approx(0.5, abs=0.03)
-    assert first_order(other, x) == pytest.approx(0.0, abs=0.01)
-    assert np.isnan(first_order(x[:60], x[:60]))
-
-
-def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
-    program = (
-        "import sys; from fsw_experiment.campaign import definition, welds;"
-        "made = definition.read({'name': 'a', 'scenario': {'name': 's', 'duration_s': 1.0}, 'welds': 1,"
-        "'controllers': ['decentral', 'nmpc:default']});"
-        "rows = welds.run_batch(made.text, [(0, made.parameters(0), ['decentral', 'nmpc:default'])]);"
-        "assert [row['status'] for row in rows] == ['ok', 'ok'], rows;"
-        "print(*(module.__file__ for name, module in sys.modules.items() if name.startswith('fsw_')))"
-    )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    of_campaigns = {"__init__.py", "errors.py", "software.py"}
-    assert {path for path in found if Path(path).name not in of_campaigns} <= set(map(str, software.sources()))
-
-
-def test_code_decides_the_versions(tmp_path, monkeypatch):
-    file = tmp_path / "model.py"
-    monkeypatch.setattr(software, "sources", lambda: [file])
-    file.write_text("a = 1")
-    before = software.digest()
-    file.write_text("a = 2")
-    assert software.digest() != before
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from fsw_analysis.verify import TickDifference, Verification
-from fsw_experiment.campaign import definition
-from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.welds import run_weld
+from fsw_campaign import definition
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.welds import run_weld
 from fsw_experiment.cli.main import main
 from fsw_experiment.demo import _controllers, parser
 from fsw_scenario import scenario_file

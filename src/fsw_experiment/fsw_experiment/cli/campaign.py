@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise CommandError("campaign: --resume needs --out, the folder to go on with")
     if arguments.workers is not None and (arguments.workers < 1 or arguments.scheduler):
         raise CommandError("campaign: --workers must be at least 1, and is not for a --scheduler, which has its own")
-    from fsw_experiment.campaign import dataset, definition, engine
+    from fsw_campaign import dataset, definition, engine
 
     campaign = definition.load(arguments.file, arguments.welds)
     folder = arguments.out or default_folder(campaign.name)
@@ -92,7 +92,7 @@ def _report(arguments: argparse.Namespace) -> int:
         raise CommandError(
             "campaign report: needs the folder of a campaign, and takes no options but --out, --limits and --force"
         )
-    from fsw_experiment.campaign import report
+    from fsw_campaign import report
 
     target = arguments.out or arguments.folder / "report.html"
     check_new([target], arguments.force)

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable
 
 from fsw_analysis.kpi import KpiError
+from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_experiment.campaign.errors import CampaignError
 from fsw_model import ModelParameterError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError

@@ -18,7 +18,7 @@ _MODULES = {
         *("closed_loop", "controllers", "offline_supervisor", "open_loop", "ranges", "scenario", "scenario_file"),
         *("timeline", "weld_programme", "weld_programme_file"),
     ),
-    "fsw_experiment": ("campaign/definition", "campaign/distributions", "campaign/welds"),
+    "fsw_campaign": ("definition", "distributions", "welds"),
 }
 #: files of theirs that are for the graph alone
 _GRAPH = ("_ros.py", "_node.py")

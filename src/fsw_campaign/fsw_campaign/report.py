@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment.campaign import figures, quality
-from fsw_experiment.campaign.dataset import load
-from fsw_experiment.campaign.definition import Limit
-from fsw_experiment.campaign.distributions import Distribution
-from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.quality import Requirement
-from fsw_experiment.campaign.statistics import MAIN, Results
-from fsw_experiment.campaign.welds import DIVERGED, ERROR, OK
+from fsw_campaign import figures, quality
+from fsw_campaign.dataset import load
+from fsw_campaign.definition import Limit
+from fsw_campaign.distributions import Distribution
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.quality import Requirement
+from fsw_campaign.statistics import MAIN, Results
+from fsw_campaign.welds import DIVERGED, ERROR, OK
 
 _STYLE = (
     "body{font:15px/1.45 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}table{border-collapse:collapse}"
@@ -61,7 +61,7 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     target : Path
         Name ends in ``.html`` or ``.md``.
     limits : Path, optional
-        File of further limits, see :mod:`fsw_experiment.campaign.quality`; the shipped ones by default.
+        File of further limits, see :mod:`fsw_campaign.quality`; the shipped ones by default.
 
     Raises
     ------

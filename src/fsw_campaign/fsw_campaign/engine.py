@@ -14,10 +14,10 @@ from dask import config
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.comm import get_address_host_port
 
-from fsw_experiment.campaign.dataset import Dataset
-from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.software import versions
-from fsw_experiment.campaign.welds import ERROR, Row, run_batch
+from fsw_campaign.dataset import Dataset
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.software import versions
+from fsw_campaign.welds import ERROR, Row, run_batch
 
 #: time in which a scheduler and its first worker have to answer
 PATIENCE_S = 10.0

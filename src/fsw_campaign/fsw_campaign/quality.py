@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
+from fsw_campaign.errors import CampaignError
 from fsw_control.ranges import Range
-from fsw_experiment.campaign.errors import CampaignError
 from fsw_plant.event_schema import Place
 
 _SHIPPED = Path(__file__).with_name("quality.yaml")

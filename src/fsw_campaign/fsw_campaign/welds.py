@@ -13,11 +13,11 @@ import numpy as np
 
 from fsw_analysis.kpi import compute
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_campaign import definition
+from fsw_campaign.definition import ERRORS, Campaign, Entrant
+from fsw_campaign.software import versions
 from fsw_control.contract import Controller
 from fsw_control.weld import TICK_S
-from fsw_experiment.campaign import definition
-from fsw_experiment.campaign.definition import ERRORS, Campaign, Entrant
-from fsw_experiment.campaign.software import versions
 from fsw_scenario.closed_loop import ClosedLoop
 
 Row = dict[str, Any]

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fsw_analysis.weld_signals import TruthSignals
+from fsw_campaign.distributions import SAMPLERS, Distribution, draw, values, weld_seed
+from fsw_campaign.errors import CampaignError
 from fsw_control.contract import Controller
 from fsw_control.ranges import Range
-from fsw_experiment.campaign.distributions import SAMPLERS, Distribution, draw, values, weld_seed
-from fsw_experiment.campaign.errors import CampaignError
 from fsw_plant.event_schema import DURATION_S, Place
 from fsw_scenario import scenario_file
 from fsw_scenario.controllers import make_all, name_of, short, source_of
 from fsw_scenario.scenario import Scenario, ScenarioError
 
-_SHIPPED = Path(__file__).parent.parent / "campaigns"
+_SHIPPED = Path(__file__).parent / "campaigns"
 _KEYS = ("name", "description", "scenario", "controllers", "welds", "seed", "sampler", "distributions", "limits")
 _LIMIT_KEYS = ("min", "max", "at_most_s")
 #: signals that a limit may be for: errors against the set-points, and numbers of the truth

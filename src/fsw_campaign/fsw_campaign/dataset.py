@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 import yaml
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment.campaign import definition
-from fsw_experiment.campaign.definition import Campaign
-from fsw_experiment.campaign.errors import CampaignError
-from fsw_experiment.campaign.software import versions
-from fsw_experiment.campaign.welds import Row
+from fsw_campaign import definition
+from fsw_campaign.definition import Campaign
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.software import versions
+from fsw_campaign.welds import Row
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"

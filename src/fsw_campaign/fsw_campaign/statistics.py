@@ -15,9 +15,9 @@ import yaml
 from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment.campaign.dataset import SCENARIO
-from fsw_experiment.campaign.definition import Campaign, Entrant
-from fsw_experiment.campaign.welds import OK
+from fsw_campaign.dataset import SCENARIO
+from fsw_campaign.definition import Campaign, Entrant
+from fsw_campaign.welds import OK
 from fsw_scenario import scenario_file
 
 Vector = NDArray[np.float64]

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from fsw_analysis.figure_style import colours_of
 from fsw_analysis.kpi_table import ROWS
-from fsw_experiment.campaign.statistics import MAIN, Results, Vector
+from fsw_campaign.statistics import MAIN, Results, Vector
 
 _RATIOS = (
     *MAIN,

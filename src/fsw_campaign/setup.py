@@ -1,0 +1,23 @@
+"""Ament package of the campaigns."""
+
+from setuptools import find_packages, setup
+
+package_name = "fsw_campaign"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["*.yaml", "campaigns/*.yaml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    maintainer="FSW Control maintainers",
+    maintainer_email="maintainers@fsw-control.invalid",
+    description="Campaigns: many welds of one scenario with parameters drawn at random, on Dask, and their report",
+    license="Apache-2.0",
+    tests_require=["pytest"],
+)
