@@ -15,7 +15,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
 # one weld on one core
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
@@ -27,8 +27,8 @@ if __name__ == "__main__":
 import yaml
 from report import parser, save, show
 
+from controller_comparison.processes import RANDOM, random_factors
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_experiment.comparison.cases import RANDOM, random_factors
 from fsw_identification.estimation import identify
 from fsw_identification.summary import Summary, told_disturbances
 from fsw_identification.weld_data import prepare

@@ -65,6 +65,9 @@ def ensure(dev=False, oldest=False, extras=()):
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
         os.execv(python, [python, *sys.argv])
+    # searched last, because fsw.py and others here are named as packages are
+    here = str(Path(__file__).resolve().parent)
+    sys.path[:] = [*(path for path in sys.path if path != here), here]
 
 
 def start(module, extras=()):

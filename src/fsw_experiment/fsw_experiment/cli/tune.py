@@ -75,10 +75,10 @@ def _run(arguments: argparse.Namespace) -> int:
         _parameter_file(folder / f"{label.replace(':', '_')}.yaml", "fsw_decentral", values)
     _parameter_file(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
     if not arguments.no_sweep:
-        from fsw_experiment.comparison import figures
+        from fsw_scenario.sweep_figure import draw_sweep
 
         with ProgressBar("processes unlike the model") as bar:
-            figures.sweep(_sweep(model, own, bar), folder / "sweep.png")
+            draw_sweep(_sweep(model, own, bar), folder / "sweep.png")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
@@ -92,10 +92,9 @@ def _sweep(
     model: ModelParameters, own: Mapping[str, Mapping[str, Any]], progress: Callable[[float], None]
 ) -> dict[str, Any]:
     """Judged figures of all controllers, each with its own parameters, on processes unlike the model; with noise."""
-    from fsw_experiment.comparison.runs import Job, run_all
-    from fsw_experiment.comparison.study import judged
     from fsw_scenario.identification_design import plant_factors
     from fsw_scenario.standard_events import CASES
+    from fsw_scenario.standard_runs import Job, judged, run_all
 
     jobs = {}
     for name, factors in _SWEEP.items():

@@ -13,11 +13,11 @@ from typing import Any
 
 import yaml
 
-from fsw_experiment.comparison.cases import DEAD_TIME_S, DEFAULT, random_factors
-from fsw_experiment.comparison.runs import Job, figures
-from fsw_experiment.comparison.study import judged
+from controller_comparison.processes import DEAD_TIME_S, random_factors
 from fsw_model import nominal
+from fsw_scenario.standard_cases import DEFAULT
 from fsw_scenario.standard_events import CASES
+from fsw_scenario.standard_runs import Job, figures, judged
 from fsw_scenario.tune_decentral import NAMES, tune
 
 #: Factors on the paper's parameters, drawn independently and uniformly.

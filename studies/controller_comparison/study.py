@@ -4,42 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from fsw_control import Reference
-from fsw_experiment.clairvoyant import Clairvoyant
-from fsw_experiment.comparison.cases import (
-    CONTROLLERS,
-    DECENTRALIZED,
-    DEFAULT,
-    FIXED,
-    SWEEP,
-    TIGHT,
-    VALIDATION_CASES,
-    random_factors,
-)
-from fsw_experiment.comparison.runs import KPIS, VARIATIONS, Figures, Job, is_stable, run_all
+from controller_comparison.processes import FIXED, SWEEP, VALIDATION_CASES, random_factors
+from controller_comparison.stability import is_stable
 from fsw_model import STEP_S
 from fsw_model import nominal as model_nominal
-from fsw_scenario.standard_events import CASES, DISTURBANCES, EVENTS, REST, SET_POINTS, set_points
+from fsw_scenario.standard_cases import CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT
+from fsw_scenario.standard_events import CASES
+from fsw_scenario.standard_runs import JUDGED, KPIS, VARIATIONS, Figures, Job, failed, judged, run_all
 
 Progress = Callable[[str], None]
 #: Those compared on other processes than the nominal one.
 FINALISTS = (*DECENTRALIZED, DEFAULT)
 #: A KPI is lost when it is worse than the best rival's by more than this share.
 TOLERANCE = 0.005
-#: The four figures that other processes are judged by: case and KPI, and what they mean.
-JUDGED = {
-    "tracking iae_depth_mm_s": "set-points, depth",
-    "tracking iae_temperature_c_s": "set-points, temperature",
-    "disturbances iae_depth_mm_s": "disturbances, depth",
-    "disturbances iae_temperature_c_s": "disturbances, temperature",
-}
-#: Weights of 1 mm in °C for the front between both outputs, and for their joint optimum, which is one of them.
-_FRONT, _JOINT = (1e4, 1e3, 300.0, 100.0, 30.0, 10.0, 1.0), 100.0
 _AGGRESSIVENESS = (1.0, 0.7, 0.5, 0.35)
 _LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
 
@@ -70,32 +51,6 @@ def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     }
 
 
-def courses() -> dict[str, tuple[Reference, Reference]]:
-    """For each standard event, where the process rests before, and where it has to go."""
-    moves = dict(zip(SET_POINTS, pairwise(set_points()), strict=True))
-    for name, step in DISTURBANCES.items():
-        against = step._replace(depth_mm=-step.depth_mm, temperature_c=-step.temperature_c)
-        moves[name] = (REST, against.after(REST))
-    return moves
-
-
-def bounds(progress: Progress) -> dict[str, Any]:
-    """The clairvoyant optimum of each event: of one output alone, of both, and the front between them."""
-    clairvoyant, data = Clairvoyant(), {}
-    for name, (rest, goal) in courses().items():
-        progress(f"clairvoyant optimum, {name}")
-        of_depth = EVENTS[name].of_depth
-        alone = clairvoyant.best(rest, goal, *((1e4, 1e-3) if of_depth else (1e-3, 1.0)))
-        front = {weight: clairvoyant.best(rest, goal, weight, 1.0) for weight in _FRONT}
-        data[name] = {
-            "alone": alone.iae[0 if of_depth else 1],
-            "joint": front[_JOINT].iae,
-            "front": [found.iae for found in front.values()],
-            "solved": all(found.solved for found in (alone, *front.values())),
-        }
-    return data
-
-
 def sweep(progress: Progress, processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """PI tunings and default NMPC on processes that differ from the model, with noise."""
     jobs = [Job(label, case, True, plant) for plant in processes.values() for label in FINALISTS for case in CASES]
@@ -104,21 +59,6 @@ def sweep(progress: Progress, processes: Mapping[str, Mapping[str, float]]) -> d
         name: {label: judged({case: results[Job(label, case, True, plant)] for case in CASES}) for label in FINALISTS}
         for name, plant in processes.items()
     }
-
-
-def judged(runs: Mapping[str, Figures]) -> Figures:
-    """The judged figures of a controller's runs, their total variations, and whether something still swings."""
-    for run in runs.values():
-        if "error" in run:
-            return {"error": run["error"]}
-    keys = ("iae_depth_mm_s", "iae_temperature_c_s", *VARIATIONS)
-    found: Figures = {f"{case} {key}": run[key] for case, run in runs.items() for key in keys}
-    return found | {"swings": any(run["swings"] for run in runs.values())}
-
-
-def failed(runs: Mapping[str, Figures]) -> str | None:
-    """Why a process could not be run with every controller, or None."""
-    return next((run["error"] for run in runs.values() if "error" in run), None)
 
 
 def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str]) -> dict[str, list[float]]:

@@ -1,9 +1,8 @@
-"""Runs of one controller on one case, many at a time."""
+"""Runs of one controller on one case, many at a time, and the figures that they are judged by."""
 
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -15,10 +14,10 @@ import numpy as np
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
 from fsw_analysis.weld_signals import TruthSignals, WeldSignals
-from fsw_control.contract import Command, Controller
-from fsw_experiment.comparison.cases import scenario
+from fsw_control.contract import Controller
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
+from fsw_scenario.standard_cases import scenario
 
 #: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
 KPIS = {
@@ -29,6 +28,13 @@ KPIS = {
 VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
 #: An output still swings when, over the last `_LAST` ticks, it moves by more than this.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150
+#: The four figures that other processes are judged by: case and KPI, and what they mean.
+JUDGED = {
+    "tracking iae_depth_mm_s": "set-points, depth",
+    "tracking iae_temperature_c_s": "set-points, temperature",
+    "disturbances iae_depth_mm_s": "disturbances, depth",
+    "disturbances iae_temperature_c_s": "disturbances, temperature",
+}
 
 Figures = dict[str, Any]
 
@@ -55,7 +61,8 @@ def _controller(label: str, *parameters: tuple[str, Any]) -> Controller:
     return make(label, dict(parameters))
 
 
-def _loop(job: Job) -> ClosedLoop:
+def loop_of(job: Job) -> ClosedLoop:
+    """Controller and plant of a job, ready to run."""
     name = name_of(job.controller)
     made = scenario(job.case, {"noise": job.noise, **job.plant}, name)
     return ClosedLoop(made, {name: _controller(job.controller, *job.parameters.items())})
@@ -63,7 +70,7 @@ def _loop(job: Job) -> ClosedLoop:
 
 def weld(job: Job) -> WeldSignals:
     """Run a job and return all signals."""
-    return _loop(job).run()
+    return loop_of(job).run()
 
 
 def figures(job: Job) -> Figures:
@@ -101,30 +108,16 @@ def run_all(jobs: Sequence[Job], progress: Callable[[str], None]) -> dict[Job, F
     return results
 
 
-class _LateForce:
-    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
-
-    def __init__(self, plant: Any, ticks: int) -> None:
-        self._plant = plant
-        self._under_way = deque([plant.applied.force_kn] * ticks)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._plant, name)
-
-    def apply(self, command: Command, stamp_ns: int, source: str) -> None:
-        self._under_way.append(command.force_kn)
-        self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
+def judged(runs: Mapping[str, Figures]) -> Figures:
+    """The judged figures of a controller's runs, their total variations, and whether something still swings."""
+    for run in runs.values():
+        if "error" in run:
+            return {"error": run["error"]}
+    keys = ("iae_depth_mm_s", "iae_temperature_c_s", *VARIATIONS)
+    found: Figures = {f"{case} {key}": run[key] for case, run in runs.items() for key in keys}
+    return found | {"swings": any(run["swings"] for run in runs.values())}
 
 
-def is_stable(
-    controller: str, plant: Mapping[str, float], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
-) -> bool:
-    """Whether small steps of both set-points die out, without noise, with the force so many ticks late."""
-    loop = _loop(Job(controller, "small_steps", plant=plant, parameters=parameters or {}))
-    loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
-    truth = _truth(loop.run())
-    for value, floor in ((truth.depth_mm, 1e-4), (truth.temperature_c, 1e-2)):
-        earlier, later = np.ptp(value[-1200:-600]), np.ptp(value[-600:])
-        if later > max(0.9 * earlier, floor):
-            return False
-    return True
+def failed(runs: Mapping[str, Figures]) -> str | None:
+    """Why a process could not be run with every controller, or None."""
+    return next((run["error"] for run in runs.values() if "error" in run), None)

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fsw_experiment.comparison.cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT
-from fsw_experiment.comparison.runs import KPIS, VARIATIONS
-from fsw_experiment.comparison.study import FINALISTS, JUDGED, failed, quantiles, ratios
+from controller_comparison.study import FINALISTS, quantiles, ratios
+from fsw_scenario.standard_cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT
 from fsw_scenario.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
+from fsw_scenario.standard_runs import JUDGED, KPIS, VARIATIONS, failed
 
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 _WHY_WORSE = (

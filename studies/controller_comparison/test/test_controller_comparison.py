@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from fsw_control import Reference
+from clairvoyant_bounds.bounds import courses
+from clairvoyant_bounds.optimum import Clairvoyant
+from controller_comparison import figures as comparison_figures
+from controller_comparison import other_models, report, study
+from controller_comparison.processes import SWEEP, random_factors
+from controller_comparison.stability import is_stable
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_experiment.clairvoyant import Clairvoyant
-from fsw_experiment.comparison import figures as comparison_figures
-from fsw_experiment.comparison import other_models, report, study
-from fsw_experiment.comparison.cases import CONTROLLERS, DECENTRALIZED, DEFAULT, SWEEP, random_factors, scenario
-from fsw_experiment.comparison.runs import Job, figures, is_stable, weld
-from fsw_model import ProcessModel
-from fsw_scenario.standard_events import REST
+from fsw_scenario.standard_cases import CONTROLLERS, DECENTRALIZED, DEFAULT, scenario
+from fsw_scenario.standard_runs import JUDGED, Job, figures, weld
 
 pytestmark = pytest.mark.slow
 
@@ -54,34 +54,10 @@ def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
 
 @pytest.mark.parametrize("event", ["z up", "dz"])
 def test_no_controller_beats_the_clairvoyant_optimum(nominal, clairvoyant, event):
-    best = clairvoyant.best(*study.courses()[event], 1e4, 1e-3)
+    best = clairvoyant.best(*courses()[event], 1e4, 1e-3)
     assert best.solved
     for label in CONTROLLERS:
         assert nominal[label]["clean"]["events"][event]["iae_depth_mm_s"] >= best.iae[0]
-
-
-def test_courses_of_the_events_follow_each_other():
-    courses = study.courses()
-    assert courses["z up"] == (REST, Reference(DEPTH_MM + 0.2, TEMPERATURE_C))
-    assert courses["T up"] == (courses["z up"][1], Reference(DEPTH_MM + 0.2, TEMPERATURE_C + 10.0))
-    assert courses["T down"][1] == REST
-    assert courses["dT"] == (REST, Reference(DEPTH_MM, TEMPERATURE_C + 5.0))  # to show what it showed before
-
-
-def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
-    goal = Reference(DEPTH_MM + 0.1, TEMPERATURE_C + 2.0)
-    best = clairvoyant.best(REST, goal, 100.0, 1.0)
-    model = ProcessModel()
-    held = model.equilibrium(DEPTH_MM, TEMPERATURE_C)
-    state, force, speed = held.state.copy(), best.force_kn, best.speed_rpm
-    for k in range(60):
-        shown = model.outputs(state, force[k], speed[k])
-        assert shown.depth_mm - goal.depth_mm == pytest.approx(best.depth_error_mm[k], abs=1e-6)
-        assert shown.temperature_c - goal.temperature_c == pytest.approx(best.temperature_error_c[k], abs=1e-4)
-        model.step(state, force[k], speed[k])
-    moves = np.abs(np.diff(np.concatenate([[held.force_kn], force])))
-    assert moves.max() <= 1.0 + 1e-6
-    assert force.max() <= 95.0 + 1e-6 and speed.max() <= 500.0 + 1e-6
 
 
 def test_late_and_strong_plants_end_stability():
@@ -107,7 +83,7 @@ def test_random_plants_are_the_same_each_time():
 
 def test_ratios_take_the_better_rival():
     def run(value):
-        return {**dict.fromkeys(study.JUDGED, value), "swings": False}
+        return {**dict.fromkeys(JUDGED, value), "swings": False}
 
     data = {"a": dict(zip((*DECENTRALIZED, DEFAULT), map(run, (2.0, 4.0, 1.0)), strict=True))}
     assert all(values == [0.5] for values in study.ratios(data, DECENTRALIZED).values())

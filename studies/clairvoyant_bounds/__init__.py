@@ -1,0 +1,1 @@
+"""The least errors that any controller could reach in the standard events."""

@@ -1,0 +1,65 @@
+"""Processes that differ from the model, and further cases, for the comparison."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+
+from fsw_model import nominal
+
+DEAD_TIME_S = nominal().dead_time_s
+#: Cases that no controller was tuned on.
+VALIDATION_CASES = (
+    "other_sizes",
+    "input_disturbances",
+    "ramp_and_sine",
+    "simultaneous_events",
+    "quick",
+    "saturation",
+)
+
+#: Processes that differ from the model: factors on its parameters, and the plant's own parameters.
+SWEEP: dict[str, dict[str, float]] = {
+    "nominal": {},
+    **{f"thermal gain × {k:g}": {"model.thermal_gain_c_per_kw": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"depth gain × {k:g}": {"model.depth_gain_mm_per_kn_s": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{
+        f"torque × {k:g}": {"model.sliding_friction": k, "model.sticking_stress_pa": k}
+        for k in (0.5, 0.7, 0.85, 1.15, 1.4, 2.0)
+    },
+    **{f"softening × {k:g}": {"model.softening_per_c": k} for k in (0.5, 0.7, 1.4, 2.0)},
+    **{f"thermal lag × {k:g}": {"model.copper_lag_s": k} for k in (0.5, 2.0)},
+    **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
+    "drive lag 0.3 s": {"actuators.lag_s": 0.3},
+}
+#: The nine of the count of wins.
+FIXED = (
+    "thermal gain × 0.7",
+    "thermal gain × 1.4",
+    "depth gain × 0.7",
+    "depth gain × 1.4",
+    "softening × 0.5",
+    "softening × 2",
+    "dead time 1.8 s",
+    "dead time 3.8 s",
+    "drive lag 0.3 s",
+)
+#: Of the random processes: independent, uniform.
+RANDOM: dict[str, tuple[float, float]] = {
+    "model.thermal_gain_c_per_kw": (0.7, 1.4),
+    "model.copper_lag_s": (0.7, 1.4),
+    "model.tool_lag_s": (0.5, 2.0),
+    "model.depth_gain_mm_per_kn_s": (0.7, 1.4),
+    "model.depth_zero_s": (0.8, 1.25),
+    "model.sliding_friction": (0.9, 1.1),
+    "model.softening_per_c": (0.5, 2.0),
+    "model.dead_time_s": (1.8 / DEAD_TIME_S, 3.8 / DEAD_TIME_S),
+}
+
+
+def random_factors(
+    count: int, spans: Mapping[str, tuple[float, float]] = RANDOM, seed: int = 2026
+) -> list[dict[str, float]]:
+    """Factors of `count` processes, drawn independently and uniformly."""
+    generator = random.Random(seed)
+    return [{name: generator.uniform(*span) for name, span in spans.items()} for _ in range(count)]
