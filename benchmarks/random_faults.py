@@ -34,8 +34,8 @@ if __name__ == "__main__":
 from random_faults_graph import EMULATOR, MACHINE, FaultyGraph
 from report import Figures, parser, save, show
 
+from fsw.progress import ProgressBar
 from fsw_control.free_domain import free_domain
-from fsw_experiment.cli.progress import ProgressBar
 
 #: a trial without recovery by then has failed [s]
 PATIENCE_S = 60.0

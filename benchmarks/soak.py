@@ -26,10 +26,10 @@ if __name__ == "__main__":
 import numpy as np
 from report import Figures, parser, save, show
 
+from fsw.progress import ProgressBar
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
-from fsw_experiment.cli.progress import ProgressBar
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load

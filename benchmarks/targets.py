@@ -27,7 +27,7 @@ if __name__ == "__main__":
 import numpy as np
 from report import parser, save, show
 
-from fsw_experiment.cli.main import main as fsw
+from fsw.main import main as fsw
 from fsw_export import documents
 from fsw_test_support import c_targets
 

@@ -20,6 +20,8 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 SOURCES = WORKSPACE / "src"
 RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
+# This folder is searched last, because fsw.py and others here are named as packages are.
+sys.path[:] = [*(path for path in sys.path if path != str(WORKSPACE / "scripts")), str(WORKSPACE / "scripts")]
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
 
@@ -65,9 +67,6 @@ def ensure(dev=False, oldest=False, extras=()):
     if Path(sys.prefix).resolve() != home.resolve():
         python = str(_python(home))
         os.execv(python, [python, *sys.argv])
-    # searched last, because fsw.py and others here are named as packages are
-    here = str(Path(__file__).resolve().parent)
-    sys.path[:] = [*(path for path in sys.path if path != here), here]
 
 
 def start(module, extras=()):

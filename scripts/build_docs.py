@@ -23,9 +23,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-if __name__ == "__main__":
-    from _bootstrap import ensure
+from _bootstrap import ensure
 
+if __name__ == "__main__":
     ensure(dev=True)
 
 import safety_case
@@ -34,9 +34,9 @@ from draw_state_machine import svg_diagram
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
+from fsw.demo import parser as demo_parser
+from fsw.main import parser as operator_parser
 from fsw_control.parameters import ParameterSpec, parse
-from fsw_experiment.cli.main import parser as operator_parser
-from fsw_experiment.demo import parser as demo_parser
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning

@@ -10,4 +10,4 @@ import sys
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_experiment.demo", extras=("hmi",) if "--live" in sys.argv else ())
+    start("fsw.demo", extras=("hmi",) if "--live" in sys.argv else ())

@@ -8,4 +8,4 @@ from _bootstrap import start
 if __name__ == "__main__":
     extras = ["fmu", *(["compiler"] if "--platform" in sys.argv else [])] if sys.argv[1:3] == ["export", "fmu"] else []
     extras += ["campaign"] if sys.argv[1:2] == ["campaign"] else []
-    start("fsw_experiment.cli.main", extras)
+    start("fsw.main", extras)

@@ -21,7 +21,7 @@ OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for two.
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "worksteal"]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
-OLDEST_TESTS = [f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign", "experiment")]
+OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
     print(__doc__)
     sys.exit()

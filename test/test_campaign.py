@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.kpi import compute
 from fsw_analysis.kpi_table import ROWS
@@ -19,7 +20,6 @@ from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_batch
-from fsw_experiment.cli.main import main
 
 pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"

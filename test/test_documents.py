@@ -14,8 +14,8 @@ from types import ModuleType
 import pytest
 import yaml
 
-from fsw_experiment.cli.main import parser as operator_parser
-from fsw_experiment.demo import parser as demo_parser
+from fsw.demo import parser as demo_parser
+from fsw.main import parser as operator_parser
 from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_server import parser as machine_server_parser
 

@@ -79,7 +79,7 @@ def processes_with(text):
 @pytest.mark.parametrize(("sign", "code"), [(signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_the_demonstration_leaves_no_process_behind(sign, code, tmp_path):
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "fsw_experiment.demo", "--controller", "decentral", "--out", str(out)]
+    command = [sys.executable, "-m", "fsw.demo", "--controller", "decentral", "--out", str(out)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with (tmp_path / "printed").open("wb") as printed:
         demo = subprocess.Popen(command, stdout=printed, stderr=printed, env=environment, cwd=WORKSPACE)

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
+from fsw.main import main
 from fsw_control.free_domain import free_domain
-from fsw_experiment.cli.main import main
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import load

@@ -4,9 +4,9 @@ import pytest
 import rclpy
 from rclpy.context import Context
 
+from fsw.main import main
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATEST, STREAM
-from fsw_experiment.cli.main import main
 from fsw_msgs.msg import WeldCommand, WeldReference
 from fsw_scenario.graph import STANDBY, WeldGraph
 from fsw_scenario.launcher import Launcher

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fsw_experiment.cli.main import main
+from fsw.main import main
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 

@@ -13,10 +13,10 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 import fsw_decentral
+from fsw.errors import CommandError
+from fsw.outputs import add_force, check_new
+from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
-from fsw_experiment.cli.errors import CommandError
-from fsw_experiment.cli.outputs import add_force, check_new
-from fsw_experiment.cli.progress import ProgressBar
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, nominal
 from fsw_scenario.decentral_loop import errors, simulated_sensitivity
 from fsw_scenario.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune

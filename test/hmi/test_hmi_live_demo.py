@@ -47,9 +47,7 @@ def demo(tmp_path):
             scenario = tmp_path / "scenario.yaml"
             scenario.write_text(text)
             out = ["--out", str(tmp_path / "weld")]
-            child = launcher.start(
-                "demo", "fsw_experiment.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out]
-            )
+            child = launcher.start("demo", "fsw.demo", ["--live", "--port", "0", "--scenario", str(scenario), *out])
             url = launcher.wait_for_text("demo", r"http://\S+")
             return child, url, launcher.wait_for_text("demo", r"token: \S+").split()[1]
 

@@ -1,0 +1,148 @@
+"""The demonstration: the whole graph as processes, its bags, figures of merit and figures."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from fsw.errors import CommandError, exit_code
+from fsw.progress import ProgressBar
+from fsw.simulate import new_folder, write_phases
+from fsw_analysis import kpi, kpi_table
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
+from fsw_control.free_domain import free_domain
+from fsw_scenario import live
+from fsw_scenario.controllers import OURS, name_of, variant_of
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.launcher import Launcher
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.scenario_file import load, parse, shipped
+
+DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
+SWAP_SCENARIO = "controller_swap"
+LIVE_SCENARIO = "canister_weld"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    whole = argparse.ArgumentParser(
+        prog="demo.py",
+        description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
+        "processes. Leaves bags, figures of merit and figures.",
+    )
+    whole.add_argument("--realtime", action="store_true", help="10 Hz on the wall clock instead of as fast as possible")
+    whole.add_argument(
+        "--scenario",
+        action="append",
+        metavar="NAME",
+        help=f"YAML file or one of {', '.join(shipped())}; several times (default: {', '.join(DEFAULT_SCENARIOS)})",
+    )
+    whole.add_argument(
+        "--controller",
+        action="append",
+        metavar="NAME",
+        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); one of your own: "
+        "MODULE:CLASS or FILE.py:CLASS",
+    )
+    whole.add_argument(
+        "--live",
+        action="store_true",
+        help="one weld in real time, to watch and steer on the operator's page "
+        f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
+    )
+    whole.add_argument("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)")
+    whole.add_argument("--out", type=Path, help="folder for the results (default: out/<date>)")
+    return whole
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demonstration; returns the exit code."""
+    parsed = parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return exit_code(lambda: _live(parsed) if parsed.live else _demonstrate(parsed))
+
+
+def _live(parsed: argparse.Namespace) -> int:
+    names = parsed.scenario or [LIVE_SCENARIO]
+    if len(names) > 1:
+        raise CommandError("--live welds once: give one --scenario")
+    controllers = _controllers(parsed)
+    scenario = load(names[0])
+    if not scenario.open_loop and len(scenario.controllers) == 1:
+        scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
+    folder = new_folder(parsed.out, "live")
+    others = () if scenario.open_loop else tuple(controllers)
+    graph = WeldGraph(scenario, folder, others, realtime=True, standby=True, parameters=controllers)
+    with free_domain() as domain, Launcher(folder / "log", domain) as launcher:
+        return live.weld(graph, launcher, parsed.port)
+
+
+def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
+    """The controllers asked for, or ours: names, with the parameters that their variants set."""
+    labels = set(parsed.controller or OURS)
+    controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
+    if len(controllers) < len(labels):
+        raise CommandError(f"one variant of each controller can run, not {', '.join(sorted(labels))}")
+    return controllers
+
+
+def _demonstrate(parsed: argparse.Namespace) -> int:
+    controllers = _controllers(parsed)
+    names = list(parsed.scenario or DEFAULT_SCENARIOS)
+    if not parsed.scenario and len(controllers) > 1:
+        names.append(SWAP_SCENARIO)
+    scenarios = [load(name) for name in names]
+    began = time.monotonic()
+    folder = new_folder(parsed.out, "demo")
+    pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as the slowest process"
+    print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
+    written: list[Path] = []
+    for scenario in scenarios:
+        written += _weld(scenario, controllers, folder, parsed.realtime)
+    print(f"done in {time.monotonic() - began:.0f} s; look at")
+    for path in written:
+        print(f"  {path}")
+    return 0
+
+
+def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
+    """Run a scenario once with each controller in command; the others run along."""
+    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
+
+    place = folder / scenario.name
+    runs: list[Run] = []
+    bags: list[Path] = []
+    for title, variant in _variants(scenario, controllers).items():
+        own = place / title.replace(" ", "_")
+        others = () if variant.open_loop else tuple(controllers)
+        graph = WeldGraph(variant, own, others, realtime, parameters=controllers)
+        with (
+            ProgressBar(f"{scenario.name}, {title}") as bar,
+            free_domain() as domain,
+            Launcher(own / "log", domain) as launcher,
+        ):
+            graph.run(launcher, bar)
+        runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
+        bags.append(graph.bag)
+    results = [kpi.compute(run.signals, run.label) for run in runs]
+    print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
+    print(kpi_table.text(results))
+    pages = draw(runs, scenario.figures, place)
+    return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
+
+
+def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scenario]:
+    if scenario.open_loop:
+        return {"open loop": scenario}
+    if len(scenario.controllers) > 1:
+        return {"swap": scenario}
+    return {name: parse(scenario.text, scenario.name, [f"controller={name}"]) for name in controllers}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

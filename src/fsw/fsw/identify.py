@@ -1,0 +1,155 @@
+"""``fsw.py identify``: the model of a process from its recorded welds."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fsw.errors import CommandError
+from fsw.outputs import add_force, check_new, write_text
+from fsw.progress import ProgressBar
+from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.signals import load_weld
+from fsw_plant.config import specs
+
+#: lengths of an experiment that can be proposed
+_SHORTEST_S, _DURATION_S, _LONGEST_S = 60.0, 300.0, 1800.0
+_DRIVE_LAG = replace(specs()["actuators.lag_s"], name="--drive-lag")
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "identify",
+        help="model parameters of a process from bags of its welds; proposes an experiment",
+        description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
+        "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
+        "experiment instead.",
+    )
+    parser.add_argument("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="model file (YAML); with --design the scenario")
+    parser.add_argument("--validate", type=Path, metavar="BAG", help="weld to judge the model by, not used otherwise")
+    parser.add_argument("--air", type=Path, metavar="BAG", help="run in air at several speeds: friction (23)")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="write report.html and report.png into this folder")
+    parser.add_argument("--model", type=Path, metavar="FILE", help="model to start from (default: the paper's)")
+    parser.add_argument(
+        "--drive-lag",
+        type=float,
+        default=_DRIVE_LAG.default,
+        metavar="S",
+        help="time constant of the drives (default %(default)s s, the emulator's)",
+    )
+    parser.add_argument("--design", action="store_true", help="propose an experiment and print what it promises")
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help=f"of the proposed experiment, {_SHORTEST_S:g} to {_LONGEST_S:g} s (default {_DURATION_S:g})",
+    )
+    parser.add_argument("--open-loop", action="store_true", help="propose steps of force and speed, without controller")
+    add_force(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    arguments.drive_lag = _DRIVE_LAG.check(arguments.drive_lag)
+    if arguments.design:
+        return _design(arguments)
+    if arguments.duration is not None or arguments.open_loop:
+        raise CommandError("identify: --duration and --open-loop go with --design")
+    if not arguments.bag:
+        raise CommandError("identify: give the bag of a weld, or --design")
+    if arguments.out is None:
+        raise CommandError("identify: give --out FILE for the model")
+    check_new([arguments.out], arguments.force)
+    folder: Path | None = arguments.report
+    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise CommandError(f"{folder} exists and is no empty folder; nothing is overwritten, choose another --report")
+    for made in [arguments.out.parent, *([folder] if folder is not None else [])]:
+        try:
+            made.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CommandError(f"identify: cannot make folder {made}: {error.strerror}") from None
+    from fsw_identification import estimation, model_file, summary
+    from fsw_identification.weld_data import IdentificationError
+
+    start = _model(arguments.model)
+    try:
+        welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
+        checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag, "validation ")
+        air: dict[str, float] = {}
+        if arguments.air is not None:
+            from fsw_identification.friction import from_air
+
+            start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
+        for weld in welds:
+            for note in weld.notes:  # now, too, because the fit of a long weld takes minutes
+                print(f"{weld.name}: {note}", file=sys.stderr)
+        with ProgressBar("identifying") as bar:
+            fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
+        validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
+    except IdentificationError as error:
+        raise CommandError(f"identify: {error}") from None
+    sources = ", ".join(weld.name for weld in welds)
+    result = summary.Summary(sources, fit, validation, tuple(note for weld in welds for note in weld.notes), air)
+    print(summary.text(result), end="")
+    write_text(arguments.out, model_file.text(fit, sources, air))
+    files = [arguments.out]
+    if arguments.report is not None:
+        from fsw_identification import report
+
+        files += report.write(result, arguments.report)
+    print(f"written: {', '.join(map(str, files))}")
+    return 0
+
+
+def _design(arguments: argparse.Namespace) -> int:
+    duration_s = _DURATION_S if arguments.duration is None else arguments.duration
+    if arguments.bag or arguments.report or arguments.validate or arguments.air:
+        raise CommandError("identify: --design takes no bags and writes no report")
+    if not _SHORTEST_S <= duration_s <= _LONGEST_S:
+        raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
+    check_new([arguments.out], arguments.force)
+    from fsw_identification.summary import table
+    from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
+
+    model = _model(arguments.model)
+    with ProgressBar("trying experiments") as bar:
+        found = propose(duration_s, not arguments.open_loop, model, progress=bar)
+    rows = [["parameter", "expected std", "[%]"]]
+    for name, share in found.deviations.items():
+        rows.append([name, f"{share * getattr(model, name):.2g}", f"{100.0 * share:.2f}"])
+    print(table(rows), end="")
+    print(
+        f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
+        f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
+    )
+    if arguments.open_loop:
+        print(
+            "open loop: nothing holds depth and temperature; on a process unlike the model they drift far beyond these "
+            "bounds. Weld it only with the model of this machine (--model), and watch it; else weld the closed-loop one"
+        )
+    if arguments.out is not None:
+        write_text(arguments.out, found.scenario)
+        print(f"written: {arguments.out}")
+    return 0
+
+
+def _model(file: Path | None) -> Any:
+    from fsw_model import ModelParameters
+
+    return ModelParameters() if file is None else ModelParameters.from_file(file)
+
+
+def _data(bag: Path, drive_lag_s: float, what: str = "") -> Any:
+    from fsw_identification.weld_data import IdentificationError, prepare
+
+    with ProgressBar(f"reading {what}{bag.name}") as bar:
+        signals = cut_to_scenario(load_weld(bag, bar))
+    try:
+        return prepare(signals, drive_lag_s)
+    except IdentificationError as error:
+        raise CommandError(f"identify: {what}{error}") from None

@@ -1,0 +1,40 @@
+"""Files that a command writes: none that exists is replaced unless ``--force`` says so."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from fsw.errors import CommandError
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets a command replace files."""
+    parser.add_argument("--force", action="store_true", help="replace files that exist")
+
+
+def check_new(files: Iterable[Path | None], force: bool) -> None:
+    """Refuse files that exist, before any work is done; CommandError names the first."""
+    for file in files:
+        if file is not None and file.is_dir():
+            raise CommandError(f"cannot write {file}: it is a folder")
+        if file is not None and file.exists() and not force:
+            raise CommandError(f"{file} exists; choose another name, or give --force to replace it")
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a text file, its folder first; CommandError when that is not possible."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"cannot write {file}: {error.strerror}") from None
+
+
+def write_json(file: Path | None, values: Any) -> None:
+    """Write values as JSON where a file is given."""
+    if file is not None:
+        write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")

@@ -1,0 +1,116 @@
+"""``fsw.py tune``: tunings of both controllers for a model, as files that their nodes take."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw.errors import CommandError
+from fsw.progress import ProgressBar
+from fsw.simulate import new_folder
+from fsw_model import ModelParameterError, ModelParameters, OperatingPointError
+
+#: processes unlike the model, as factors on its parameters
+_SWEEP: dict[str, dict[str, float]] = {
+    "the model": {},
+    **{f"thermal gain × {k:g}": {"thermal_gain_c_per_kw": k} for k in (0.7, 1.4)},
+    **{f"depth gain × {k:g}": {"depth_gain_mm_per_kn_s": k} for k in (0.7, 1.4)},
+    **{f"softening × {k:g}": {"softening_per_c": k} for k in (0.7, 1.4)},
+    **{f"thermal lag × {k:g}": {"copper_lag_s": k} for k in (0.7, 1.4)},
+    **{f"dead time × {k:g}": {"dead_time_s": k} for k in (0.7, 1.3)},
+}
+_EVALUATIONS = 3000
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    parser = commands.add_parser(
+        "tune",
+        help="tunings of both controllers for a model",
+        description="Search for both tunings of the decentralized controller for a model, take that of the NMPC by "
+        "rule, draw how they do on processes unlike the model, and write files that the controllers' nodes take.",
+    )
+    parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model file, e.g. of fsw.py identify")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the files")
+    parser.add_argument(
+        "--evaluations",
+        type=int,
+        default=_EVALUATIONS,
+        metavar="N",
+        help="of the search, per decentralized tuning; fewer: sooner and worse (default %(default)s: some minutes)",
+    )
+    parser.add_argument("--no-sweep", action="store_true", help="without the figure of processes unlike the model")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    if not 1 <= arguments.evaluations <= 1_000_000:
+        raise CommandError(f"tune: --evaluations {arguments.evaluations}: give 1 to 1000000")
+    model = ModelParameters.from_file(arguments.model)
+    folder = new_folder(arguments.out, "tuning").resolve()
+    from fsw_nmpc.tuning import Tuning
+    from fsw_scenario.tune_decentral import NAMES, tune
+
+    gains = {}
+    try:
+        for name in NAMES:
+            with ProgressBar(f"decentral:{name}") as bar:
+                gains[f"decentral:{name}"] = asdict(tune(name, model, arguments.evaluations, bar))
+    except (OperatingPointError, ModelParameterError) as error:
+        raise CommandError(f"tune: {error}") from None
+    model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
+    shutil.copyfile(arguments.model, model_file)
+    tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
+    tuning_file.write_text(
+        f"# By rule from the dead time of {arguments.model.name}.\n{yaml.safe_dump(tuning)}", "utf-8"
+    )
+    own: dict[str, dict[str, Any]] = {**gains, "nmpc:default": {"model_file": str(model_file)}}
+    for label, values in gains.items():
+        _parameter_file(folder / f"{label.replace(':', '_')}.yaml", "fsw_decentral", values)
+    _parameter_file(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
+    if not arguments.no_sweep:
+        from fsw_scenario.sweep_figure import draw_sweep
+
+        with ProgressBar("processes unlike the model") as bar:
+            draw_sweep(_sweep(model, own, bar), folder / "sweep.png")
+    print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
+    return 0
+
+
+def _parameter_file(path: Path, node: str, values: Mapping[str, Any]) -> None:
+    """Parameters of a node, as ``--ros-args --params-file`` takes them."""
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False), encoding="utf-8")
+
+
+def _sweep(
+    model: ModelParameters, own: Mapping[str, Mapping[str, Any]], progress: Callable[[float], None]
+) -> dict[str, Any]:
+    """Judged figures of all controllers, each with its own parameters, on processes unlike the model; with noise."""
+    from fsw_scenario.identification_design import plant_factors
+    from fsw_scenario.standard_events import CASES
+    from fsw_scenario.standard_runs import Job, judged, run_all
+
+    jobs = {}
+    for name, factors in _SWEEP.items():
+        plant = plant_factors(model.scaled(**factors))
+        for label, parameters in own.items():
+            for case in CASES:
+                jobs[name, label, case] = Job(label, case, True, plant, parameters)
+    done = 0
+
+    def count(_: str) -> None:
+        nonlocal done
+        done += 1
+        progress(done / len(jobs))
+
+    found = run_all(list(jobs.values()), count)
+    return {
+        name: {label: judged({case: found[jobs[name, label, case]] for case in CASES}) for label in own}
+        for name in _SWEEP
+    }

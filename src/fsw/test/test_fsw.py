@@ -1,0 +1,213 @@
+"""The operator's command, as far as it needs no graph."""
+
+import json
+
+import pytest
+
+from fsw.main import main, parser
+from fsw_test_support.sample_weld import write_sample_weld
+
+
+def run(capsys, *arguments):
+    try:
+        code = main(list(arguments))
+    except SystemExit as end:
+        code = end.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_simulate_writes_results(capsys, tmp_path):
+    out = tmp_path / "results"
+    code, printed, _ = run(
+        capsys,
+        "simulate",
+        "quick",
+        "--no-noise",
+        "--controller",
+        "decentral:tight",
+        "--controller",
+        "decentral",
+        "--out",
+        str(out),
+    )
+    assert code == 0
+    assert "IAE depth" in printed
+    assert {path.name for path in out.iterdir()} == {
+        "kpi.json",
+        "kpi.md",
+        "overview.png",
+        "signals_decentral.csv",
+        "signals_decentral_tight.csv",
+    }
+    assert [entry["label"] for entry in json.loads((out / "kpi.json").read_text())] == ["decentral:tight", "decentral"]
+    assert len((out / "signals_decentral.csv").read_text().splitlines()) == 601
+
+
+def test_parameters_of_a_controller(capsys, tmp_path):
+    def signals(*arguments):
+        out = tmp_path / str(len(arguments))
+        assert run(capsys, "simulate", "quick", "--no-figures", "--out", str(out), *arguments)[0] == 0
+        return (out / "signals_decentral.csv").read_bytes()
+
+    assert signals("--parameter", "decentral.tuning=tight") != signals()
+
+
+def test_nothing_is_overwritten(capsys, tmp_path):
+    (tmp_path / "precious").write_text("x")
+    code, _, error = run(capsys, "simulate", "quick", "--out", str(tmp_path))
+    assert code == 1
+    assert "not empty" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "nothing_of_the_kind"],
+        ["simulate"],
+        ["simulate", "quick", "--controller", "nobody"],
+        ["simulate", "quick", "--set", "plant.colour=red"],
+        ["simulate", "quick", "--parameter", "decentral.colour=red"],
+        ["simulate", "quick", "--parameter", "decentral.tuning"],
+        ["simulate", "quick", "--parameter", "nmpc.preset=paper"],
+        ["simulate", "open_loop_force_steps", "--controller", "decentral"],
+        ["simulate", "quick", "--set", "plant.model_file=/usr/bin/env"],
+        ["simulate", "quick", "--set", "plant.model_file=/dev/null"],
+        ["simulate", "quick", "--controller", "nmpc", "--parameter", "nmpc.model_file=/usr/bin/env"],
+        ["simulate", "quick", "--params-file", "/usr/bin/env"],
+        ["tune", "--model", "/usr/bin/env", "--out", "/nowhere/at/all"],
+        ["tune", "--model", "/dev/null", "--out", "/nowhere/at/all"],
+        ["identify", "--design", "--model", "/usr/bin/env"],
+        ["identify", "--design", "--drive-lag", "nan"],
+        ["identify", "--design", "--drive-lag=-1"],
+        ["simulate", "quick", "--parameter", ".tuning=tight"],
+        ["simulate", "quick", "--parameter", "decentral=tight"],
+        ["model", "--events", "fig4", "--csv", "a.png", "--figure", "a.png"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration=-5"],
+        ["bag", "shadow", "/nowhere", "--controller", "decentral", "--duration", "nan"],
+        ["bag", "kpi", "/nowhere/at/all"],
+        ["bag", "compare", "/nowhere/at/all"],
+        ["reference"],
+        ["disturb", "depth", "step", "5"],
+        ["disturb", "temperature", "step", "nan"],
+        ["disturb", "temperature", "step"],
+        ["disturb", "temperature", "step", "5", "--period", "3"],
+        ["disturb", "temperature", "ramp", "5"],
+        ["disturb", "temperature", "clear", "5"],
+        ["fault", "depth", "freeze", "0.1"],
+        ["fault", "depth", "bias"],
+        ["fault", "depth", "delay", "100"],
+        ["mode", "manual"],
+        ["mode", "hold", "--force", "80"],
+    ],
+)
+def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
+    code, _, error = run(capsys, *arguments)
+    assert code == 1
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["fly"], ["reference", "--depth", "9"], ["reference", "--depth", "deep"], ["fault", "nose", "nan"]],
+)
+def test_wrong_arguments_tell_the_usage(capsys, arguments):
+    code, _, error = run(capsys, *arguments)
+    assert code == 2
+    assert "usage:" in error
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("reference", ("1.5 to 4 mm", "750 to 950 degC")),
+        ("disturb", ("-1 to 1 mm", "-20 to 20 kN", "-100 to 100 rpm")),
+        ("fault", ("-5 to 5 mm", "N m", "0 to 60 s")),
+        ("mode", ("60 to 95 kN", "300 to 500 rpm")),
+        ("switch", ("0 to 600 s",)),
+        ("status", ("0.1 to 600 s",)),
+    ],
+)
+def test_help_tells_units_and_ranges(capsys, command, words):
+    code, printed, _ = run(capsys, command, "--help")
+    assert code == 0
+    text = " ".join(printed.split())
+    assert all(word in text for word in words)
+
+
+def test_notes_on_a_damaged_bag_leave_the_output_to_the_result(capsys, tmp_path):
+    write_sample_weld(tmp_path / "bag", 300)
+    whole = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, printed, error = run(capsys, "bag", "kpi", str(cut), "--json", str(tmp_path / "kpi.json"))
+    assert code == 0
+    assert "note: " in error and "note: " not in printed
+    assert json.loads((tmp_path / "kpi.json").read_text())
+
+
+OVERWRITING = [
+    ["model", "--events", "fig4", "--csv", "{file}"],
+    ["model", "--events", "fig4", "--csv", "{new}.csv", "--figure", "{file}.png"],
+    ["bag", "export", "{bag}", "{file}.csv"],
+    ["bag", "kpi", "{bag}", "--json", "{file}"],
+    ["bag", "compare", "{bag}", "{bag}", "--json", "{file}"],
+    ["bag", "plot", "{bag}", "--out", "{folder}"],
+    ["bag", "shadow", "{bag}", "--controller", "decentral", "--json", "{file}"],
+    ["campaign", "report", "{folder}", "--out", "{file}.md"],
+    ["identify", "{bag}", "--out", "{file}"],
+]
+
+
+@pytest.mark.parametrize("arguments", OVERWRITING, ids=" ".join)
+def test_no_file_is_replaced_without_being_told(capsys, tmp_path, arguments):
+    write_sample_weld(tmp_path / "bag", 50)
+    files = [tmp_path / name for name in ("precious", "precious.csv", "precious.png", "precious.md", "overview.png")]
+    for file in files:
+        file.write_text("x")
+    places = {"file": files[0], "new": tmp_path / "new", "bag": tmp_path / "bag", "folder": tmp_path}
+    code, _, error = run(capsys, *(word.format(**places) for word in arguments))
+    assert code == 1
+    assert "exists" in error.splitlines()[-1] and "--force" in error.splitlines()[-1]
+    assert all(file.read_text() == "x" for file in files)
+
+
+@pytest.mark.parametrize("command", ["export c", "export fmu decentral"])
+def test_an_export_is_refused_before_any_work(capsys, tmp_path, monkeypatch, command):
+    monkeypatch.setattr("fsw.export.make", lambda *_: pytest.fail("the controller was made"))
+    monkeypatch.setattr("fsw_export.fmu.make", lambda *_: pytest.fail("the unit was made"))
+    for name in ("taken", "taken.fmu"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "letter").write_text("x")
+    end = ".fmu" if "fmu" in command else ""
+    for out, words in (
+        (f"taken{end}", ("holds something else", "exists already")),
+        (f"no/out{end}", ("cannot write",)),
+    ):
+        code, _, error = run(capsys, *command.split(), "--out", str(tmp_path / out))
+        assert code == 1 and any(word in error for word in words)
+
+
+def test_a_name_that_the_system_refuses(capsys, tmp_path):
+    code, _, error = run(capsys, "bag", "kpi", str(tmp_path), "--json", str(tmp_path / ("x" * 300)))
+    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
+
+
+def test_a_wrong_environment_is_told_in_one_line(capsys, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    code, _, error = run(capsys, "status", "--timeout", "0.1")
+    assert code == 1 and error.startswith("error: ") and error.count("\n") == 1 and "ROS_DOMAIN_ID" in error
+
+
+def test_list_of_scenarios(capsys):
+    code, printed, _ = run(capsys, "simulate", "--list")
+    assert code == 0
+    assert "reference_tracking" in printed
+
+
+def test_every_command_says_what_it_does():
+    text = parser().format_help()
+    for command in ("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "simulate", "bag"):
+        assert command in text

@@ -1,0 +1,182 @@
+"""The bag commands: their output, their errors, their exit codes."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from fsw.main import main
+from fsw_analysis.signals import load_weld
+from fsw_control.contract import Command, Measurement, Proposal, Reference
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter
+from fsw_scenario.controllers import KNOWN
+from fsw_scenario.shadow_run import ShadowRun
+from fsw_test_support.programme_bag import write_programme_weld
+from fsw_test_support.sample_weld import write_sample_weld
+
+
+def run(*arguments: str) -> int:
+    return main(["bag", *arguments])
+
+
+def test_info(genuine_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("info", str(genuine_bag)) == 0
+    out = capsys.readouterr().out
+    assert "Messages:     177" in out and "/demo/latched" in out and "Problem" not in out
+
+
+def test_info_as_json(weld_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("info", "--json", str(weld_bag)) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["messages"] == 3361 and values["attachments"] == {"scenario.yaml": 19}
+    assert {one["name"]: one["count"] for one in values["topics"]}["/fsw/depth"] == 300
+
+
+def test_recovering_a_cut_bag(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((weld_bag / "weld_0.mcap").read_bytes()[:100_000])
+    assert run("recover", str(cut)) == 0
+    captured = capsys.readouterr()
+    assert "not finished" in captured.err and "recovered to" in captured.out
+    assert run("info", str(tmp_path / "cut_recovered")) == 0
+    assert "Problem" not in capsys.readouterr().out
+
+
+def test_figures_of_each_phase_as_the_weld_went(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag, file = tmp_path / "weld", tmp_path / "kpi.json"
+    write_programme_weld(bag)
+    assert run("kpi", str(bag), "--json", str(file)) == 0
+    printed = capsys.readouterr().out
+    for row in (
+        "| dwell | weld | ",
+        "| start | weld | ",
+        "| whole weld | weld | ",
+        "| published, 8 real welds | cascade |",
+    ):
+        assert row in printed
+    [result] = json.loads(file.read_text())
+    assert [one["phase"] for one in result["phases"]] == ["dwell", "start", "whole weld"]
+    assert result["phases"][0]["power_kw"] == pytest.approx(43.6)
+
+
+def test_welds_with_and_without_phases_are_compared(
+    weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_programme_weld(tmp_path / "one")
+    write_programme_weld(tmp_path / "two")
+    assert run("compare", str(tmp_path / "one"), str(tmp_path / "two")) == 0
+    assert capsys.readouterr().out.count("| published, 8 real welds |") == 1
+    assert run("compare", str(tmp_path / "one"), str(weld_bag)) == 0
+    printed = capsys.readouterr().out
+    assert "| dwell | one | " in printed and "| dwell | weld | " not in printed
+
+
+def test_welds_in_different_phases_come_one_after_the_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_programme_weld(tmp_path / "whole")
+    write_programme_weld(tmp_path / "short", phases=1)
+    assert run("compare", str(tmp_path / "whole"), str(tmp_path / "short")) == 0
+    rows = [line.split(" | ")[:2] for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    told = [row for row in rows if row[1] in ("whole", "short")]
+    assert told == [
+        ["| dwell", "whole"],
+        ["| start", "whole"],
+        ["| whole weld", "whole"],
+        ["| dwell", "short"],
+        ["| whole weld", "short"],
+    ]
+
+
+def test_export(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("export", str(weld_bag), str(tmp_path / "weld.csv")) == 0
+    assert "300 rows" in capsys.readouterr().out
+    assert (tmp_path / "weld.csv").read_text().count("\n") == 301
+
+
+def test_export_ends_with_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = tmp_path / "weld"
+    write_sample_weld(bag, 50, scenario=b"duration_s: 3.0\n")
+    assert run("export", str(bag), str(tmp_path / "cut.csv")) == 0
+    captured = capsys.readouterr()
+    assert "30 rows" in captured.out and "20 ticks after the scenario's end are left out" in captured.err
+    assert run("export", "--all", str(bag), str(tmp_path / "all.csv")) == 0
+    captured = capsys.readouterr()
+    assert "50 rows" in captured.out and captured.err == ""
+
+
+def test_info_tells_missing_ticks(weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with BagReader(weld_bag) as reader, BagWriter(tmp_path / "gaps") as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(topic)
+        depth = 0
+        for record in reader.records():
+            depth += record.topic == "/fsw/depth"
+            if record.topic != "/fsw/depth" or not 100 < depth <= 107:
+                writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns)
+    assert run("info", str(weld_bag)) == 0
+    assert "Ticks:        none missing" in capsys.readouterr().out
+    assert run("info", str(tmp_path / "gaps")) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Ticks:")]
+    assert len(lines) == 1 and "/fsw/depth" in lines[0] and " 7  missing" in lines[0]
+
+
+@pytest.mark.parametrize("command", ["info", "recover", "export"])
+def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
+    assert run(command, str(tmp_path / "missing")) == 1
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1 and "no such bag" in captured.err
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "bag.db3", "bag.mcap.zstd", "bag.db3.zstd"])
+@pytest.mark.parametrize("data", [b"", b"random bytes that are no bag" * 100])
+def test_file_that_is_no_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, data: bytes) -> None:
+    (tmp_path / name).write_bytes(data)
+    assert run("info", str(tmp_path / name)) == 1
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1
+    assert "is empty" in captured.err if not data else ": not a" in captured.err
+
+
+class Holder:
+    """Proposes what was applied, as the made-up weld's controllers do not."""
+
+    name = "nmpc"
+    tolerated_sensors: tuple[str, ...] = ()
+
+    def reset(self, applied: Command) -> None:
+        """Nothing to forget."""
+
+    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        return Proposal(applied)
+
+
+def test_verify(
+    weld_bag: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], genuine: Path
+) -> None:
+    module = ModuleType("own_controller")
+    module.Holder = Holder  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "own_controller", module)
+    monkeypatch.setitem(KNOWN, "nmpc", "own_controller:Holder")
+    assert run("verify", str(weld_bag), "--controller", "nmpc") == 1
+    captured = capsys.readouterr()
+    assert "first at tick 0" in captured.out and "no parameters of nmpc" in captured.err
+    assert run("verify", str(weld_bag), "--controller", "nobody") == 1
+    assert "nobody is not available" in capsys.readouterr().err
+    assert run("verify", str(weld_bag), "--controller", "own_controller:Nothing") == 1
+    assert "not available" in capsys.readouterr().err
+    assert run("verify", str(genuine / "mcap_default")) == 1
+    assert "no proposals of any controller" in capsys.readouterr().err
+
+
+def test_what_a_shadow_is_shown(tmp_path: Path) -> None:
+    write_sample_weld(tmp_path / "weld", 20)
+    signals = load_weld(tmp_path / "weld")
+    for space in ("", "/hall/cell1"):
+        shadow = ShadowRun(tmp_path / "weld", tmp_path / "shadow", "decentral")
+        nodes = shadow.parameter_file(replace(signals, namespace=space))
+        replay, recorder = (nodes[name]["ros__parameters"] for name in ("fsw_replay", "fsw_recorder"))
+        assert f"{space}/fsw/reference" in replay["topics"] and "/fsw/reference" in recorder["topics"]
+        assert replay["wait_for"].count(f"{space}/fsw/depth") == 2

@@ -1,0 +1,98 @@
+"""Every command finds a controller of a user's own, and nothing that it does is a traceback."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fsw.demo import _controllers, parser
+from fsw.main import main
+from fsw_analysis.verify import TickDifference, Verification
+from fsw_campaign import definition
+from fsw_campaign.errors import CampaignError
+from fsw_campaign.welds import run_weld
+from fsw_scenario import scenario_file
+from fsw_scenario.graph import WeldGraph
+from fsw_scenario.scenario import ScenarioError
+from fsw_scenario.shadow_run import ShadowRun
+from fsw_test_support.own_controller import own
+
+SOURCES = Path(__file__).resolve().parents[2]
+EXAMPLE = f"{SOURCES.parent}/examples/my_controller.py:DepthOnly"
+pytestmark = pytest.mark.usefixtures("forgotten")
+
+
+def test_every_command_takes_it(tmp_path, capsys):
+    arguments = ["simulate", "quick", "--controller", EXAMPLE, "--no-figures", "--out", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    assert (tmp_path / "out" / "signals_depth_only.csv").is_file() and "depth_only" in capsys.readouterr().out
+    chosen = _controllers(parser().parse_args(["--controller", EXAMPLE, "--controller", "decentral:tight"]))
+    assert chosen == {"depth_only": {}, "decentral": {"tuning": "tight"}}
+    nodes = WeldGraph(scenario_file.load("quick"), tmp_path, tuple(chosen), parameters=chosen).parameter_file(tmp_path)
+    assert nodes["fsw_decentral"]["ros__parameters"]["tuning"] == "tight" and "fsw_depth_only" in nodes
+    assert ShadowRun(tmp_path, tmp_path, EXAMPLE).name == "depth_only"
+
+
+@pytest.mark.parametrize("step", ["raise RuntimeError('boom')", "return 3", "return Proposal(applied, healthy='?')"])
+def test_one_that_fails_is_told_as_not_healthy(tmp_path, capsys, step):
+    label = own(tmp_path, step)
+    assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    assert "own is not healthy at 600 of 600 ticks, first at 0.1 s: controller raised" in capsys.readouterr().err
+
+
+def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
+    label = own(tmp_path)
+    file = tmp_path / "campaign.yaml"
+    file.write_text(yaml.safe_dump({"name": "c", "scenario": "quick", "controllers": [label, "decentral"], "welds": 1}))
+    campaign = definition.load(file)
+    assert [one.label for one in campaign.entrants] == ["own", "decentral"]
+    assert run_weld(campaign, 0, campaign.parameters(0), campaign.entrants[0])["status"] == "ok"
+    before = campaign.digest
+    own(tmp_path, "return Proposal(Command(80.0, 400.0))")
+    assert campaign.digest != before
+    file.write_text(file.read_text().replace("own.py:Own", "own.py:None"))
+    with pytest.raises(CampaignError, match="no class None"):
+        definition.load(file)
+
+
+def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
+    arguments = ["bag", "shadow", str(weld_bag), "--controller", "decentral", "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--set", "tunning=tight"]) == 1
+    assert "did you mean tuning" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
+    monkeypatch.setattr("fsw.replays.recorded_controllers", lambda _: ["stranger", "decentral"])
+    seen = []
+
+    def verify(bag, name, *_):
+        seen.append(name)
+        return Verification(name, 1)
+
+    monkeypatch.setattr("fsw.replays.verify", verify)
+    assert main(["bag", "verify", str(weld_bag)]) == 3
+    captured = capsys.readouterr()
+    assert seen == ["decentral"] and "stranger is left out" in captured.err and "reproduced" in captured.out
+
+
+@pytest.mark.parametrize(
+    ("found", "code"), [((0, 0, 0), 0), ((0, 4, 0), 4), ((4, 1), 1), ((1, 4), 1), ((3, 4), 4), ((4, 3), 4)]
+)
+def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypatch, found, code):
+    """By controller: 0 equal, 1 different, 3 unknown here, 4 different but its state at the beginning is unknown."""
+    names = [f"{'stranger' if one == 3 else 'decentral'}{number}" for number, one in enumerate(found)]
+    codes = dict(zip(names, found, strict=True))
+    different = [TickDifference(0, 0.1, 1.0, 1.0, 1.0)]
+
+    def verify(bag, name, *_):
+        return Verification(name, 1, different if codes[name] else [], comparable=codes[name] != 4)
+
+    def maker(name):
+        if codes[name] == 3:
+            raise ScenarioError("unknown")
+
+    monkeypatch.setattr("fsw.replays.recorded_controllers", lambda _: names)
+    monkeypatch.setattr("fsw.replays.maker", maker)
+    monkeypatch.setattr("fsw.replays.described_in", lambda _: None)
+    monkeypatch.setattr("fsw.replays.verify", verify)
+    assert main(["bag", "verify", str(weld_bag)]) == code

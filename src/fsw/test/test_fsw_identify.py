@@ -1,0 +1,156 @@
+"""``fsw.py identify`` and ``fsw.py tune``: results, one line for bad input, nothing overwritten."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fsw import identify
+from fsw.main import main
+from fsw_analysis.weld_signals import WeldSignals
+from fsw_model import ModelParameters
+from fsw_scenario import identification_design, scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_test_support.sample_weld import write_sample_weld
+
+GOLDEN = Path(__file__).resolve().parents[3] / "test" / "golden"
+
+
+@pytest.fixture(scope="module")
+def experiment() -> WeldSignals:
+    """The closed-loop experiment on a process unlike the model."""
+    overrides = ["duration_s=150", "plant.model.thermal_gain_c_per_kw=1.3", "plant.model.depth_gain_mm_per_kn_s=0.8"]
+    text = yaml.safe_load(scenario_file.load("identify_closed_loop").text)
+    text["events"] = [event for event in text["events"] if event["at_s"] < 150.0]
+    scenario = scenario_file.parse(yaml.safe_dump(text), "experiment", overrides)
+    return ClosedLoop(scenario, {"decentral": make("decentral")}).run()
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line that a command that cannot be carried out prints."""
+    assert main(arguments) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.slow
+def test_identify(
+    experiment: WeldSignals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(identify, "load_weld", lambda bag, progress=None: experiment)
+    out, folder = tmp_path / "model.yaml", tmp_path / "report"
+    assert main(["identify", "weld", "--out", str(out), "--validate", "weld", "--report", str(folder)]) == 0
+    found = ModelParameters.from_file(out)
+    assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
+    assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
+    assert {path.name for path in folder.iterdir()} == {"report.html", "report.png"}
+    assert "geometry_factor, contact_radius_m, geometry_offset_m3: not told by the data" in capsys.readouterr().out
+    before = out.read_text()
+    assert "exists" in error_of(capsys, "identify", "weld", "--out", str(out))
+    assert out.read_text() == before
+
+
+@pytest.mark.slow
+def test_a_weld_at_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    text = yaml.safe_dump({"name": "rest", "duration_s": 40.0, "controller": "none"})
+    rest = ClosedLoop(scenario_file.parse(text, "rest")).run()
+    monkeypatch.setattr(identify, "load_weld", lambda bag, progress=None: rest)
+    out = tmp_path / "model.yaml"
+    assert "force and speed hardly move" in error_of(capsys, "identify", "weld", "--out", str(out))
+    assert not out.exists()
+
+
+def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "model.yaml")
+    short = tmp_path / "short"
+    write_sample_weld(short, 20)
+    assert "nothing there" in error_of(capsys, "identify", str(tmp_path / "nothing there"), "--out", out)
+    assert "no stretch of 30 s" in error_of(capsys, "identify", str(short), "--out", out)
+    assert "give the bag" in error_of(capsys, "identify", "--out", out)
+    assert "--out" in error_of(capsys, "identify", str(short))
+    golden = str(GOLDEN / "open_loop_force_steps")
+    assert "nothing there" in error_of(
+        capsys, "identify", golden, "--out", out, "--validate", str(tmp_path / "nothing there")
+    )
+    assert "nowhere" in error_of(capsys, "identify", str(short), "--out", out, "--model", str(tmp_path / "nowhere"))
+    unwritable = str(Path(golden) / "metadata.yaml" / "folder")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", f"{unwritable}/model.yaml")
+    assert "cannot make folder" in error_of(capsys, "identify", golden, "--out", out, "--report", unwritable)
+    assert not Path(out).exists()
+
+
+def test_a_bag_without_the_needed_topics(genuine: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = error_of(capsys, "identify", str(genuine / "mcap_default"), "--out", str(tmp_path / "model.yaml"))
+    assert "no samples of depth, torque" in line and "/fsw/spindle_torque" in line
+
+
+def test_an_empty_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_sample_weld(tmp_path / "empty", 0)
+    line = error_of(capsys, "identify", str(tmp_path / "empty"), "--out", str(tmp_path / "model.yaml"))
+    assert "empty" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--duration", "5"), "60 to 1800"), (("bag",), "takes no bags")],
+)
+def test_bad_designs(arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert words in error_of(capsys, "identify", "--design", *arguments)
+
+
+@pytest.mark.slow
+def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    propose = identification_design.propose
+    monkeypatch.setattr(
+        identification_design, "propose", lambda s, closed, model, progress: propose(s, closed, model, 2, progress)
+    )
+    out = tmp_path / "experiment.yaml"
+    assert main(["identify", "--design", "--duration", "90", "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "thermal_gain_c_per_kw" in told and "open loop" not in told
+    assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
+    assert "on a process unlike the model they drift far beyond" in capsys.readouterr().out
+    scenario = scenario_file.load(str(out))
+    assert scenario.duration_s == 90.0 and scenario.events
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["identify_closed_loop", "identify_open_loop"])
+def test_shipped_experiments_are_safe_and_tell_all(name: str) -> None:
+    found = identification_design.assess(scenario_file.load(name).text)
+    assert found.depth_mm < identification_design.SAFE_MM and found.temperature_c < identification_design.SAFE_C
+    assert all(found.deviations[of] < aim for of, aim in identification_design.AIMS.items())
+
+
+def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, full = tmp_path / "model.yaml", tmp_path / "full"
+    full.mkdir()
+    (full / "file").touch()
+    out = ("--out", str(tmp_path / "out"))
+    assert "cannot read model" in error_of(capsys, "tune", "--model", str(model), *out)
+    model.write_text("thermal: 1\n")
+    assert "unknown model parameter" in error_of(capsys, "tune", "--model", str(model), *out)
+    model.write_text("{}\n")
+    assert "not empty" in error_of(capsys, "tune", "--model", str(model), "--out", str(full))
+    assert "--evaluations" in error_of(capsys, "tune", "--model", str(model), *out, "--evaluations", "0")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_tuned_files_are_taken_by_the_controllers(tmp_path: Path) -> None:
+    model, out = tmp_path / "model.yaml", tmp_path / "out"
+    model.write_text("dead_time_s: 3.5\n")
+    assert main(["tune", "--model", str(model), "--out", str(out), "--evaluations", "3", "--no-sweep"]) == 0
+    for label in ("decentral_conservative", "decentral_tight", "nmpc"):
+        ((_, section),) = yaml.safe_load((out / f"{label}.yaml").read_text()).items()
+        make(label.partition("_")[0], section["ros__parameters"])
+    arguments = ["simulate", "quick", "--controller", "decentral", "--no-figures", "--out", str(tmp_path / "welds")]
+    assert main([*arguments, "--params-file", str(out / "decentral_tight.yaml")]) == 0
+
+
+def test_a_wrong_parameter_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "file.yaml"
+    file.write_text("- 1\n")
+    assert "not a parameter file" in error_of(capsys, "simulate", "quick", "--params-file", str(file))

@@ -1,0 +1,61 @@
+"""``fsw.py param``: parameters of a node that runs, listed, read and changed."""
+
+import pytest
+
+from fsw.main import main
+from fsw_control.free_domain import free_domain
+from fsw_scenario.launcher import Launcher
+
+pytestmark = pytest.mark.slow
+NODE = "fsw_decentral"
+
+
+@pytest.fixture(scope="module")
+def domain(tmp_path_factory):
+    with free_domain() as domain, Launcher(tmp_path_factory.mktemp("log"), domain) as launcher:
+        launcher.start("controller", "fsw_decentral.decentral_node")
+        yield domain
+
+
+@pytest.fixture
+def told(domain, monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+
+    def run(*words):
+        code = main(["param", *words, "--timeout", "60"])
+        captured = capsys.readouterr()
+        return code, captured.out + captured.err
+
+    return run
+
+
+def test_list_get_and_set(told):
+    code, text = told("list", NODE)
+    assert code == 0 and "\ndepth_gain: -1.0  (Proportional gain" in text and "\ntuning: conservative" in text
+    assert told("set", NODE, "depth_gain", "1e2") == (0, "depth_gain: 100.0\n")
+    assert told("get", f"/{NODE}", "depth_gain") == (0, "depth_gain: 100.0\n")
+    assert told("set", NODE, "tuning", "tight") == (0, "tuning: tight\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("get", NODE, "depth_gian"), "did you mean depth_gain"),
+        (("set", NODE, "depth_gian", "1"), "did you mean depth_gain"),
+        (("set", NODE, "depth_gain", "1e9"), "refuses depth_gain"),
+        (("set", NODE, "depth_gain", "much"), "'much' is not a number"),
+        (("set", NODE, "depth_gain", "[1"), "is not of type double"),
+        (("set", NODE, "tuning", "5"), "none of conservative, tight"),
+        (("set", NODE, "period", "0.2"), "read-only"),
+        (("list", "a node"), "not the name of a node"),
+    ],
+)
+def test_what_is_refused(told, words, said):
+    code, text = told(*words)
+    assert code == 1 and said in text and text.startswith("error: ") and text.count("\n") == 1
+
+
+def test_a_node_that_is_not_there(domain, monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    assert main(["param", "list", "fsw_nobody", "--timeout", "0.1"]) == 1
+    assert "no node fsw_nobody" in capsys.readouterr().err
