@@ -1,9 +1,10 @@
 """The packages of the workspace: what they import is what their package.xml says, and every arrow points down."""
 
 import ast
+import re
 import sys
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -154,30 +155,79 @@ def test_arrows_point_down(package: Path) -> None:
     assert used <= set(order[: order.index(package.name)])
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
-def test_no_circle_between_modules(package: Path) -> None:
+def test_the_table_for_contributors_lists_the_packages_in_this_order() -> None:
+    table = (SOURCES.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `src/(\w+)` \|", table, re.MULTILINE)
+    assert set(listed) == set(MAY_IMPORT) == {"fsw_msgs", *(path.name for path in PACKAGES)}
+    for number, name in enumerate(listed):
+        assert MAY_IMPORT[name] <= set(listed[:number]), name
+
+
+def circle(edges: Mapping[str, set[str]]) -> list[str]:
+    """Names that lead back to the first of them along the edges; empty where nothing does."""
+    clear: set[str] = set()
+
+    def visit(name: str, path: list[str]) -> list[str]:
+        if name in path:
+            return [*path[path.index(name) :], name]
+        if name in clear:
+            return []
+        for other in sorted(edges.get(name, ())):
+            if found := visit(other, [*path, name]):
+                return found
+        clear.add(name)
+        return []
+
+    return next((found for name in sorted(edges) if (found := visit(name, []))), [])
+
+
+def module_edges(folder: Path, only_at_import: bool) -> dict[str, set[str]]:
+    """For each module of a folder, which others of it are imported there."""
     names = {
-        ".".join(path.relative_to(package).with_suffix("").parts).removesuffix(".__init__")
-        for path in product(package).rglob("*.py")
+        ".".join(path.relative_to(folder.parent).with_suffix("").parts).removesuffix(".__init__")
+        for path in folder.rglob("*.py")
     }
     edges: dict[str, set[str]] = {name: set() for name in names}
-    for source, module, at_import in modules(product(package)):
+    for source, module, at_import in modules(folder):
         target = module if module in names else module.rpartition(".")[0]
-        if at_import and target in names and target != source:
+        if target in names and target != source and (at_import or not only_at_import):
             edges[source].add(target)
-    seen: dict[str, int] = {}
+    return edges
 
-    def visit(name: str, path: tuple[str, ...]) -> None:
-        if seen.get(name) == 1:
-            pytest.fail(f"modules import each other: {' -> '.join((*path, name))}")
-        if name not in seen:
-            seen[name] = 1
-            for one in sorted(edges[name]):
-                visit(one, (*path, name))
-            seen[name] = 2
 
-    for name in sorted(edges):
-        visit(name, ())
+def folder_edges(folder: Path) -> dict[str, set[str]]:
+    """For each folder in a package, which others of it are imported there, also inside functions."""
+    packages = {".".join(path.parent.relative_to(folder.parent).parts) for path in folder.rglob("*.py")}
+    edges: dict[str, set[str]] = {}
+    for source, targets in module_edges(folder, only_at_import=False).items():
+        own, *others = (name if name in packages else name.rpartition(".")[0] for name in (source, *targets))
+        edges.setdefault(own, set()).update(set(others) - {own})
+    return edges
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_no_circle_between_modules(package: Path) -> None:
+    assert circle(module_edges(product(package), only_at_import=True)) == []
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_no_circle_between_a_package_and_its_sub_packages(package: Path) -> None:
+    """Not even one that an import inside a function hides."""
+    assert circle(folder_edges(product(package))) == []
+
+
+def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
+    outer, cli = tmp_path / "outer", tmp_path / "outer" / "cli"
+    cli.mkdir(parents=True)
+    for path in (outer / "__init__.py", cli / "__init__.py"):
+        path.touch()
+    (outer / "tune.py").write_text("from outer.cli.errors import CommandError\n")
+    (cli / "errors.py").touch()
+    (cli / "main.py").write_text("def main():\n    from outer.tune import tune\n")
+    assert circle(module_edges(outer, only_at_import=False)) == []
+    assert circle(folder_edges(outer)) == ["outer", "outer.cli", "outer"]
+    (cli / "main.py").write_text("")
+    assert circle(folder_edges(outer)) == []
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
