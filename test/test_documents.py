@@ -89,7 +89,7 @@ def refusal(text: str) -> str | None:
                 return None if end.code == 0 or only_named else told.getvalue().splitlines()[-1]
         return None
     source = script.read_text(encoding="utf-8")
-    for module in re.findall(r'start\("([\w.]+)"', source):
+    for module in re.findall(r'(?<!\.)start\("([\w.]+)"', source):
         source += Path(str(importlib.util.find_spec(module).origin)).read_text(encoding="utf-8")
     if script.parent.name == "benchmarks":
         source += (script.parent / "report.py").read_text(encoding="utf-8")
