@@ -6,8 +6,40 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fsw import bags, campaign, export, identify, model, operate, params, replays, simulate, tune
+from fsw import (
+    acknowledge,
+    bag_compare,
+    bag_export,
+    bag_info,
+    bag_kpi,
+    bag_plot,
+    bag_recover,
+    bag_shadow,
+    bag_verify,
+    campaign,
+    controllers,
+    disturb,
+    export,
+    fault,
+    identify,
+    mode,
+    model,
+    params,
+    reference,
+    simulate,
+    status,
+    switch,
+    tune,
+    weld,
+)
 from fsw.errors import exit_code
+
+#: in the order of the help
+_COMMANDS = (
+    *(status, reference, disturb, fault, switch, controllers, mode, acknowledge, weld),
+    *(params, simulate, campaign, model, export, identify, tune),
+)
+_BAG_COMMANDS = (bag_info, bag_recover, bag_kpi, bag_plot, bag_compare, bag_export, bag_verify, bag_shadow)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -18,18 +50,12 @@ def parser() -> argparse.ArgumentParser:
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. 'fsw.py COMMAND --help' lists the ranges.",
     )
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    operate.add_commands(commands)
-    params.add_command(commands)
-    simulate.add_command(commands)
-    campaign.add_command(commands)
-    model.add_command(commands)
-    export.add_command(commands)
-    identify.add_command(commands)
-    tune.add_command(commands)
+    for one in _COMMANDS:
+        one.add_command(commands)
     bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    bags.add_commands(bag_commands)
-    replays.add_commands(bag_commands)
+    for one in _BAG_COMMANDS:
+        one.add_command(bag_commands)
     return whole
 
 

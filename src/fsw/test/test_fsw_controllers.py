@@ -62,14 +62,14 @@ def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
 
 
 def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
-    monkeypatch.setattr("fsw.replays.recorded_controllers", lambda _: ["stranger", "decentral"])
+    monkeypatch.setattr("fsw.bag_verify.recorded_controllers", lambda _: ["stranger", "decentral"])
     seen = []
 
     def verify(bag, name, *_):
         seen.append(name)
         return Verification(name, 1)
 
-    monkeypatch.setattr("fsw.replays.verify", verify)
+    monkeypatch.setattr("fsw.bag_verify.verify", verify)
     assert main(["bag", "verify", str(weld_bag)]) == 3
     captured = capsys.readouterr()
     assert seen == ["decentral"] and "stranger is left out" in captured.err and "reproduced" in captured.out
@@ -91,8 +91,8 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
         if codes[name] == 3:
             raise ScenarioError("unknown")
 
-    monkeypatch.setattr("fsw.replays.recorded_controllers", lambda _: names)
-    monkeypatch.setattr("fsw.replays.maker", maker)
-    monkeypatch.setattr("fsw.replays.described_in", lambda _: None)
-    monkeypatch.setattr("fsw.replays.verify", verify)
+    monkeypatch.setattr("fsw.bag_verify.recorded_controllers", lambda _: names)
+    monkeypatch.setattr("fsw.bag_verify.maker", maker)
+    monkeypatch.setattr("fsw.bag_verify.described_in", lambda _: None)
+    monkeypatch.setattr("fsw.bag_verify.verify", verify)
     assert main(["bag", "verify", str(weld_bag)]) == code

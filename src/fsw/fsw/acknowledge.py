@@ -1,0 +1,21 @@
+"""``fsw.py acknowledge``: a safe stop whose causes are gone."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from fsw.operate import add_graph_command
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the parser's subcommands."""
+    add_graph_command(
+        commands, "acknowledge", "acknowledge a safe stop whose causes are gone, so that another mode may follow", _run
+    )
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from fsw.operator_node import trigger  # the other commands do without rclpy
+
+    return trigger(arguments, "/fsw/acknowledge")

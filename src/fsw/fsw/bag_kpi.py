@@ -1,0 +1,25 @@
+"""``fsw.py bag kpi``: figures of merit of a weld."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fsw.bags import add_bag_command, print_kpis, welds_of
+from fsw.outputs import add_force, check_new
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subcommands of ``bag``."""
+    figures_of_merit = add_bag_command(
+        commands, "kpi", _run, "figures of merit of a weld, and of each phase of a whole weld"
+    )
+    figures_of_merit.add_argument("--json", type=Path, metavar="FILE", help="also write them, and those of each event")
+    add_force(figures_of_merit)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    check_new([arguments.json], arguments.force)
+    print_kpis(welds_of([arguments.bag]), arguments.json)
+    return 0

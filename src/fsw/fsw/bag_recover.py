@@ -1,0 +1,35 @@
+"""``fsw.py bag recover``: a whole copy of a damaged bag."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from fsw.bags import DAMAGED_TOO, add_bag_command, print_notes
+from fsw.progress import ProgressBar
+from fsw_recorder.bag_writer import WriterOptions
+from fsw_recorder.recover import recover
+from fsw_recorder.topic import TopicSelection
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subcommands of ``bag``."""
+    text = "copy what can be read of a damaged bag into a new, whole MCAP bag"
+    copy = add_bag_command(commands, "recover", _run, text, DAMAGED_TOO)
+    copy.add_argument("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)")
+    copy.add_argument("--zstd", action="store_true", help="compress the new bag")
+    copy.add_argument("--regex", default="", help="copy only topics whose whole name matches this expression")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    source: Path = arguments.bag
+    stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
+    target = arguments.output or source.absolute().parent / f"{stem}_recovered"
+    options = WriterOptions(compression="zstd" if arguments.zstd else "")
+    selection = TopicSelection(regex=arguments.regex, include_hidden=True)
+    with ProgressBar(f"copying {source}") as bar:
+        result = recover(source, target, options, bar, selection)
+    print_notes(result.problems)
+    print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
+    return 0

@@ -1,0 +1,74 @@
+"""``fsw.py bag verify``: controllers replayed on a recorded weld."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes
+from fsw.errors import CommandError
+from fsw_analysis.verify import recorded_controllers, verify
+from fsw_scenario.controllers import described_in, maker, name_of
+from fsw_scenario.scenario import ScenarioError
+
+#: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4
+_TOLERANCE = 1e-9
+#: exit code when all that was replayed is equal, but a controller of the bag could not be replayed
+_LEFT_OUT = 3
+#: exit code when proposals differ, but only those of controllers whose state at the beginning is unknown
+_NOT_COMPARABLE = 4
+
+
+def add_command(commands: Any) -> None:
+    """Add the command to the subcommands of ``bag``."""
+    check = add_bag_command(
+        commands,
+        "verify",
+        _run,
+        "replay controllers on a bag and compare with the recorded proposals",
+        "bag of a weld, recorded from its start",
+        "Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
+        "ones. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed; "
+        f"{_LEFT_OUT}: equal, but a controller of the bag is not known here and was left out; "
+        f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld.",
+    )
+    check.add_argument(
+        "--controller",
+        action="append",
+        metavar="NAME",
+        help=f"replay this one: {NAME_OR_CLASS}; may be repeated (default: all in the bag)",
+    )
+    check.add_argument(
+        "--tolerance",
+        type=float,
+        default=_TOLERANCE,
+        metavar="X",
+        help="commands count as equal that differ by up to X (1 + recorded value), in kN or rpm; 0: bit by bit "
+        f"(default: {_TOLERANCE:g}, more than another kind of processor changes)",
+    )
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    if not arguments.tolerance >= 0.0:
+        raise CommandError(f"--tolerance {arguments.tolerance:g}: is not 0 or more")
+    recorded = recorded_controllers(arguments.bag)
+    names = [name_of(label) for label in arguments.controller or ()]
+    if not recorded or not set(names) <= set(recorded):
+        raise CommandError(f"{arguments.bag}: no proposals of {', '.join(names) or 'any controller'} in this bag")
+    code, replayed = 0, 0
+    for name in dict.fromkeys(names or recorded):
+        try:
+            make, parameters = maker(name), described_in(name)
+        except ScenarioError as error:
+            print_notes([f"{name} is left out: {error}"])
+            code = code or _LEFT_OUT
+            continue
+        result = verify(arguments.bag, name, make, parameters, arguments.tolerance)
+        print_notes(result.notes)
+        print("\n".join(result.lines()), flush=True)
+        if result.beyond and code != 1:
+            code = 1 if result.comparable else _NOT_COMPARABLE
+        replayed += 1
+    if not replayed:
+        raise CommandError(f"{arguments.bag}: nothing could be replayed")
+    return code
