@@ -178,7 +178,7 @@ def _when(time_ns: int) -> str:
 
 def _recover(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
-    stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
+    stem = source.name.removesuffix(".mcap").removesuffix(".db3") or "bag"
     target = arguments.output or source.absolute().parent / f"{stem}_recovered"
     options = WriterOptions(compression="zstd" if arguments.zstd else "")
     selection = TopicSelection(regex=arguments.regex, include_hidden=True)
