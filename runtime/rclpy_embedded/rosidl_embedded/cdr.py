@@ -2,14 +2,13 @@
 
 Nested messages are written in line, so that runs of fixed-size fields become one `struct.Struct` and most of the
 alignment is known when the code is generated. A position is known as ``offset % modulus``; only where the modulus is
-too small (after strings and sequences) the code aligns at runtime.
+too small (after strings and sequences) the code aligns at runtime. Everything is little-endian.
 
 Positions count from the start of the whole buffer with its 4 byte encapsulation header, and CDR aligns from the end of
 that header. A prefix of 16 bytes (the header of ROS service calls) does not change any alignment.
 """
 
 import struct
-import sys
 from array import array
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +21,6 @@ from .checks import CHECK_FIELDS
 from .message import get_message
 
 HEADER_SIZE = 4
-NATIVE = "<" if sys.byteorder == "little" else ">"
 _ZEROS = tuple(bytes(n) for n in range(9))
 
 
@@ -52,8 +50,7 @@ class _Generator:
     block: Callable[[d.BasicType, str, str, bool], None]
     each: Callable[[d.AbstractType, str, str], None]
 
-    def __init__(self, order: str) -> None:
-        self.order = order
+    def __init__(self) -> None:
         self.names: dict[str, Any] = {"Z": _ZEROS, "encode_wide": encode_wide, "decode_wide": decode_wide}
         self.names.update(new=object.__new__, array=array, frombuffer=np.frombuffer)
         self.lines: list[str] = []
@@ -111,7 +108,7 @@ class _Generator:
 
     def take_run(self) -> tuple[struct.Struct, str]:
         """Take the values of the run and what packs them."""
-        taken = struct.Struct(self.order + self.format), ", ".join(self.run)
+        taken = struct.Struct("<" + self.format), ", ".join(self.run)
         self.format, self.run = "", []
         return taken
 
@@ -205,7 +202,7 @@ class _Encoder(_Generator):
     def string(self, type_: d.AbstractGenericString, target: str) -> None:
         local, is_wide = self.name("s"), isinstance(type_, d.AbstractWString)
         # A narrow string is counted and written with its terminating zero.
-        encoded = f"encode_wide({target}, {self.order!r})" if is_wide else f"({target} + '\\0').encode()"
+        encoded = f"encode_wide({target})" if is_wide else f"({target} + '\\0').encode()"
         self.line(f"{local} = {encoded}")
         self.scalar("I", 4, f"len({local}) // 4" if is_wide else f"len({local})")
         self.flush()
@@ -258,7 +255,7 @@ class _Decoder(_Generator):
         if isinstance(type_, d.AbstractWString):
             self.line(f"e = p + {local} * 4")
             self.refuse("e > len(d)", "string goes beyond the end")
-            self.line(f"{target} = decode_wide(d[p:e], {self.order!r})")
+            self.line(f"{target} = decode_wide(d[p:e])")
             self.known(4)
         else:
             # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
@@ -290,8 +287,7 @@ class _Decoder(_Generator):
         code, size = element.traits[:2]
         self.line(f"e = p + {count} * {size}")
         if is_array and element.is_number:
-            dtype, native = self.constant("t", np.dtype(self.order + code)), self.constant("t", np.dtype(code))
-            self.line(f"{values} = frombuffer(d, {dtype}, {count}, p).astype({native})")
+            self.line(f"{values} = frombuffer(d, {code!r}, {count}, p).copy()")
             self.line("p = e")
             return
         self.refuse("e > len(d)", f"{_field(values)} goes beyond the end")
@@ -303,30 +299,28 @@ class _Decoder(_Generator):
             local = self.name("a")
             self.line(f"{values} = {local} = array({code!r})")
             self.line(f"{local}.frombytes(memoryview(d)[p:e])")
-            if size > 1 and self.order != NATIVE:
-                self.line(f"{local}.byteswap()")
         self.line("p = e")
 
 
 def make_encoder(type_name: str) -> Callable[[Any, Callable[[Any], int], Callable[[], int]], None]:
-    """Make the function that writes a message in native byte order: ``encoder(message, write, tell)`` of a stream.
+    """Make the function that writes a message: ``encoder(message, write, tell)`` of a stream.
 
     The stream begins with the 4 byte header.
     """
-    generator = _Encoder(NATIVE)
+    generator = _Encoder()
     generator.fields(d.namespaced(type_name), "m")
     generator.flush()
     run: Callable[..., None] = generator.compile("def run(m, w, t):", f"encode {type_name}")
     return run
 
 
-def make_decoder(type_name: str, order: str) -> Callable[[bytes, int], tuple[Any, int]]:
+def make_decoder(type_name: str) -> Callable[[bytes, int], tuple[Any, int]]:
     """Make the function that reads a message from a buffer: ``decoder(data, position) -> (message, end)``.
 
-    The byte order is ``<`` or ``>``. The function raises ValueError (UnicodeDecodeError is one), IndexError or
-    struct.error on malformed input; lengths are compared with what is left of the data before anything is allocated.
+    The function raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths
+    are compared with what is left of the data before anything is allocated.
     """
-    generator = _Decoder(order)
+    generator = _Decoder()
     generator.nested(d.namespaced(type_name), "m")
     generator.flush()
     generator.line("return m, p")
@@ -334,14 +328,14 @@ def make_decoder(type_name: str, order: str) -> Callable[[bytes, int], tuple[Any
     return decoder
 
 
-def encode_wide(text: str, order: str) -> bytes:
+def encode_wide(text: str) -> bytes:
     """UTF-16 code units, each in 4 bytes, as rmw_cyclonedds writes a wstring."""
-    return np.frombuffer(text.encode("utf-16-le"), "<u2").astype(f"{order}u4").tobytes()
+    return np.frombuffer(text.encode("utf-16-le"), "<u2").astype("<u4").tobytes()
 
 
-def decode_wide(data: bytes, order: str) -> str:
+def decode_wide(data: bytes) -> str:
     """Reverse of `encode_wide`; raises ValueError for what is not UTF-16."""
-    units = np.frombuffer(data, f"{order}u4")
+    units = np.frombuffer(data, "<u4")
     if (units > 0xFFFF).any():
         raise ValueError("wide string holds more than UTF-16")
     return units.astype("<u2").tobytes().decode("utf-16-le")

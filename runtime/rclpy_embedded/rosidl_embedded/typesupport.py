@@ -6,14 +6,14 @@ from functools import cache, cached_property
 from io import BytesIO
 from typing import Any, NamedTuple
 
-from .cdr import HEADER_SIZE, NATIVE, make_decoder, make_encoder
+from .cdr import HEADER_SIZE, make_decoder, make_encoder
 from .description import interface_definition as interface_definition
 from .description import type_hash as type_hash
 from .message import get_message as get_message
 from .message import get_service as get_service
 
-_HEADER = b"\x00\x01\x00\x00" if NATIVE == "<" else bytes(4)
-_ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}
+# Plain CDR, little-endian.
+_HEADER = b"\x00\x01\x00\x00"
 # Writers pad a payload to a multiple of 4 bytes.
 _MAX_PADDING = 3
 
@@ -34,7 +34,6 @@ class TypeSupport:
         self.type_name: str = cls._TYPE_NAME
         package, kind, name = self.type_name.split("/")
         self.dds_name = f"{package}::{kind}::dds_::{name}_"
-        self._decoders: dict[bytes, Callable[[bytes, int], tuple[Any, int]]] = {}
 
     @property
     def type_hash(self) -> str:
@@ -44,6 +43,10 @@ class TypeSupport:
     @cached_property
     def _encode(self) -> Callable[..., None]:
         return make_encoder(self.type_name)
+
+    @cached_property
+    def _decode(self) -> Callable[[bytes, int], tuple[Any, int]]:
+        return make_decoder(self.type_name)
 
     def serialize(self, msg: Any) -> bytes:
         """Encode a message: 4 byte encapsulation header and CDR, not padded; see `serialize_with_prefix`."""
@@ -76,24 +79,19 @@ class TypeSupport:
         """
         if data.__class__ is not bytes:
             data = bytes(data)
+        if data[:2] != _HEADER[:2]:
+            found = data[:2].hex() or "missing"
+            text = f"encapsulation {found}, only little-endian plain CDR is supported"
+            raise DeserializationError(f"not a {self.type_name}: {text}")
         start = HEADER_SIZE + size
-        decode = self._decoders.get(data[:2]) or self._decoder(data[:2])
         try:
-            msg, end = decode(data, start)
+            msg, end = self._decode(data, start)
         except (IndexError, ValueError, struct.error) as error:
             raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
         surplus = len(data) - end
         if not 0 <= surplus <= _MAX_PADDING:
             raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {surplus} bytes too many")
         return data[HEADER_SIZE:start], msg
-
-    def _decoder(self, encapsulation: bytes) -> Callable[[bytes, int], tuple[Any, int]]:
-        order = _ORDERS.get(encapsulation)
-        if order is None:
-            found = encapsulation.hex() or "missing"
-            raise DeserializationError(f"not a {self.type_name}: encapsulation {found}, only plain CDR is supported")
-        decoder = self._decoders[encapsulation] = make_decoder(self.type_name, order)
-        return decoder
 
 
 class ServiceTypeSupport(NamedTuple):

@@ -24,7 +24,7 @@ def add_command(commands: Any) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
-    stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
+    stem = source.name.removesuffix(".mcap").removesuffix(".db3") or "bag"
     target = arguments.output or source.absolute().parent / f"{stem}_recovered"
     options = WriterOptions(compression="zstd" if arguments.zstd else "")
     selection = TopicSelection(regex=arguments.regex, include_hidden=True)

@@ -2,7 +2,8 @@
 
 Decoding the messages of a 45-minute weld one by one takes several times as long. The offsets of a message's fields
 depend only on the lengths of its strings and sequences; so one message is walked to find them, and all messages with
-the same lengths are one structured array. Encoding: OMG CDR (XCDR1), aligned to at most 8 after the 4-byte header.
+the same lengths are one structured array. Encoding: little-endian OMG CDR (XCDR1), aligned to at most 8 after the
+4-byte header.
 """
 
 from __future__ import annotations
@@ -115,10 +116,9 @@ class _Layout:
     """
 
     def __init__(self, fields: Fields, type_name: str, payload: bytes) -> None:
-        if len(payload) < _HEADER_BYTES or payload[0] != 0 or payload[1] > 1:
-            raise ValueError("not plain CDR")
+        if len(payload) < _HEADER_BYTES or payload[:2] != b"\0\1":
+            raise ValueError("not plain little-endian CDR")
         self._fields, self._payload = fields, payload
-        self._order: Literal["little", "big"] = "little" if payload[1] else "big"
         self._at = _HEADER_BYTES
         self._places: dict[str, tuple[Any, int]] = {"#encoding": ("u2", 0)}
         self.lengths = ["#encoding"]
@@ -158,7 +158,7 @@ class _Layout:
     def _numbers(self, path: str, name: str, shape: tuple[int, ...]) -> None:
         if name not in _CODES:
             raise ValueError(f"{name} is not supported")
-        code = np.dtype(_CODES[name]).newbyteorder(self._order)
+        code = np.dtype(_CODES[name])
         if shape == (0,):
             return  # not even aligned
         self._align(code.itemsize)
@@ -169,7 +169,7 @@ class _Layout:
         name = f"#{path}"
         self.lengths.append(name)
         self._place(name, "u4", 4)
-        return int.from_bytes(self._payload[self._at - 4 : self._at], self._order)
+        return int.from_bytes(self._payload[self._at - 4 : self._at], "little")
 
     def _place(self, path: str, form: Any, size: int) -> None:
         self._places[path] = (form, self._at)

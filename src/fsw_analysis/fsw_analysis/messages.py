@@ -22,8 +22,6 @@ SENSOR_FIELDS = {
     "torque": ("/fsw/spindle_torque", "torque"),
     "thermocouple": ("/fsw/thermocouple", "temperature"),
 }
-#: of a copy of set-points, when the original was sent; older bags do not have it
-ISSUED: dict[str, Kind] = {"issued.sec": "number", "issued.nanosec": "number"}
 _STAMP: dict[str, Kind] = {"header.stamp.sec": "number", "header.stamp.nanosec": "number"}
 #: what a weld cannot do without one of, with its namespace before it
 _OF_A_WELD = re.compile(r"(.*)/fsw/(?:depth|spindle_torque|thermocouple|plant/truth|command)")
@@ -122,7 +120,7 @@ class WeldMessages:
         except BagError as error:
             self.problems.append(f"{name}: {error}")
             return empty
-        missing = [path for path in wanted if not columns.has(path) and path not in ISSUED]
+        missing = [path for path in wanted if not columns.has(path)]
         if missing:
             self.problems.append(f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}")
         data, good = columns.extract([one[2] for one in raw], {**wanted, **_STAMP})

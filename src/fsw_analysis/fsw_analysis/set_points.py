@@ -1,25 +1,25 @@
 """Which set-points held at which tick of a recorded weld.
 
-The rule is that of the nodes (`fsw_control.references`): at a tick those hold that were received last among all whose
-stamp has come; when they begin, everything before them is void, also what was sent ahead for later. Only those that are
-older than the recording have their order by publish time: a recorder that joins in mid-weld receives them at once, in
-any order. What the supervisor states on its own topic is believed for the beginning of the recording. What a controller
-followed, it states itself: its answers are to be judged by that (`followed`).
+The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which hears here what the recorder received.
+What was published before the recording began is heard before its first tick, and what the supervisor states on its own
+topic is believed for the beginning. What a controller followed, it states itself: its answers are to be judged by that
+(`followed`).
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from fsw_analysis.messages import ISSUED, WeldMessages
+from fsw_analysis.messages import WeldMessages
 from fsw_analysis.weld_signals import MM, IntArray
 from fsw_control.contract import Reference
 from fsw_control.ranges import set_point_problem
-from fsw_control.references import OTHER_CLOCK_NS, OWN_CLOCK_NS, ReferencePlan
+from fsw_control.references import OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
@@ -28,8 +28,6 @@ from fsw_recorder.errors import BagError
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
 #: a recorder that joins has received what was sent before after this time
 _JOINING_NS = 2 * NANOSECONDS
-#: before everything
-_LONG_AGO = -(2**62)
 UNKNOWN_ORDER = (
     f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
     "errors and figures of merit may refer to the wrong ones"
@@ -37,7 +35,7 @@ UNKNOWN_ORDER = (
 
 
 class SetPoint(NamedTuple):
-    """One message with set-points; times in ns."""
+    """One message with set-points; times in ns, ``issued_ns`` is its publication or its place in the order."""
 
     log_ns: int
     issued_ns: int
@@ -45,14 +43,24 @@ class SetPoint(NamedTuple):
     depth_mm: float
     temperature_c: float
 
+    @property
+    def reference(self) -> Reference:
+        """The set-points themselves."""
+        return Reference(self.depth_mm, self.temperature_c)
+
 
 def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
-    """Usable set-points of one of the topics ``SENT`` and ``HELD``, in order of receipt."""
-    table = messages.table(topic, {"depth": "number", "temperature": "number", **ISSUED})
-    issued = table.time_ns(*ISSUED)
-    times = (table.log_ns, np.where(issued > 0, issued, table.publish_ns), table.stamp_ns)
+    """Usable set-points that were sent (``SENT``) or stated (``HELD``, of a controller), in order of receipt.
+
+    A statement carries its place in the order as the frame of its header.
+    """
+    table = messages.table(topic, {"depth": "number", "temperature": "number", "header.frame_id": "text"})
+    issued = table.publish_ns.tolist()
+    if topic != SENT:
+        issued = [int(text) if text.isdecimal() else 0 for text in table.column("header.frame_id")]
     values = (table.column("depth") * MM, table.column("temperature"))
-    points = [SetPoint(*row) for row in zip(*(one.tolist() for one in (*times, *values)), strict=True)]
+    columns = (table.log_ns.tolist(), issued, table.stamp_ns.tolist(), *(one.tolist() for one in values))
+    points = [SetPoint(*row) for row in zip(*columns, strict=True)]
     return [one for one in points if not set_point_problem(one.depth_mm, one.temperature_c)]
 
 
@@ -86,8 +94,8 @@ def timeline(
     stamps: IntArray,
     logs: IntArray,
     problems: list[str],
-) -> list[tuple[int, SetPoint]]:
-    """Set-points with the stamp from which each holds, in order.
+) -> list[tuple[int, Reference]]:
+    """Set-points with the stamp of the tick from which each holds, in order.
 
     Parameters
     ----------
@@ -99,34 +107,41 @@ def timeline(
         Gets `UNKNOWN_ORDER` when the bag does not show what held when the recording began.
     """
     first = int(stamps[0])
+    if sent:
+        held = held[:1] if held and 0 < held[0].stamp_ns <= first else []
     # sqlite3 holds no publish times; what came together at first may then be older than the recording
     timed = any(one.issued_ns != one.log_ns for one in sent)
     joined = int(logs[0]) if timed or not sent else max(int(logs[0]), sent[0].log_ns + _JOINING_NS)
-    entries: list[tuple[int, SetPoint]] = []
-    stampless = 0
-    for one in sorted(sent, key=lambda one: (one.issued_ns >= joined, min(one.issued_ns, joined))):
-        if one.issued_ns > one.log_ns + OWN_CLOCK_NS:
-            continue  # refused by everyone
-        stamped = one.stamp_ns > 0 and abs(one.stamp_ns - first) < OTHER_CLOCK_NS
-        begins = one.stamp_ns if stamped else _LONG_AGO
-        if one.issued_ns >= joined:  # received at once; the next tick is the first that it can hold for
-            row = int(np.searchsorted(logs, one.log_ns))
-            begins = max(begins, int(stamps[row]) if row < stamps.size else int(stamps[-1]) + 1)
-        elif not timed and not stamped:
-            stampless += 1
-            entries.insert(0, (begins, one))
-            continue
-        entries = [entry for entry in entries if entry[0] <= begins]
-        entries.append((begins, one))
-    if held and (not sent or 0 < held[0].stamp_ns <= first):
-        stated = [(one.stamp_ns or first, one) for one in held]
-        entries = stated if not sent else [stated[0], *(entry for entry in entries if entry[0] > first)]
-    elif stampless and sum(begins <= first for begins, _ in entries) > 1:
-        problems.append(UNKNOWN_ORDER)
-    return sorted(entries, key=lambda entry: entry[0])
+    if not timed:
+        early = [one for one in sent if one.issued_ns < joined and one.stamp_ns <= first]
+        if held:
+            sent = [one for one in sent if one not in early]
+        elif len(early) > 1 and not all(one.stamp_ns for one in early):
+            problems.append(UNKNOWN_ORDER)
+    queue = ReferenceQueue()
+    queue.join(joined - OWN_CLOCK_NS)  # from when on order of receipt is what counts
+    known_from = int(logs[0])
+    received = [
+        (known_from if one.issued_ns < joined else one.log_ns, is_held, one)
+        for is_held, points in ((False, sent), (True, held))
+        for one in points
+    ]
+    coming = deque(sorted(received))
+    begun: list[tuple[int, Reference]] = []
+    for stamp_ns, log_ns in zip(stamps.tolist(), logs.tolist(), strict=True):
+        while coming and coming[0][0] <= log_ns:
+            _, is_held, one = coming.popleft()
+            if is_held:
+                queue.add(one.stamp_ns, one.reference, one.issued_ns)
+            else:
+                queue.hear(one.stamp_ns, one.reference, one.issued_ns, one.log_ns)
+        present = queue.at(stamp_ns)
+        if present is not None and (not begun or present != begun[-1][1]):
+            begun.append((stamp_ns, present))
+    return begun
 
 
-def followed(stated: Sequence[SetPoint], known: Sequence[SetPoint]) -> list[tuple[int, SetPoint]]:
+def followed(stated: Sequence[SetPoint], known: Sequence[SetPoint]) -> list[tuple[int, Reference]]:
     """Set-points that a controller followed, with the stamp of the tick from which it did.
 
     Parameters
@@ -140,4 +155,4 @@ def followed(stated: Sequence[SetPoint], known: Sequence[SetPoint]) -> list[tupl
     def exact(one: SetPoint) -> SetPoint:
         return next((other for other in known if np.allclose(other[3:], one[3:], rtol=1e-12, atol=0.0)), one)
 
-    return [(one.stamp_ns, exact(one)) for one in stated]
+    return [(one.stamp_ns, exact(one).reference) for one in stated]

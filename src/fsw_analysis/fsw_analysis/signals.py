@@ -132,7 +132,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         return ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True)
 
     reference_depth_mm, reference_temperature_c = _references(messages, ticks)
-    # an older bag does not have the programme's set-points
+    # where no programme is played, the set-points in force stand for its own
     planned = [ticks.held(progress_told, path, np.nan) for path in ("depth", "temperature")]
     known = planned[0] > 0.0
     applied = ticks.group(ProposalSignals, command)

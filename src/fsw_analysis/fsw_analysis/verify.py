@@ -19,7 +19,7 @@ import numpy as np
 
 from fsw_analysis.columns import Kind
 from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages, recorded_parameters
-from fsw_analysis.set_points import HELD, SENT, SetPoint, followed, read_plans, read_set_points, timeline
+from fsw_analysis.set_points import HELD, SENT, followed, read_plans, read_set_points, timeline
 from fsw_analysis.weld_signals import experiment_time_s
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.host import NO_SET_POINT, answer
@@ -172,8 +172,7 @@ def verify(path: Path | str, name: str, make: Make, parameters: Source = None, t
     if recorded.parameters_changed(name):
         notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
     proposals = recorded.proposals
-    points = recorded.set_points(name, notes)
-    references = [(begin_ns, Reference(one.depth_mm, one.temperature_c)) for begin_ns, one in points]
+    references = recorded.set_points(name, notes)
     differences = _replay(recorded, references, controller, settings)
     return Verification(name, len(proposals), differences, tolerance, notes, not recorded.in_mid_weld(name, notes))
 
@@ -293,7 +292,7 @@ class _Recorded:
             notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
         return before
 
-    def set_points(self, name: str, notes: list[str]) -> list[tuple[int, SetPoint]]:
+    def set_points(self, name: str, notes: list[str]) -> list[tuple[int, Reference]]:
         """Set-points with the stamp of the tick from which the controller followed each, as it states itself.
 
         Where the bag lacks that, those hold that had come when the samples of a tick had: the proposal, which is later

@@ -101,6 +101,14 @@ def test_damage_is_marked_and_never_raises(row: tuple, data: st.DataObject) -> N
     assert np.isnan(columns["last"][0]) and columns["last"][2] == row[-1]
 
 
+def test_big_endian_messages_are_left_out() -> None:
+    payload, built = build(([], [], True, [], (1, "a", 2), "b", 3.0))
+    big_endian = bytes(store.serialize_cdr(built, TYPE, little_endian=False))
+    columns, good = MessageColumns(TYPE, SCHEMA).extract([payload, big_endian, payload], {"last": "number"})
+    assert good.tolist() == [True, False, True]
+    assert np.array_equal(columns["last"], [3.0, np.nan, 3.0], equal_nan=True)
+
+
 def test_paths() -> None:
     columns = MessageColumns(TYPE, SCHEMA)
     assert columns.has("one.name") and columns.has("last")

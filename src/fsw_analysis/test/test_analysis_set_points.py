@@ -60,16 +60,18 @@ def test_set_points_received_on_the_way_hold_from_the_next_tick() -> None:
 
 def test_supervisor_is_believed_for_the_beginning() -> None:
     wrong, ahead = point(2.6, 0.0), point(2.8, 0.2, 64.0)
-    held = point(2.75, 55.0, 55.0)
+    held = point(2.75, 0.1, 55.0)
     assert depths([wrong, ahead], [held]) == ([2.75, 2.8], [])
     assert depths([], [held, point(2.85, 64.0, 64.0, 4.0)]) == ([2.75, 2.85], [])
-    late = point(2.75, 62.0, 62.0, 2.0)  # it began after the recording
+    newer = point(2.75, 55.0, 55.0)  # what was sent ahead before it is void
+    assert depths([wrong, ahead], [newer]) == ([2.75, 2.75], [])
+    late = point(2.75, 0.1, 62.0, 2.0)  # it began after the recording
     assert depths([wrong, ahead], [late]) == ([2.6, 2.8], [])
 
 
 def test_unknown_order_is_told() -> None:
     untimed = [one._replace(issued_ns=one.log_ns) for one in (point(2.7, 0.0, 40.0), point(2.6, 0.0, log_s=0.01))]
-    assert depths(untimed, []) == ([2.7, 2.7], [UNKNOWN_ORDER])
+    assert depths(untimed, []) == ([2.6, 2.6], [UNKNOWN_ORDER])
     assert depths(untimed, [point(2.7, 40.0, 40.0)]) == ([2.7, 2.7], [])
     alone = [one._replace(issued_ns=one.log_ns) for one in (point(2.6, 0.0),)]
     assert depths(alone, []) == ([2.6, 2.6], [])
@@ -95,7 +97,9 @@ def bag_from_mid_weld(bag: Path, order: tuple[int, ...], topics: tuple[str, ...]
                 for topic_name in topics:
                     for sent_s, depth, stamp_s in rows if topic_name == SENT else [rows[order.index(2)]]:
                         stamp = {"sec": begin_ns // S + round(stamp_s), "nanosec": 0} if stamp_s else {}
-                        values: dict[str, Any] = {"header": {"stamp": stamp}, "depth": depth, "temperature": 816.0}
+                        place = "" if topic_name == SENT else str(begin_ns + sent_s * S)
+                        header = {"stamp": stamp, "frame_id": place}
+                        values: dict[str, Any] = {"header": header, "depth": depth, "temperature": 816.0}
                         payload = types.serialize("fsw_msgs/msg/WeldReference", values)
                         writer.write(topic_name, payload, time_ns - 1000, begin_ns + sent_s * S)
             writer.write(name, data, time_ns, time_ns)

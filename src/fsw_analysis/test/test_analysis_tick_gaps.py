@@ -36,9 +36,9 @@ def test_which_topics_tick() -> None:
     assert not any(is_ticking(one) for one in ("/fsw/reference", "/fsw/supervisor/state", "/clock", "/demo/depth"))
 
 
-def test_stamp_in_both_byte_orders() -> None:
+def test_stamp_is_little_endian() -> None:
     assert stamp_ns(message(1_234_567_890)) == 1_234_567_890
-    assert stamp_ns(b"\x00\x00\x00\x00" + struct.pack(">iI", 1, 5)) == 1_000_000_005
+    assert stamp_ns(b"\x00\x00\x00\x00" + struct.pack(">iI", 1, 5)) is None
     assert stamp_ns(b"\x00\x01\x00\x00\x01") is None
 
 

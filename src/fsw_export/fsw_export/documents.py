@@ -206,9 +206,7 @@ def results_page(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
         "Written by `benchmarks/targets.py --publish`: every controller is exported ([how](../how-to/plc.md)), built "
         "by its own `CMakeLists.txt` and run on its test vectors, a weld of 240 s with noise, disturbances and sensor "
         "faults.\n",
-        "The paper ends with a real-time implementation that is not possible on the machine's PLCs. With the default "
-        "tuning every tick of this weld fits into its 100 ms on 200 MHz with an FPU of double precision, even at 3 "
-        "cycles per instruction. The paper's own 108 moves need some 1 GHz.\n",
+        "The paper ends with a real-time implementation that is not possible on the machine's PLCs.\n",
     ]
     for name, by_target in found.items():
         parts.append(f"## {titles[name]}\n")

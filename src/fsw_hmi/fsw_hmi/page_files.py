@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from importlib.util import find_spec
 from pathlib import Path
 
 from starlette.requests import Request
@@ -10,6 +11,9 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 FOLDER = Path(__file__).with_name("page")
+#: uPlot, which draws the trends, as the package youplot brings it along; nothing else of that is used
+_YOUPLOT = find_spec("youplot")
+UPLOT = Path(_YOUPLOT.origin or "").parent / "vendor" if _YOUPLOT else None
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".css": "text/css; charset=utf-8",
@@ -20,7 +24,7 @@ _TYPES = {
 
 
 class PageFiles:
-    """The page as routes: ``/`` and ``/page/<file>``.
+    """The page as routes: ``/`` and ``/page/<file>``, among them uPlot as ``/page/uplot/<file>``.
 
     Parameters
     ----------
@@ -37,12 +41,15 @@ class PageFiles:
     Raises
     ------
     ValueError
-        When there is no index.html.
+        When there is no index.html, or uPlot is not installed.
     """
 
     def __init__(self, source: str, folder: Path = FOLDER) -> None:
+        if UPLOT is None:
+            raise ValueError("uPlot, which draws the trends, is missing: pip install youplot==1.0.0")
         paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix in _TYPES)
         self._files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+        self._files |= {f"uplot/{path.name}": path.read_bytes() for path in sorted(UPLOT.glob("*.min.*"))}
         if "index.html" not in self._files:
             raise ValueError(f"the page is missing: there is no {folder / 'index.html'}")
         content = hashlib.sha256()

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-#: hosts by which this computer calls itself
-LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self' data:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -23,21 +19,14 @@ HEADERS = {
 
 
 class Security:
-    """Middleware: refuses requests for other hosts or from other pages, and adds the headers to every answer.
+    """Middleware: refuses requests from other pages, and adds the headers to every answer.
 
-    The check of the host keeps off pages of strangers that let their own name point here (DNS rebinding); the check of
-    the origin those that open a websocket across. A websocket must say where it comes from, as every browser does.
-
-    Parameters
-    ----------
-    app : ASGI application
-    hosts : iterable of str
-        Names and addresses under which the page may be asked for, without port, beside those of this computer.
+    The check of the origin keeps off pages of strangers that open a websocket across. A websocket must say where it
+    comes from, as every browser does.
     """
 
-    def __init__(self, app: ASGIApp, hosts: Iterable[str] = ()) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         self._app = app
-        self._hosts = {host.strip("[]").lower() for host in (*LOCAL_HOSTS, *hosts) if host}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or pass it on."""
@@ -50,7 +39,7 @@ class Security:
                 MutableHeaders(scope=message).update(HEADERS)
             await send(message)
 
-        why_not = self.refusal(Headers(scope=scope), scope["type"] == "websocket")
+        why_not = _refusal(Headers(scope=scope), scope["type"] == "websocket")
         if not why_not:
             await self._app(scope, receive, send_with_headers)
         elif scope["type"] == "websocket":
@@ -58,17 +47,15 @@ class Security:
         else:
             await PlainTextResponse(f"{why_not}\n", status_code=403)(scope, receive, send_with_headers)
 
-    def refusal(self, headers: Headers, websocket: bool) -> str:
-        """Why a request must not be answered, empty if it may be."""
-        host = headers.get("host", "")
-        if len(headers.getlist("host")) != 1 or _hostname(host) not in self._hosts:
-            return "the page is not served under this name; allow it with --allow-host"
-        origins = headers.getlist("origin")
-        if websocket and not origins:
-            return "a websocket needs an Origin"
-        if any(origin.lower() not in (f"http://{host.lower()}", f"https://{host.lower()}") for origin in origins):
-            return "the request comes from another page"
-        return ""
+
+def _refusal(headers: Headers, websocket: bool) -> str:
+    """Why a request must not be answered, empty if it may be."""
+    host, origins = headers.get("host", "").lower(), headers.getlist("origin")
+    if websocket and not origins:
+        return "a websocket needs an Origin"
+    if any(origin.lower() not in (f"http://{host}", f"https://{host}") for origin in origins):
+        return "the request comes from another page"
+    return ""
 
 
 def client_of(address: str) -> str:
@@ -89,12 +76,3 @@ def _ip(address: str) -> IPv4Address | IPv6Address | None:
     except ValueError:
         return None
     return (found.ipv4_mapped or found) if isinstance(found, IPv6Address) else found
-
-
-def _hostname(host: str) -> str | None:
-    """Name or address of a Host header, without port; None if it is none."""
-    try:
-        parts = urlsplit(f"//{host}")
-        return parts.hostname if parts.netloc == host and "@" not in host else None
-    except ValueError:
-        return None

@@ -8,12 +8,15 @@ from collections.abc import Iterable, Sequence
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from fsw_hmi.security import Security, client_of, is_loopback
 
+#: hosts by which this computer calls itself
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
 #: connections of a client at a time; a page has one, and a few more while it loads
@@ -68,8 +71,14 @@ def is_local(listening: socket.socket) -> bool:
 
 
 def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
-    """The application with these routes, behind the checks of host and origin."""
-    return Security(Starlette(routes=list(routes)), hosts)
+    """The application with these routes, behind the checks of host and origin.
+
+    ``hosts`` are names and addresses under which the page may be asked for, without port, beside those of this
+    computer: a page of strangers may let its own name point here (DNS rebinding).
+    """
+    bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
+    allowed = [f"[{host}]" if ":" in host else host for host in bare]
+    return Security(TrustedHostMiddleware(Starlette(routes=list(routes)), allowed, www_redirect=False))
 
 
 class _Connection(H11Protocol):

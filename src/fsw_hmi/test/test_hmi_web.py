@@ -1,6 +1,7 @@
 """The web server with real sockets, without a graph."""
 
 import contextlib
+import hashlib
 import json
 import socket
 import time
@@ -38,6 +39,15 @@ def test_page_and_its_files(server):
     assert get(server, "/page/sub/LICENSE")[1] == b"MIT"
 
 
+def test_trends_are_drawn_by_the_uplot_of_its_authors(server):
+    response, content = get(server, "/page/uplot/uplot.iife.min.js")
+    assert response.getheader("content-type") == "text/javascript; charset=utf-8"
+    # dist/uPlot.iife.min.js of uPlot 1.6.31's npm package
+    genuine = "2d27e8ad3d228164525ce213f9dc716f39b4e3aee0cc773fb3491c96cf4921a2"
+    assert hashlib.sha256(content).hexdigest() == genuine
+    assert get(server, "/page/uplot/uplot.min.css")[0].getheader("content-type") == "text/css; charset=utf-8"
+
+
 @pytest.mark.parametrize(
     ("path", "method", "status"),
     [
@@ -66,10 +76,11 @@ def test_nothing_else_is_served_and_every_answer_has_the_headers(server, path, m
         ({"host": "[::1]"}, 200),
         ({"host": "WELD.example"}, 200),
         ({"host": "127.0.0.1:{port}", "origin": "http://127.0.0.1:{port}"}, 200),
-        ({"host": "stranger.example"}, 403),
-        ({"host": "127.0.0.1.stranger.example"}, 403),
-        ({"host": "127.0.0.1@stranger.example"}, 403),
-        ({"host": "[::1"}, 403),
+        ({"host": "stranger.example"}, 400),
+        ({"host": "127.0.0.1.stranger.example"}, 400),
+        ({"host": "127.0.0.1@stranger.example"}, 400),
+        ({"host": "[::1"}, 400),
+        ({"host": ""}, 400),
         ({"host": "127.0.0.1:{port}", "origin": "http://stranger.example"}, 403),
         ({"host": "127.0.0.1:{port}", "origin": "null"}, 403),
     ],
@@ -86,6 +97,15 @@ def test_websocket_of_another_page_is_refused(server, origin):
     with pytest.raises(InvalidStatus) as refused:
         server.open(origin=origin)
     assert refused.value.response.status_code == 403
+
+
+def test_websocket_under_the_name_of_a_stranger_is_refused(server):
+    upgrade = {"connection": "Upgrade", "upgrade": "websocket", "sec-websocket-version": "13"}
+    upgrade["sec-websocket-key"] = "dGhlIHNhbXBsZSBub25jZQ=="
+    response, _ = get(server, "/ws", host="stranger.example", origin="http://stranger.example", **upgrade)
+    assert response.status == 400
+    origin = f"http://127.0.0.1:{server.port}"
+    assert get(server, "/ws", host=f"127.0.0.1:{server.port}", origin=origin, **upgrade)[0].status == 101
 
 
 def test_page_that_is_out_of_date_is_told(server):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import ChunkIndex, DataEnd, Footer
+from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from fsw_recorder.bag_metadata import FileSummary
@@ -52,23 +50,6 @@ class _Committed:
         self.size += total
 
 
-class _PackedIndex(list[ChunkIndex]):
-    """The index of the chunks as it ends up in the file: as objects each takes 2 kB until the file is finished."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._packed = RecordBuilder()
-
-    def append(self, index: ChunkIndex) -> None:
-        index.write(self._packed)
-
-    def __iter__(self) -> Iterator[Any]:
-        yield self
-
-    def write(self, stream: RecordBuilder) -> None:
-        stream.write(self._packed.end())
-
-
 class BagFile:
     """One MCAP file that is being written, in an open folder wherever that is moved.
 
@@ -84,7 +65,6 @@ class BagFile:
             chunk_size=CHUNK_BYTES,
             compression=COMPRESSIONS[compression],
         )
-        self._mcap._Writer__chunk_indices = _PackedIndex()  # mcap has no public way; one chunk every 0.4 s adds up
         self._channels: dict[str, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self.added, self.committed = FileSummary(name), FileSummary(name)

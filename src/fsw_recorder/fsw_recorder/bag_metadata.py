@@ -51,7 +51,8 @@ class BagMetadata:
     """What a reader needs of ``metadata.yaml``."""
 
     files: list[str] = field(default_factory=list)
-    compression_mode: str = ""
+    storage: str = ""
+    is_compressed: bool = False
     ros_distro: str = ""
     custom_data: dict[str, str] = field(default_factory=dict)
 
@@ -113,7 +114,8 @@ def read_metadata(folder: Path) -> BagMetadata:
             raise TypeError("relative_file_paths is not a list")
         return BagMetadata(
             files=[Path(str(name)).name for name in names],
-            compression_mode=str(information.get("compression_mode") or "").lower(),
+            storage=str(information.get("storage_identifier") or ""),
+            is_compressed=str(information.get("compression_mode") or "none").lower() != "none",
             ros_distro=str(information.get("ros_distro") or ""),
             custom_data={str(key): str(value) for key, value in dict(information.get("custom_data") or {}).items()},
         )

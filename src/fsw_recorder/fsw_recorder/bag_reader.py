@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
@@ -12,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import zstandard
 from mcap.records import Attachment
 
 from fsw_recorder.bag_metadata import BagMetadata, read_metadata
@@ -21,15 +18,13 @@ from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition
 from fsw_recorder.mcap_file import McapFile
-from fsw_recorder.sqlite_file import SqliteFile
+from fsw_recorder.rosbags_file import RosbagsFile
 from fsw_recorder.topic import RecordedTopic
 
 __all__ = ["BagInfo", "BagReader", "BagRecord"]
 
 FOREVER_NS = 2**64
-SUFFIXES = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd")
-_MOST_MESSAGE_BYTES = 256 * 1024 * 1024
-_WINDOW_BYTES = 2**27
+SUFFIXES = (".mcap", ".db3")
 #: progress is reported every so many messages
 _PROGRESS_STEP = 8192
 
@@ -72,8 +67,8 @@ class BagReader:
     Parameters
     ----------
     path : Path or str
-        A rosbag2 folder (with or without ``metadata.yaml``) or one storage file: ``.mcap``, ``.mcap.zstd``, ``.db3``,
-        ``.db3.zstd``.
+        A rosbag2 folder (with or without ``metadata.yaml``, which a compressed one needs) or one storage file:
+        ``.mcap``, ``.db3``.
 
     Attributes
     ----------
@@ -94,7 +89,7 @@ class BagReader:
         self._definitions = Definitions()
         self._definition_of: dict[str, str] = {}
         self._stack = ExitStack()
-        self._parts: list[McapFile | SqliteFile] = []
+        self._parts: list[McapFile | RosbagsFile] = []
         self._info: BagInfo | None = None
         try:
             self._paths = self._find_files()
@@ -125,42 +120,29 @@ class BagReader:
             return [self.path]
         if not self.path.is_dir():
             raise BagError(f"{self.path}: there is no such bag")
-        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
-        if not present:
-            raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         try:
             self.metadata = read_metadata(self.path)
         except BagError as error:
             self._add_problem(f"{error}; the files of the folder are read instead")
+        if self.metadata.is_compressed:
+            return [self.path]
+        present = {file.name: file for file in self.path.iterdir() if file.name.endswith(SUFFIXES)}
+        if not present:
+            raise BagError(f"{self.path}: no bag in this folder (no file that ends in {kinds})")
         for name in self.metadata.files:
             if name not in present:
                 self._add_problem(f"{self.path}: {name} is missing")
-        for name in list(present):
-            if f"{name}.zstd" in present and f"{name}.zstd" not in self.metadata.files:
-                del present[f"{name}.zstd"]  # compressing was stopped half-way
         listed = [name for name in self.metadata.files if name in present]
         return [present[name] for name in dict.fromkeys([*listed, *sorted(present, key=_natural)])]
 
-    def _open_file(self, file: Path) -> McapFile | SqliteFile:
-        source = self._decompressed(file) if file.suffix == ".zstd" else file
-        kind = SqliteFile if file.name.endswith((".db3", ".db3.zstd")) else McapFile
-        part = kind(source, str(file), self._add_problem)
+    def _open_file(self, file: Path) -> McapFile | RosbagsFile:
+        part: McapFile | RosbagsFile
+        if file.is_dir():
+            part = RosbagsFile(file, str(file), self._add_problem, self.metadata.storage)
+        else:
+            part = (McapFile if file.suffix == ".mcap" else RosbagsFile)(file, str(file), self._add_problem)
         self._stack.callback(part.close)
         return part
-
-    def _decompressed(self, file: Path) -> Path:
-        """A temporary copy of a compressed file; of a damaged one what comes before the damage."""
-        target = self._stack.enter_context(tempfile.NamedTemporaryFile(prefix="fsw_bag_", suffix=".db3"))  # noqa: SIM115
-        decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES)
-        try:
-            with file.open("rb") as stream, decompressor.stream_reader(stream) as source:
-                shutil.copyfileobj(source, target)
-        except zstandard.ZstdError as error:
-            if not target.tell():
-                raise BagError(f"{file}: not a zstd file, or damaged: {error}") from None
-            self._add_problem(f"{file}: zstd stream damaged after {target.tell()} bytes: {error}")
-        target.flush()
-        return Path(target.name)
 
     # ------------------------------------------------------------------ reading
 
@@ -182,10 +164,9 @@ class BagReader:
         progress : callable, optional
             Called now and then with the fraction read, 0 to 1.
         """
-        per_message = self.metadata.compression_mode == "message"
         for position, part in enumerate(self._parts):
             for count, record in enumerate(part.records(topics, start_ns, stop_ns)):
-                yield _decompressed_record(record) if per_message else record
+                yield record
                 if progress is not None and count % _PROGRESS_STEP == 0:
                     progress((position + part.fraction) / len(self._parts))
         if progress is not None:
@@ -207,11 +188,12 @@ class BagReader:
             start, end = min(start, record.log_time_ns), max(end, record.log_time_ns)
             if note is not None:
                 note(record)
+        files = [self.path / name for name in self.metadata.files] if self.metadata.is_compressed else self._paths
         self._info = BagInfo(
             path=self.path,
             storage=self._parts[0].storage,
-            files=[file.name for file in self._paths],
-            size_bytes=sum(file.stat().st_size for file in self._paths),
+            files=[file.name for file in files],
+            size_bytes=sum(file.stat().st_size for file in files),
             start_ns=start if counts else 0,
             end_ns=end,
             topics=sorted(self.topics().values(), key=lambda topic: topic.name),
@@ -259,16 +241,6 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _decompressed_record(record: BagRecord) -> BagRecord:
-    """A record of a bag in which each message is compressed by itself."""
-    try:
-        if zstandard.get_frame_parameters(record.data).content_size > _MOST_MESSAGE_BYTES:
-            raise BagError(f"{record.topic}: a compressed message is larger than {_MOST_MESSAGE_BYTES} bytes, not read")
-        return record._replace(data=zstandard.ZstdDecompressor(max_window_size=_WINDOW_BYTES).decompress(record.data))
-    except zstandard.ZstdError as error:
-        raise BagError(f"{record.topic}: a compressed message is damaged: {error}") from None
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -18,11 +18,11 @@ def is_ticking(topic: str) -> bool:
 
 
 def stamp_ns(data: bytes) -> int | None:
-    """Stamp of a serialized message that begins with a header (or is a clock); None if it is too short for one.
+    """Stamp of a serialized message that begins with a header (or is a clock); None if it has none.
 
     The stamp is the first field: ``int32`` seconds and ``uint32`` nanoseconds behind the four bytes of the encoding.
     """
-    if len(data) < _STAMP_END:
+    if len(data) < _STAMP_END or not data[1] & 1:  # big-endian is not decoded
         return None
-    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -1,5 +1,6 @@
 """Whatever the bytes: an answer or a BagError, in bounded time and memory."""
 
+import shutil
 import sqlite3
 import struct
 import tracemalloc
@@ -48,9 +49,10 @@ def bounded_memory(limit: int = 64 * 1024 * 1024) -> Iterator[None]:
         tracemalloc.stop()
 
 
-def read(path: Path, content: bytes) -> list[BagRecord] | None:
-    """Everything that the tools do with a bag; None when it is refused."""
-    path.write_bytes(content)
+def read(path: Path, content: bytes | None = None) -> list[BagRecord] | None:
+    """Everything that the tools do with a bag, written first of ``content``; None when it is refused."""
+    if content is not None:
+        path.write_bytes(content)
     try:
         with BagReader(path) as reader:
             info = reader.info()
@@ -72,7 +74,6 @@ def read(path: Path, content: bytes) -> list[BagRecord] | None:
 def test_random_bytes(tmp_path: Path, content: bytes) -> None:
     read(tmp_path / "a.mcap", content)
     read(tmp_path / "b.mcap", MAGIC + content)
-    read(tmp_path / "c.mcap.zstd", zstandard.compress(MAGIC + content))
     read(tmp_path / "d.db3", b"SQLite format 3\x00" + content)
 
 
@@ -111,7 +112,11 @@ def test_damaged_sqlite(tmp_path: Path, position: int, value: int, cut: bool) ->
 def test_damaged_compressed_file(tmp_path: Path, position: int, value: int, cut: bool) -> None:
     content = bytearray(FILE_ZSTD)
     content[position] = value
-    read(tmp_path / "a.mcap.zstd", bytes(content[:position] if cut else content))
+    bag = tmp_path / "mcap_filezstd"
+    bag.mkdir(exist_ok=True)
+    shutil.copy(GENUINE / "mcap_filezstd" / "metadata.yaml", bag)
+    (bag / "mcap_filezstd_0.mcap.zstd").write_bytes(content[:position] if cut else content)
+    read(bag)
 
 
 @pytest.mark.requirement("S23")

@@ -25,6 +25,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.page_files import UPLOT
 from fsw_test_support.machine import free_port
 
 PAGE = Path(__file__).resolve().parents[3] / "src/fsw_hmi/fsw_hmi/page"
@@ -108,6 +109,7 @@ class FakeHmi:
                 Route("/bags", self._bags),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
+                Mount("/page/uplot", StaticFiles(directory=UPLOT)),
                 Mount("/page", StaticFiles(directory=PAGE)),
             ],
             lifespan=self._run_ticks,

@@ -1,5 +1,5 @@
 // The page over recorded welds: scrub, play, zoom; two of them are drawn over each other.
-import uPlot from "./uplot/uPlot.esm.js";
+/* global uPlot */
 import { Bars } from "./bars.js";
 import { byId, el, panel, setText } from "./dom.js";
 import { clock, fixed, NONE, span, words } from "./format.js";

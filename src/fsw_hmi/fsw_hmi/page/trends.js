@@ -1,5 +1,5 @@
 // Trends by uPlot, one below the other on one time axis.
-import uPlot from "./uplot/uPlot.esm.js";
+/* global uPlot */
 import { el } from "./dom.js";
 import { fixed } from "./format.js";
 import { qualityLimits, quantity, TRENDS } from "./quantities.js";

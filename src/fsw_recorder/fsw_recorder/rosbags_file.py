@@ -1,4 +1,4 @@
-"""Reads one sqlite3 file of a bag with ``rosbags``, up to its first damaged page."""
+"""Reads with ``rosbags`` what is not plain MCAP: a sqlite3 file up to its first damaged page, or a compressed bag."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ from fsw_recorder.topic import RecordedTopic
 _MOST = 2**63 - 1
 
 
-class SqliteFile:
-    """One sqlite3 file of a bag, with the methods, attributes and errors of `McapFile`."""
+class RosbagsFile:
+    """One sqlite3 file, or the folder of a bag compressed by file or message, with what `McapFile` has."""
 
-    storage = "sqlite3"
-
-    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None], storage: str = "sqlite3") -> None:
+        self.storage = storage
         self.attachments: list[Attachment] = []
         self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
         self.fraction = 0.0
-        if not path.stat().st_size:
+        if path.is_file() and not path.stat().st_size:
             raise BagError(f"{name}: the file is empty")
         try:
             self._reader: Any = Reader(path)
@@ -35,7 +34,7 @@ class SqliteFile:
             if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
                 raise ValueError("its table of topics holds something else")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
-            raise BagError(f"{name}: not a sqlite3 bag, or damaged: {error}") from None
+            raise BagError(f"{name}: not a {storage} bag, or damaged: {error}") from None
 
     def close(self) -> None:
         """Close the file."""
