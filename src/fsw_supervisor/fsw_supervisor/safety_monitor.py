@@ -92,6 +92,7 @@ class SafetyMonitor:
         self.blind_ticks = 0  #: ticks in a row with one of them: each is needed by an interlock
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self._machine = machine
+        self._judged = False  #: anything has been measured
         self._guard = SensorGuard()
         self.configure(defaults(load("fsw_supervisor", "supervisor.yaml")))
         self._levels = dict.fromkeys(_QUANTITIES, Severity.OK)
@@ -133,12 +134,14 @@ class SafetyMonitor:
     @property
     def blind(self) -> str:
         """Which sensors are invalid and why, in words; empty when all values that interlocks watch are known."""
+        if not self._judged:
+            return "nothing has been measured yet"
         return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in self.invalid_sensors)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
         """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
-        tick.judged = True
+        tick.judged = self._judged = True
         tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()

@@ -323,6 +323,20 @@ def test_what_is_asked_of_a_new_supervisor_before_it_has_heard_of_the_safe_stop_
 
 
 @pytest.mark.requirement("S25")
+def test_nobody_acknowledges_a_safe_stop_before_anything_is_measured(rig):
+    ask(rig, "safe_stop")
+    rig.run(2).restart()
+    ask(rig, "safe_stop")
+    ok, message = acknowledge(rig)
+    assert not ok
+    assert "measured" in message
+    rig.run(3)
+    assert not ask(rig, "manual")[0]
+    assert acknowledge(rig)[0]
+    assert ask(rig, "manual")[0]
+
+
+@pytest.mark.requirement("S25")
 def test_a_safe_stop_seen_on_the_command_topic_before_the_first_command_goes_on(make_rig):
     rig = make_rig()
     rig.arbiter.on_command(1, "safe_stop", MANUAL)

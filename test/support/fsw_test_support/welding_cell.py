@@ -402,8 +402,9 @@ class Rules:
         if refusal(one.command, SETTINGS.limits) is not None:
             self._broken("inside the bounds", f"{one.command}")
         near = [before for before in (self._command, cell.in_force, cell.acting) if before is not None]
-        if cell.gateway is not None:
-            # After a pause a push may be taken off the set-points once; the gateway then refuses the command.
+        if cell.gateway is not None or cell.arbiter._start._just_begun:
+            # After a pause a push may be taken off the set-points once, or after it has ended in a gap: what drives
+            # report cannot tell. A gateway then refuses the command.
             near.append(cell.in_force._replace(force_kn=cell.in_force.force_kn - _PUSH_KN))
         if all(refusal(one.command, SETTINGS.limits, before) for before in near):
             self._broken("one move from what acts", f"{one.source} {one.command}, before: {near}")
