@@ -55,9 +55,9 @@ def _run(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     source, name = arguments.bag, name_of(arguments.controller)
     parameters = dict(assignment("--set", text) for text in arguments.parameters)
-    weld = read_weld(source)
     folder = arguments.out or source.absolute().parent / f"{source.absolute().name}_shadow_{name}"
     shadow = ShadowRun(source, folder, arguments.controller, arguments.rate, arguments.duration, parameters)
+    weld = read_weld(source)
     with ProgressBar(f"{name} in shadow") as bar:
         shadow.run(weld, bar)
     missed = missed_samples(shadow.recorded, name)

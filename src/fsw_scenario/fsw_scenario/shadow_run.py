@@ -55,6 +55,11 @@ class ShadowRun:
         How much of the weld; 0 for all of it.
     parameters : mapping
         Of the controller, on top of those it was recorded with.
+
+    Raises
+    ------
+    BagError
+        The folder exists.
     """
 
     bag: Path
@@ -63,6 +68,10 @@ class ShadowRun:
     rate: float = 5.0
     duration_s: float = 0.0
     parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.folder.exists():
+            raise self._taken()
 
     @property
     def name(self) -> str:
@@ -73,6 +82,9 @@ class ShadowRun:
     def recorded(self) -> Path:
         """Bag of what was shown and proposed."""
         return self.folder / "bag"
+
+    def _taken(self) -> BagError:
+        return BagError(f"{self.folder}: exists already; give another folder with --out")
 
     def run(self, weld: WeldSignals, progress: Callable[[float], None] | None = None) -> None:
         """Start recorder, controller and replay in a ROS domain of their own, and end them when the bag is played.
@@ -99,7 +111,7 @@ class ShadowRun:
         try:
             self.folder.mkdir(parents=True)
         except FileExistsError:
-            raise BagError(f"{self.folder}: exists already; give another folder with --out") from None
+            raise self._taken() from None
         except OSError as error:
             raise BagError(f"{self.folder}: cannot be made: {error.strerror}") from None
         parameter_file = self.folder / "parameters.yaml"
