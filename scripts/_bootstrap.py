@@ -21,7 +21,8 @@ SOURCES = WORKSPACE / "src"
 RUNTIME = WORKSPACE / "runtime" / "rclpy_embedded"
 OLDEST = (3, 11)
 # This folder is searched last, because fsw.py and others here are named as packages are.
-sys.path[:] = [*(path for path in sys.path if path != str(WORKSPACE / "scripts")), str(WORKSPACE / "scripts")]
+_HERE = Path(__file__).resolve().parent
+sys.path[:] = [*(path for path in sys.path if Path(path).resolve() != _HERE), str(_HERE)]
 # with genuine ROS 2 this comes from it: its message packages are compiled against its numpy
 FROM_ROS = ("numpy",)
 
