@@ -148,6 +148,8 @@ class BumplessStart:
         for push in (self._force_push, self._speed_push):
             push.interrupt()
         self.was_active = active or self.was_active
+        if self.asking:
+            self._started_s = None
         self.seen, self.applied = self.applied or self.seen, None
 
     def hear_status(self, name: str, selected: bool) -> None:

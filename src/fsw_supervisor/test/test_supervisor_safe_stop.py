@@ -313,7 +313,8 @@ def test_controllers_that_come_late_still_tell_a_new_supervisor_of_the_safe_stop
 
 
 @pytest.mark.requirement("S25")
-def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig):
+@pytest.mark.parametrize("asked_for", ["", "manual"])
+def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig, asked_for):
     ask(rig, "safe_stop")
     rig.run(2).restart()
     rig.silent = set(rig.names)
@@ -321,6 +322,7 @@ def test_a_new_supervisor_listens_also_after_a_gap_before_its_first_command(rig)
     rig.silent.clear()
     rig.now_s += 2.0
     rig.stamp_ns += 2_000_000_000
+    ask(rig, asked_for)
     assert [one.source for _ in range(5) for one in rig.tick()] == ["safe_stop"] * 5
 
 
