@@ -302,7 +302,6 @@ class Arbiter:
             self.machine.log(Level.WARN, "clock", "time went back: counting on from there")
             self.safety.forget_time()
             self.registry.forget_time(stamp_ns)
-        self._start.begin(now_s)
         self._silent = False
         period_s = self.settings.lockstep_deadline_s if self.lockstep else self.settings.deadline_s
         if not self.leading:
@@ -311,6 +310,7 @@ class Arbiter:
         self.tick = Tick(stamp_ns, now_s, now_s + period_s, self.applied)
         if gap:
             self._interrupt("measurements are back after a gap")
+        self._start.begin(now_s)  # after a gap before the first command the time to listen begins anew
         self._change_between_ticks()
         # Before any proposal to it, so that it does not matter which comes first.
         self.tick.ready = self.registry.all_ready()

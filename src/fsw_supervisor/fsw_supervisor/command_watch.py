@@ -147,7 +147,9 @@ class BumplessStart:
         """Keep the own state for later at a gap in the measurements: what acts must be found out again."""
         for push in (self._force_push, self._speed_push):
             push.interrupt()
-        self.asking, self.was_active = False, active or self.was_active
+        self.was_active = active or self.was_active
+        if self.asking:
+            self._started_s = None
         self.seen, self.applied = self.applied or self.seen, None
 
     def hear_status(self, name: str, selected: bool) -> None:
