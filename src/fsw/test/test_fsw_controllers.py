@@ -30,7 +30,7 @@ def test_every_command_takes_it(tmp_path, capsys):
     assert chosen == {"depth_only": {}, "decentral": {"tuning": "tight"}}
     nodes = WeldGraph(scenario_file.load("quick"), tmp_path, tuple(chosen), parameters=chosen).parameter_file(tmp_path)
     assert nodes["fsw_decentral"]["ros__parameters"]["tuning"] == "tight" and "fsw_depth_only" in nodes
-    assert ShadowRun(tmp_path, tmp_path, EXAMPLE).name == "depth_only"
+    assert ShadowRun(tmp_path, tmp_path / "shadow", EXAMPLE).name == "depth_only"
 
 
 @pytest.mark.parametrize("step", ["raise RuntimeError('boom')", "return 3", "return Proposal(applied, healthy='?')"])

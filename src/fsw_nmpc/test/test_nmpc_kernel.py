@@ -133,7 +133,7 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
         ]
     )
     assert built.returncode == 0, built.stderr
-    ran = subprocess.run([program], capture_output=True, text=True, check=False, timeout=100)
+    ran = subprocess.run([program], capture_output=True, text=True, check=False, timeout=350)
     assert ran.returncode == 0, ran.stdout + ran.stderr
 
 

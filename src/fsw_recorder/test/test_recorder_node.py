@@ -112,10 +112,13 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     graph.until(lambda: b"later" in (bag / "bag_0.mcap").read_bytes())
     code, output = graph.end(recorder, signal.SIGTERM)
     assert code == 0 and "again, for a publisher that is only" in output
-    assert sorted(depths_of(bag)) == list(range(200))
+    heard = depths_of(bag)
+    best_effort = set(range(101, 200, 2))  # a busy machine may lose some of these
+    assert len(heard) == len(set(heard)) and set(heard) | best_effort == set(range(200))
+    assert best_effort & set(heard)
     assert len(records_of(bag, "/latched")) == 3
     with BagReader(bag) as reader:
-        assert reader.info().custom_data["lost_messages"] == "0"
+        assert (reader.info().custom_data["lost_messages"] == "0") == (best_effort <= set(heard))
 
 
 def test_services(graph: Any, tmp_path: Path) -> None:

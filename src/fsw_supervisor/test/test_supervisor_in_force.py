@@ -203,12 +203,14 @@ def test_at_a_gap_it_keeps_who_was_active_and_what_was_in_force():
     assert start.was_active == ""
 
 
-@pytest.mark.parametrize("applied", [True, False])
-def test_a_gap_before_the_first_command_ends_the_asking(applied):
+def test_after_a_gap_before_the_first_command_the_time_to_listen_begins_anew():
     start = BumplessStart()
+    start.begin(50.0)
     start.interrupt("")
+    assert start.listening_ends_s(0.3) is None
+    start.begin(60.0)
     start.hear_status("nmpc", True)
-    assert (start.asking, start.was_active) == (False, "")
+    assert (start.listening_ends_s(0.3), start.was_active) == (60.3, "nmpc")
 
 
 def test_a_feedback_of_the_drives_that_is_not_finite_is_none():
