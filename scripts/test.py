@@ -18,8 +18,9 @@ import sys
 from _bootstrap import WORKSPACE, ensure
 
 OLDEST = "--oldest"
-#: Most tests of processes wait for each other, so that a core has room for two.
-PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "worksteal"]
+#: Most tests of processes wait for each other, so that a core has room for two. The tests of a file stay together: they
+#: share fixtures, and those of a launch file come one after the other.
+PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "loadfile"]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
 OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this

@@ -127,13 +127,15 @@ class Arbitration:
     def _listened(self, tick: Tick, final: bool) -> bool:
         """Whether a first command may be given in any mode, as a safe stop may have been in force before.
 
-        Only the controllers can tell. A status comes after the proposal that it belongs to.
+        Only the controllers can tell. A status comes after the proposal that it belongs to; while nobody has proposed,
+        the tick is waited out, for without measurements the time to listen passes in silence.
         """
         if not self.start.asking or self.machine.mode is Mode.SAFE_STOP:
             return True
         if final:
             return self._informed() or self.registry.all_told()
-        return self._informed() and all(one.status_seen for one in self.registry if one.name in tick.candidates)
+        told = [one.status_seen for one in self.registry if one.name in tick.candidates]
+        return self._informed() and bool(told) and all(told)
 
     @property
     def _starting_with(self) -> str:
