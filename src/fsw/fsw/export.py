@@ -60,15 +60,7 @@ def add_command(commands: Any) -> None:
         "weld, function block, README. The example is compiled and run before the folder is put in place.",
     )
     c.add_argument("--controller", choices=["nmpc", "decentral"], default="nmpc", help="which one (default nmpc)")
-    c.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
-    c.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
-    c.add_argument(
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5",
-    )
+    _add_parameters(c, "parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5")
     c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     c.add_argument("--force", action="store_true", help="delete an earlier export that is there")
     c.set_defaults(run=_run_c)
@@ -79,15 +71,7 @@ def add_command(commands: Any) -> None:
         "sources and a binary for this machine. Prints its variables.",
     )
     fmu.add_argument("unit", metavar="UNIT", help="plant, nmpc or decentral")
-    fmu.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
-    fmu.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
-    fmu.add_argument(
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="parameter of the plant or of the controller's node; may be repeated, e.g. start.depth_mm=2.8",
-    )
+    _add_parameters(fmu, "parameter of the plant or of the controller's node; may be repeated, e.g. start.depth_mm=2.8")
     fmu.add_argument("--out", type=Path, required=True, metavar="FILE.fmu", help="file to write")
     fmu.add_argument("--force", action="store_true", help="replace the file if it exists")
     fmu.add_argument(
@@ -98,6 +82,13 @@ def add_command(commands: Any) -> None:
         help="also a binary for this platform, by zig's compiler; may be repeated",
     )
     fmu.set_defaults(run=_run_fmu)
+
+
+def _add_parameters(kind: argparse.ArgumentParser, parameter: str) -> None:
+    """Add the options that say which model, tuning and parameters are exported; ``parameter`` is a help text."""
+    kind.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
+    kind.add_argument("--tuning", type=Path, metavar="FILE", help="tuning (YAML) instead of the default one")
+    kind.add_argument("--parameter", action="append", default=[], metavar="NAME=VALUE", help=parameter)
 
 
 def _model(path: Path | None) -> ModelParameters:

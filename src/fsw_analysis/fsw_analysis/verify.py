@@ -172,7 +172,7 @@ def verify(path: Path | str, name: str, make: Make, parameters: Source = None, t
     if recorded.parameters_changed(name):
         notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
     proposals = recorded.proposals
-    references = recorded.set_points(name, notes)
+    references = recorded.set_points(notes)
     differences = _replay(recorded, references, controller, settings)
     return Verification(name, len(proposals), differences, tolerance, notes, not recorded.in_mid_weld(name, notes))
 
@@ -256,6 +256,7 @@ class _Recorded:
         sensors = [self.messages.table(topic, {field: "number"}) for topic, field in SENSOR_FIELDS.values()]
         self.proposals = self.messages.table(own, _PROPOSAL)
         self.sent, self.held = (read_set_points(self.messages, topic) for topic in (SENT, HELD))
+        self.stated = read_set_points(self.messages, f"/fsw/{name}/reference")
         missing = [topic for topic, table in zip([*topics, own], [*sensors, self.proposals], strict=True) if not table]
         missing += [] if self.sent or self.held else [SENT]
         if missing:
@@ -286,13 +287,12 @@ class _Recorded:
 
     def in_mid_weld(self, name: str, notes: list[str]) -> bool:
         """Whether the controller had answered before the bag begins: it states set-points that it followed before."""
-        stated = read_set_points(self.messages, f"/fsw/{name}/reference")[:1]
-        before = any(0 < one.stamp_ns < self.proposals.stamp_ns[0] for one in stated)
+        before = any(0 < one.stamp_ns < self.proposals.stamp_ns[0] for one in self.stated[:1])
         if before:
             notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
         return before
 
-    def set_points(self, name: str, notes: list[str]) -> list[tuple[int, Reference]]:
+    def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
         """Set-points with the stamp of the tick from which the controller followed each, as it states itself.
 
         Where the bag lacks that, those hold that had come when the samples of a tick had: the proposal, which is later
@@ -301,7 +301,7 @@ class _Recorded:
         stamps = self.proposals.stamp_ns
         answered = zip(stamps.tolist(), self.proposals.log_ns.tolist(), strict=True)
         came = np.array([self.came_ns.get(stamp_ns, log_ns) for stamp_ns, log_ns in answered])
-        stated = read_set_points(self.messages, f"/fsw/{name}/reference")
+        stated = self.stated
         points = followed(stated, [*self.sent, *self.held])
         if not stated or (stated[0].stamp_ns > stamps[0] and self.proposals.column("reason")[0] != NO_SET_POINT):
             begin_ns = stated[0].stamp_ns if stated else stamps[-1] + 1

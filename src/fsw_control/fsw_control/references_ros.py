@@ -37,15 +37,22 @@ def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None
     return ReferenceQueue(OTHER_CLOCK_NS if simulated else AHEAD_REAL_NS, refuse)
 
 
+def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | None:
+    """Content of a message; None, with the refusal told by ``queue``, if it cannot be taken."""
+    try:
+        return convert.reference(message)
+    except ValueError as error:
+        queue.refuse(f"{error}; those in force stay")
+        return None
+
+
 def subscribe_sent(node: Node, queue: ReferenceQueue, heard: Callable[[str], object] = lambda _: None) -> None:
     """Put the set-points that are sent into ``queue``, which tells what it refuses; ``heard`` gets each one's mark."""
     queue.join(time.time_ns())
 
     def on_sent(message: WeldReference, info: Any) -> None:
-        try:
-            reference = convert.reference(message)
-        except ValueError as error:
-            queue.refuse(f"{error}; those in force stay")
+        reference = _converted(queue, message)
+        if reference is None:
             return
         stamp_ns, mark = convert.stamp_ns(message.header.stamp), message.header.frame_id
         queue.hear(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
@@ -64,10 +71,8 @@ def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
     """Subscribe to what another listener states with a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
-        try:
-            reference = convert.reference(message)
-        except ValueError as error:
-            queue.refuse(f"{error}; those in force stay")
+        reference = _converted(queue, message)
+        if reference is None:
             return
         queue.add(convert.stamp_ns(message.header.stamp), reference, convert.issued_ns(message))
 
