@@ -7,9 +7,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 import yaml
+from distributed.client import FutureCancelledError
 
 from fsw.main import main
 from fsw_analysis.changes import cut_to_scenario
@@ -165,6 +167,30 @@ def test_a_scheduler_by_address_and_its_loss(file, tmp_path, expected, cluster):
     with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made, resume=True) as written:
         engine.run(written, client)
     assert found(tmp_path / "out") == expected
+
+
+@pytest.mark.parametrize("status", ["finished", "error", "cancelled"])
+def test_the_scheduler_may_be_lost_between_two_questions_to_a_future(file, tmp_path, monkeypatch, status):
+    lost = FutureCancelledError("key", "scheduler-connection-lost")
+    future = Mock(status=status, key="key")
+    future.result.side_effect = lost
+    future.exception.return_value = lost
+    client = Mock()
+    client.submit.return_value = future
+    client.nthreads.return_value = {"worker": 1}
+    monkeypatch.setattr(engine, "as_completed", lambda **options: Queue([future]))
+    with (
+        Dataset(tmp_path / "out", definition.load(file)) as written,
+        pytest.raises(CampaignError, match="the scheduler is gone"),
+    ):
+        engine.run(written, client)
+
+
+class Queue(list):
+    """Stands for ``as_completed``: these futures have ended."""
+
+    def add(self, future):
+        pass
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "foo://host:1"])

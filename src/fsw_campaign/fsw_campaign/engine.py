@@ -6,6 +6,7 @@ import logging
 import signal
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -127,9 +128,8 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         send()
         for future in under_way:
             task = sent.pop(future.key)
-            if future.status == "cancelled":
-                raise CampaignError(_LOST)
-            found = future.result() if future.status == "finished" else _failed(future.exception(), task)
+            # a future that is asked may be cancelled between two questions: the scheduler is lost at any time
+            found = _failed(future.exception(), task) if future.status == "error" else future.result()
             del future
             rows += found
             finished += len(found)
@@ -141,7 +141,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
                 threads = _threads(client)
             if progress is not None:
                 progress(finished)
-    except (OSError, RuntimeError) as error:  # what Dask raises when the scheduler is gone
+    except (OSError, RuntimeError, CancelledError) as error:  # what Dask raises when the scheduler is gone
         raise CampaignError(f"{_LOST} ({' '.join(str(error).split())})") from None
     finally:
         dataset.write(rows)
@@ -183,6 +183,8 @@ class _Tasks:
 
 def _failed(error: BaseException, task: Task) -> list[Row]:
     """Rows of a batch that could not be run."""
+    if isinstance(error, CancelledError):
+        raise error
     if not isinstance(error, KilledWorker):
         raise CampaignError(f"a worker cannot run welds: {type(error).__name__}: {' '.join(str(error).split())}")
     row = {"status": ERROR, "reason": "worker ended while it ran this batch, several times", "inside": False}
