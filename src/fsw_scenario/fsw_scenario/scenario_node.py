@@ -24,14 +24,15 @@ from fsw_control.node_arguments import NodeArguments, asks_for_help
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load as load_parameters
 from fsw_control.parameters_ros import declare
+from fsw_control.ramps import stair
 from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
+from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
-from fsw_plant import TICK_NS
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
-from fsw_scenario.timeline import announced, references, switches
+from fsw_scenario.timeline import references, switches
 from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_scenario.weld_programme_ros import ProgrammeServer
@@ -218,7 +219,7 @@ class ScenarioNode(Node):
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._course.coming)]
+            planned = [(self._time_ns(tick), reference) for tick, reference in stair(self._course.coming)]
             self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
 
     def _time_ns(self, tick: int) -> int:
