@@ -47,6 +47,7 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
+CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
 VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
@@ -311,6 +312,27 @@ def with_rows(page: str) -> str:
     return re.sub(pattern, rows, page, flags=re.DOTALL)
 
 
+def with_packages(page: str) -> str:
+    """The page with the drawing of the packages; an arrow leads to what is needed, unless a longer way leads there."""
+    imports: dict[str, set[str]] = {}
+    for file in sorted((WORKSPACE / "src").glob("*/package.xml")):
+        depends = re.findall(
+            r"_depend>(fsw\w*)<|<depend>(fsw\w*)<", re.sub(r"<test_depend>.*", "", file.read_text("utf-8"))
+        )
+        imports[file.parent.name] = {name for names in depends for name in names if name} - {"fsw_msgs"}
+
+    def below(name: str) -> set[str]:
+        return imports[name] | {other for one in imports[name] for other in below(one)}
+
+    lines = ["```mermaid", "graph TD"]
+    for name, direct in imports.items():
+        far = {other for one in direct for other in below(one)}
+        lines += [f"    {name} --> {other}" for other in sorted(direct - far)]
+    drawing = "\n".join([*lines, "```"])
+    pattern = r"(<!-- packages: begin -->\n\n).*?(\n\n<!-- packages: end -->)"
+    return re.sub(pattern, lambda match: f"{match[1]}{drawing}{match[2]}", page, flags=re.DOTALL)
+
+
 def on_files(files: Any, config: Any) -> Any:
     """Stand in for the results where they have not been made yet."""
     if files.get_file_from_path(RESULTS) is None:
@@ -353,6 +375,7 @@ def main() -> int:
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
     case = safety_case.PAGE.read_text("utf-8")
     pages = {REFERENCE / f"{name}.md": text for name, text in reference().items()}
+    pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
     pages[safety_case.PAGE] = safety_case.renewed(case, requirements, tests)
     faults = safety_case.faults(requirements, tests, case)
