@@ -316,10 +316,8 @@ def with_packages(page: str) -> str:
     """The page with the drawing of the packages; an arrow leads to what is needed, unless a longer way leads there."""
     imports: dict[str, set[str]] = {}
     for file in sorted((WORKSPACE / "src").glob("*/package.xml")):
-        depends = re.findall(
-            r"_depend>(fsw\w*)<|<depend>(fsw\w*)<", re.sub(r"<test_depend>.*", "", file.read_text("utf-8"))
-        )
-        imports[file.parent.name] = {name for names in depends for name in names if name} - {"fsw_msgs"}
+        needed = re.findall(r"<(?:exec_|build_)?depend>(fsw\w*)<", file.read_text("utf-8"))
+        imports[file.parent.name] = {*needed} - {"fsw_msgs"}
 
     def below(name: str) -> set[str]:
         return imports[name] | {other for one in imports[name] for other in below(one)}
