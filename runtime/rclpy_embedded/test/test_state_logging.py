@@ -9,9 +9,10 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rcl_interfaces.msg import Log
 from rclpy.arguments import parse
 from rclpy.clock import ROSClock
-from rclpy.impl.logging_output import Console, LogRecord, system
+from rclpy.impl.logging_output import Console, system
 from rclpy.logging import (
     LoggingSeverity,
     clear_config,
@@ -25,7 +26,8 @@ from rclpy.logging import (
 from rclpy.time import Time
 
 LEVELS = st.sampled_from(list(LoggingSeverity))
-RECORD = LogRecord(LoggingSeverity.WARN, "a.b", "text {name}", "func", "/x/file.py", 7, 1_700_000_000_012_345_678)
+STAMP = Time(seconds=1_700_000_000, nanoseconds=12_345_678).to_msg()
+RECORD = Log(level=30, name="a.b", msg="text {name}", function="func", file="/x/file.py", line=7, stamp=STAMP)
 
 
 @pytest.fixture(autouse=True)
@@ -99,15 +101,15 @@ def test_options_are_checked() -> None:
         logger.info("x", throttle_duration_sec=1.0, throttle_time_source_type="steady")
     with pytest.raises(TypeError, match="a log message must be a str, got int"):
         logger.info(5)
-    for changes, text in (
-        ([{"throttle_duration_sec": 1.0}, {"throttle_duration_sec": 2.0}], "parameters cannot be changed"),
-        ([{"once": True}, {"skip_first": True}], "filters cannot be changed"),
-        ([{"name": "a"}, {"name": "b"}], "name cannot be changed"),
+    for changes in (
+        [{"throttle_duration_sec": 1.0}, {"throttle_duration_sec": 2.0}],
+        [{"once": True}, {"skip_first": True}],
+        [{"name": "a"}, {"name": "b"}],
     ):
-        with pytest.raises(ValueError, match=text):
+        with pytest.raises(ValueError, match="cannot be changed between calls"):
             for change in changes:
                 logger.info("x", **change)
-    with pytest.raises(ValueError, match="severity cannot be changed"):
+    with pytest.raises(ValueError, match="cannot be changed between calls"):
         for severity in (LoggingSeverity.INFO, LoggingSeverity.WARN):
             logger.log("x", severity)
     set_logger_level("options", LoggingSeverity.WARN)
