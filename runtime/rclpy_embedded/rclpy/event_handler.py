@@ -24,19 +24,8 @@ _POLICIES = {
 }
 
 
-class _Info:
-    """What a callback gets: fields of the DDS status, under the same names."""
-
-    @classmethod
-    def of(cls, status: Any) -> Self:
-        return cls(*(getattr(status, field.name) for field in fields(cls)))  # type: ignore[arg-type]
-
-    def has_changed(self) -> bool:
-        return any(value for name, value in vars(self).items() if name.endswith("_change"))
-
-
 @dataclass(frozen=True)
-class CountInfo(_Info):
+class CountInfo:
     """How often something happened: missed deadlines, lost liveliness, lost messages."""
 
     total_count: int
@@ -64,7 +53,7 @@ class MatchedInfo(CountInfo):
 
 
 @dataclass(frozen=True)
-class LivelinessChangedInfo(_Info):
+class LivelinessChangedInfo:
     """How many publishers are alive and how many are not."""
 
     alive_count: int
@@ -85,9 +74,9 @@ class _EventType(IntEnum):
 
     callback: str
     status: str
-    info: type[_Info]
+    info: type[Any]
 
-    def __new__(cls, value: int, callback: str, status: str, info: type[_Info]) -> Self:
+    def __new__(cls, value: int, callback: str, status: str, info: type[Any]) -> Self:
         member = int.__new__(cls, value)
         member._value_, member.callback, member.status, member.info = value, callback, status, info
         return member
@@ -142,14 +131,17 @@ class EventHandler(Waitable):
     def is_ready(self) -> bool:
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
-    def _read(self) -> _Info | None:
+    def _read(self) -> Any:
         if self._take_status is None:
             return None
         try:
-            info = self.event_type.info.of(self._take_status())
+            status = self._take_status()
         except DDSException:  # deleted in the meantime
             return None
-        return info if info.has_changed() else None
+        # What a callback gets has fields of the DDS status, under the same names.
+        values = {field.name: getattr(status, field.name) for field in fields(self.event_type.info)}
+        has_changed = any(value for name, value in values.items() if name.endswith("_change"))
+        return self.event_type.info(**values) if has_changed else None
 
     def take_data(self) -> Any:
         pending, self._pending = self._pending, None
