@@ -18,7 +18,7 @@ from rclpy.impl.handle import Destroyable
 from rclpy.impl.session import LocalNode, Reader, Session, Writer
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy, qos_profile_best_available
 
-from rosidl_embedded.typesupport import service_type_support, type_support
+from rosidl_embedded.typesupport import type_support
 
 _STRICT_AND_LAX = {
     "reliability": (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
@@ -152,8 +152,9 @@ class ServiceEndpoint(Endpoint):
         self.srv_name = srv_name
         self.qos_profile = qos_profile
         self.callback_group = callback_group
-        support, session = service_type_support(srv_type), local_node.session
-        requests, responses = (f"rq{name}Request", support.request), (f"rr{name}Reply", support.response)
+        session = local_node.session
+        requests = f"rq{name}Request", type_support(srv_type.Request)
+        responses = f"rr{name}Reply", type_support(srv_type.Response)
         received, sent = (requests, responses) if self._is_server else (responses, requests)
         self._received, self._sent = received[1], sent[1]
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
@@ -173,7 +174,7 @@ class ServiceEndpoint(Endpoint):
     def _send(self, request_id: RequestId, message: Any) -> None:
         prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
         try:
-            self._writer.write(self._writer.data_type(self._sent.serialize_with_prefix(prefix, message)))
+            self._writer.write(self._writer.data_type(self._sent.serialize(message, prefix)))
         except DDSException as error:
             raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
 
