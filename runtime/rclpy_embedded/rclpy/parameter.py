@@ -104,7 +104,6 @@ _ARRAY_KINDS: dict[Parameter.Type, type] = {
 
 
 def _field(type_: Parameter.Type) -> str:
-    """Name of the field of a ParameterValue that holds a value of the type."""
     return f"{type_.name.lower()}_value"
 
 

@@ -71,9 +71,6 @@ class _Generator:
         return f"{prefix}{self.count}"
 
     def constant(self, prefix: str, value: Any) -> str:
-        for known, item in self.names.items():
-            if item is value:
-                return known
         name = self.name(prefix)
         self.names[name] = value
         return name
@@ -98,7 +95,6 @@ class _Generator:
         return f"{HEADER_SIZE} - {self.position} & {size - 1}"
 
     def scalar(self, code: str, size: int, text: str) -> None:
-        """Add one fixed-size value to the run."""
         if size > self.modulus:
             self.align(size)
         padding = -self.offset % size
@@ -107,7 +103,6 @@ class _Generator:
         self.advance(padding + size)
 
     def take_run(self) -> tuple[struct.Struct, str]:
-        """Take the values of the run and what packs them."""
         taken = struct.Struct("<" + self.format), ", ".join(self.run)
         self.format, self.run = "", []
         return taken

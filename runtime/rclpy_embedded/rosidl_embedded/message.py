@@ -208,7 +208,6 @@ def _construction(field: d.Member, class_name: str, namespace: dict[str, Any]) -
 
 
 def _assignment(field: d.Member, class_name: str) -> list[str]:
-    """Source of the body of a setter."""
     name, type_ = field.name, field.type
     text = f"The '{name}' field must be {expected(type_)}"
     match type_:

@@ -126,7 +126,6 @@ def peer_id(data: Any, role: str) -> str | None:
 
 
 def matched_ids(handles: Callable[[], list[int]], data_of: Callable[[int], Any], role: str) -> set[str]:
-    """Return the ids of all matched peers."""
     ids = {peer_id(data_of(handle), role) for handle in matched(handles)}
     return {found for found in ids if found is not None}
 

@@ -125,18 +125,15 @@ class Graph:
             return [(guid, node) for guid in self._enclaves for node in self._announced.get(guid, ())]
 
     def enclave(self, participant: bytes) -> str:
-        """Return the enclave a participant announced."""
         return self._enclaves.get(participant, "/")
 
     def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
-        """Return all writers or all readers."""
         with self._lock:
             self._look_at_endpoints()
             self._update()
             return list((self._writers if writers else self._readers).values())
 
     def endpoints_of(self, dds_topic: str, *, writers: bool) -> list[DcpsEndpoint]:
-        """Return the writers or the readers of a DDS topic."""
         return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.topic_name == dds_topic]
 
     def node_of(self, endpoint: DcpsEndpoint) -> Any:

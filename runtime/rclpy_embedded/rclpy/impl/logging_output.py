@@ -100,7 +100,6 @@ class Rosout:
             system.log(log_message(LoggingSeverity.WARN, "rcl.logging_rosout", text, "attach", __file__, 0))
 
     def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        """Undo `attach`."""
         publishers = self._publishers.get(logger_name, [])
         if publish in publishers:
             publishers.remove(publish)
@@ -154,7 +153,6 @@ class LoggingSystem:
         return self._levels.get(name, LoggingSeverity.UNSET)
 
     def set_level(self, name: str, level: LoggingSeverity) -> None:
-        """Set the level of a logger."""
         self._levels[name] = level
 
     def effective_level(self, name: str) -> LoggingSeverity:

@@ -67,12 +67,10 @@ class LocalNode(Handle):
 
     @property
     def full_name(self) -> str:
-        """Namespace and name."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     @property
     def logger_name(self) -> str:
-        """Name of the node's logger."""
         return self.full_name[1:].replace("/", ".")
 
 
@@ -126,26 +124,22 @@ class Session(Handle):
         return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
 
     def add_node(self, node: LocalNode) -> None:
-        """Announce a node."""
         with self._lock:
             self._nodes.append(node)
             self._announce()
 
     def remove_node(self, node: LocalNode) -> None:
-        """Stop announcing a node."""
         with self._lock:
             if not self._closed:
                 self._nodes.remove(node)
                 self._announce()
 
     def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
-        """Announce endpoints of a node, in one message."""
         with self._lock:
             node.endpoints.extend(endpoints)
             self._announce()
 
     def remove_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
-        """Stop announcing endpoints of a node, then delete them."""
         with self._lock:
             if self._closed:
                 return
@@ -172,7 +166,6 @@ class Session(Handle):
         self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(message)))
 
     def close(self) -> None:
-        """Leave the domain."""
         with self._lock:
             if not self._closed:
                 self._closed = True
