@@ -10,7 +10,6 @@ that header. A prefix of 16 bytes (the header of ROS service calls) does not cha
 
 import struct
 from array import array
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,6 @@ from .checks import CHECK_FIELDS
 from .message import get_message
 
 HEADER_SIZE = 4
-Encoder = Callable[[Any, Callable[[Any], int], Callable[[], int]], None]
-Decoder = Callable[[bytes, int], tuple[Any, int]]
 
 
 def minimum_size(type_: d.AbstractType) -> int:
@@ -36,15 +33,17 @@ def minimum_size(type_: d.AbstractType) -> int:
     return 4
 
 
-class _Codec:
+class Codec:
     """Source of encoder and decoder of a message type, made in one walk, since both pass the same positions.
 
-    ``encode(m, w, t)`` writes message `m` to a stream with `w`; `t` tells the position. ``decode(d, p)`` reads a
-    message from bytes `d` at position `p` and returns it with the position after it. Variables have the same names in
-    both.
+    ``encode(m, w, t)`` writes message `m` with `w` to a stream that begins with the 4 byte header; `t` tells the
+    position. ``decode(d, p)`` reads a message from bytes `d` at position `p` and returns it with the position after it.
+    It raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths are
+    compared with what is left of the data before anything is allocated. Variables have the same names in both.
     """
 
     def __init__(self, type_name: str) -> None:
+        self.type_name = type_name
         self.names: dict[str, Any] = {"Z": [bytes(n) for n in range(9)], "new": object.__new__, "array": array}
         self.names.update(frombuffer=np.frombuffer, encode_wide=encode_wide, decode_wide=decode_wide, _=0)
         self.encoder, self.decoder = ["def encode(m, w, t):"], ["def decode(d, p):"]
@@ -59,6 +58,12 @@ class _Codec:
         self.fields(type_, "m")
         self.flush()
         self.decode("return m, p")
+
+    def compile(self, function: str) -> Any:
+        """Return ``encode`` or ``decode``."""
+        source = "\n".join(self.encoder if function == "encode" else self.decoder)
+        exec(compile(source, f"<CDR of {self.type_name}>", "exec"), self.names)
+        return self.names[function]
 
     def encode(self, *lines: str) -> None:
         self.encoder += ["    " * self.depth + line for line in lines]
@@ -231,19 +236,6 @@ class _Codec:
 
 def _refusal(condition: str, text: str) -> str:
     return f"if {condition}: raise ValueError({text!r})"
-
-
-def make_codec(type_name: str) -> tuple[Encoder, Decoder]:
-    """Make the functions that write and read a message: ``encode(message, write, tell)`` to a stream that begins with
-    the 4 byte header, and ``decode(data, position) -> (message, end)``.
-
-    The decoder raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths
-    are compared with what is left of the data before anything is allocated.
-    """
-    codec = _Codec(type_name)
-    for lines in (codec.encoder, codec.decoder):
-        exec(compile("\n".join(lines), f"<CDR of {type_name}>", "exec"), codec.names)
-    return codec.names["encode"], codec.names["decode"]
 
 
 def encode_wide(text: str) -> bytes:

@@ -5,7 +5,7 @@ from functools import cache, cached_property
 from io import BytesIO
 from typing import Any
 
-from .cdr import HEADER_SIZE, Decoder, Encoder, make_codec
+from .cdr import HEADER_SIZE, Codec
 from .description import interface_definition as interface_definition
 from .description import type_hash as type_hash
 from .message import get_message as get_message
@@ -40,8 +40,16 @@ class TypeSupport:
         return type_hash(self.type_name)
 
     @cached_property
-    def _codec(self) -> tuple[Encoder, Decoder]:
-        return make_codec(self.type_name)
+    def _codec(self) -> Codec:
+        return Codec(self.type_name)
+
+    @cached_property
+    def _encode(self) -> Any:
+        return self._codec.compile("encode")
+
+    @cached_property
+    def _decode(self) -> Any:
+        return self._codec.compile("decode")
 
     def serialize(self, msg: Any, prefix: bytes = b"") -> bytes:
         """Encode a message: 4 byte encapsulation header and CDR, not padded.
@@ -55,7 +63,7 @@ class TypeSupport:
         stream = BytesIO()
         stream.write(_HEADER + prefix)
         try:
-            self._codec[0](msg, stream.write, stream.tell)
+            self._encode(msg, stream.write, stream.tell)
         except (AttributeError, OverflowError, TypeError, ValueError, struct.error) as error:
             raise SerializationError(f"cannot serialize {self.type_name}: {error}") from error
         return stream.getvalue()
@@ -77,7 +85,7 @@ class TypeSupport:
             raise DeserializationError(f"not a {self.type_name}: {text}")
         start = HEADER_SIZE + size
         try:
-            msg, end = self._codec[1](data, start)
+            msg, end = self._decode(data, start)
         except (IndexError, ValueError, struct.error) as error:
             raise DeserializationError(f"{len(data)} bytes are not a {self.type_name}: {error}") from error
         surplus = len(data) - end
