@@ -77,8 +77,9 @@ class TopicEndpoint(Endpoint):
         self.callback_group = callback_group
         self._support = type_support(msg_type)
         session, dds_topic = local_node.session, "rt" + name
-        create = session.writer if self._is_writer else session.reader
-        entity = create(dds_topic, self._support, _resolve(qos_profile, session, dds_topic, writer=self._is_writer))
+        profile = _resolve(qos_profile, session, dds_topic, writer=self._is_writer)
+        kind: Any = Writer if self._is_writer else Reader
+        entity = session.create(kind, dds_topic, self._support, profile)
         super().__init__(local_node, name, entity)
         logger_name = local_node.logger_name
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, entity, topic, logger_name)
@@ -157,8 +158,8 @@ class ServiceEndpoint(Endpoint):
         received, sent = (requests, responses) if self._is_server else (responses, requests)
         self._received, self._sent = received[1], sent[1]
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
-        self._writer: Any = session.writer(*sent, qos_profile, prefix)
-        self._reader: Any = session.reader(*received, qos_profile, prefix)
+        self._writer: Any = session.create(Writer, *sent, qos_profile, prefix)
+        self._reader: Any = session.create(Reader, *received, qos_profile, prefix)
         super().__init__(local_node, name, self._reader, self._writer)
 
     @property
