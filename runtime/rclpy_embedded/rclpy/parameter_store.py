@@ -94,8 +94,8 @@ class ParameterStore:
         validate_parameter_name(name)
         if len(entry) == 1:
             warnings.warn(
-                f"{name}: declaring a parameter only providing its name is deprecated: add a default value, a type or a "
-                "descriptor with dynamic_typing=True",
+                f"{name}: declaring a parameter only providing its name is deprecated: add a default value, a type or "
+                "a descriptor with dynamic_typing=True",
                 stacklevel=4,
             )
             descriptor.dynamic_typing = True
