@@ -185,7 +185,7 @@ def test_command_line() -> None:
 def test_rosout_gets_the_node_and_its_children() -> None:
     system.configure(parse([]))
     messages = []
-    system.rosout.attach("node", messages.append)
+    system.attach("node", messages.append)
     logger = get_logger("node")
     line = inspect.currentframe().f_lineno + 1
     logger.info("one")
@@ -207,7 +207,7 @@ def test_rosout_gets_the_node_and_its_children() -> None:
     del child
     get_logger("node.child").info("of nobody")
     grandchild.info("four")
-    system.rosout.detach("node", messages.append)
+    system.detach("node", messages.append)
     logger.info("five")
     assert [message.msg for message in messages[3:]] == ["four"]
 
@@ -220,28 +220,28 @@ def test_rosout_can_be_switched_off_and_does_not_recurse() -> None:
         logger.info("while publishing")
         raise RuntimeError("destroyed meanwhile")
 
-    system.rosout.attach("loop", publish)
+    system.attach("loop", publish)
     try:
         system.configure(parse(["--ros-args", "--disable-rosout-logs"]))
         logger.info("not published")
         system.configure(parse([]))
         logger.info("published")
     finally:
-        system.rosout.detach("loop", publish)
+        system.detach("loop", publish)
     assert [message.msg for message in messages] == ["published"]
 
 
 def test_two_nodes_of_one_name_share_a_publisher(capfd: pytest.CaptureFixture[str]) -> None:
     system.configure(parse([]))
     one, two = [], []
-    system.rosout.attach("twin", one.append)
-    system.rosout.attach("twin", two.append)
+    system.attach("twin", one.append)
+    system.attach("twin", two.append)
     assert "Publisher already registered for node name: 'twin'" in capfd.readouterr().err
     logger = get_logger("twin")
     logger.info("a")
-    system.rosout.detach("twin", one.append)
+    system.detach("twin", one.append)
     logger.info("b")
-    system.rosout.detach("twin", two.append)
+    system.detach("twin", two.append)
     assert ([message.msg for message in one], [message.msg for message in two]) == (["a"], ["b"])
 
 

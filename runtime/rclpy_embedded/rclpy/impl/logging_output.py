@@ -80,51 +80,13 @@ class Console:
             return
 
 
-class Rosout:
-    """Publishes the messages of the loggers of nodes and of their children."""
+class LoggingSystem:
+    """Levels by logger name and the outputs in use, among them /rosout; there is one per process."""
 
     def __init__(self) -> None:
+        # What publishes to /rosout by name of a node's logger.
         self._publishers: dict[str, list[Callable[[Any], None]]] = {}
         self._state = threading.local()
-
-    def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        """Publish the messages of a node's logger and of its children through `publish`."""
-        publishers = self._publishers.setdefault(logger_name, [])
-        publishers.append(publish)
-        if len(publishers) > 1:
-            text = (
-                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
-                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
-                "publisher."
-            )
-            system.log(log_message(LoggingSeverity.WARN, "rcl.logging_rosout", text, "attach", __file__, 0))
-
-    def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        publishers = self._publishers.get(logger_name, [])
-        if publish in publishers:
-            publishers.remove(publish)
-
-    def publish(self, message: msg.Log, ancestor: str) -> None:
-        """Publish a message if its logger, or the ancestor that the logger was made from, is that of a node."""
-        publishers = self._publishers.get(message.name) or self._publishers.get(ancestor)
-        # A message that is logged while another one is published would never come to an end.
-        if not publishers or getattr(self._state, "publishing", False):
-            return
-        self._state.publishing = True
-        try:
-            publishers[0](message)
-        except (RuntimeError, IndexError):
-            # The publisher was destroyed meanwhile: logging must not fail for that.
-            return
-        finally:
-            self._state.publishing = False
-
-
-class LoggingSystem:
-    """Levels by logger name and the outputs in use; there is one per process."""
-
-    def __init__(self) -> None:
-        self.rosout = Rosout()
         self.rosout_enabled = False
         self.initialize()
 
@@ -148,6 +110,38 @@ class LoggingSystem:
         self.stdout_enabled = True
         self.rosout_enabled = False
 
+    def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        """Publish the messages of a node's logger and of its children through `publish`."""
+        publishers = self._publishers.setdefault(logger_name, [])
+        publishers.append(publish)
+        if len(publishers) > 1:
+            text = (
+                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
+                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
+                "publisher."
+            )
+            self.log(log_message(LoggingSeverity.WARN, "rcl.logging_rosout", text, "attach", __file__, 0))
+
+    def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        publishers = self._publishers.get(logger_name, [])
+        if publish in publishers:
+            publishers.remove(publish)
+
+    def _publish(self, message: msg.Log, ancestor: str) -> None:
+        """Publish a message if its logger, or the ancestor that the logger was made from, is that of a node."""
+        publishers = self._publishers.get(message.name) or self._publishers.get(ancestor)
+        # A message that is logged while another one is published would never come to an end.
+        if not publishers or getattr(self._state, "publishing", False):
+            return
+        self._state.publishing = True
+        try:
+            publishers[0](message)
+        except (RuntimeError, IndexError):
+            # The publisher was destroyed meanwhile: logging must not fail for that.
+            return
+        finally:
+            self._state.publishing = False
+
     def level(self, name: str) -> LoggingSeverity:
         """Return the level set for exactly this logger; UNSET if none is."""
         return self._levels.get(name, LoggingSeverity.UNSET)
@@ -162,13 +156,13 @@ class LoggingSystem:
         return self.level(name)
 
     def log(self, message: msg.Log, ancestor: str = "") -> None:
-        """Send a message to the outputs if the logger is enabled for it; `ancestor` as for `Rosout.publish`."""
+        """Send a message to the outputs if the logger is enabled for it; `ancestor` is the logger it was made from."""
         if message.level < self.effective_level(message.name) or message.level == LoggingSeverity.UNSET:
             return
         if self.stdout_enabled:
             self._console(message)
         if self.rosout_enabled:
-            self.rosout.publish(message, ancestor)
+            self._publish(message, ancestor)
 
 
 #: The logging system of this process.
