@@ -222,17 +222,19 @@ class QoSCompatibility(IntEnum):
 
 
 #: What an offer of the first value cannot serve: a request for the second one.
-_WEAK_AND_STRICT = {
+WEAK_AND_STRICT = {
     "reliability": (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
     "durability": (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
     "liveliness": (LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC),
 }
+#: The policies that a subscription requests and a publisher offers.
+REQUESTED_POLICIES = (*WEAK_AND_STRICT, "deadline", "liveliness_lease_duration")
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
     """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
     errors, doubts = "", ""
-    for name in (*_WEAK_AND_STRICT, "deadline", "liveliness_lease_duration"):
+    for name in REQUESTED_POLICIES:
         offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)
         text = f"{name} of publisher is {offered}, of subscription {requested};"
         if isinstance(offered, Duration):
@@ -240,7 +242,7 @@ def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile
             if requested.nanoseconds and not 0 < offered.nanoseconds <= requested.nanoseconds:
                 errors += f"ERROR: {text}"
             continue
-        weak, strict = _WEAK_AND_STRICT[name]
+        weak, strict = WEAK_AND_STRICT[name]
         text = f"{name} of publisher is {offered.short_key}, of subscription {requested.short_key};"
         open_values = [value.short_key in ("system_default", "unknown") for value in (offered, requested)]
         if (offered, requested) == (weak, strict):

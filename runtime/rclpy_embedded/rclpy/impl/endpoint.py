@@ -16,16 +16,10 @@ from rclpy.impl.dds import delete, matched, profile_from_dds
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.handle import Destroyable
 from rclpy.impl.session import LocalNode, Reader, Session, Writer
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy, qos_profile_best_available
+from rclpy.qos import REQUESTED_POLICIES, WEAK_AND_STRICT, QoSProfile, qos_profile_best_available
 
 from rosidl_embedded.typesupport import type_support
 
-_STRICT_AND_LAX = {
-    "reliability": (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
-    "durability": (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE),
-    "liveliness": (LivelinessPolicy.MANUAL_BY_TOPIC, LivelinessPolicy.AUTOMATIC),
-}
-_POLICIES = (*_STRICT_AND_LAX, "deadline", "liveliness_lease_duration")
 # Goes before requests and replies: the client's id and the number of the request.
 _HEADER = struct.Struct("<Qq")
 _ENCAPSULATION_SIZE = 4
@@ -93,7 +87,9 @@ class TopicEndpoint(Endpoint):
 
 def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: bool) -> QoSProfile:
     """Choose the BEST_AVAILABLE policies: the strictest that match what is in the graph now."""
-    wanted = [name for name in _POLICIES if getattr(profile, name) == getattr(qos_profile_best_available, name)]
+    wanted = [
+        name for name in REQUESTED_POLICIES if getattr(profile, name) == getattr(qos_profile_best_available, name)
+    ]
     if not wanted:
         return profile
     peers = [profile_from_dds(endpoint.qos) for endpoint in session.graph.endpoints_of(dds_topic, writers=not writer)]
@@ -104,13 +100,13 @@ def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: b
 
 
 def _best(name: str, of_peers: list[Any], writer: bool) -> Any:
-    if name not in _STRICT_AND_LAX:
+    if name not in WEAK_AND_STRICT:
         return (min if writer else max)(of_peers, key=lambda duration: duration.nanoseconds, default=Duration())
-    strict, lax = _STRICT_AND_LAX[name]
+    weak, strict = WEAK_AND_STRICT[name]
     if not writer:  # may ask only for what every writer offers
-        return strict if all(value == strict for value in of_peers) else lax
+        return strict if all(value == strict for value in of_peers) else weak
     # What a writer offers beyond need does no harm, but liveliness has to be asserted by its program.
-    return strict if name != "liveliness" or strict in of_peers else lax
+    return strict if name != "liveliness" or strict in of_peers else weak
 
 
 @dataclass(frozen=True)
