@@ -37,16 +37,9 @@ class Parameter:
 
         @classmethod
         def from_parameter_value(cls, parameter_value: Any) -> Parameter.Type:
-            """Return the type of a Python value."""
-            if parameter_value is None:
-                return cls.NOT_SET
-            if isinstance(parameter_value, _ARRAYS):
-                for type_, kind in _ARRAY_KINDS.items():
-                    if all(isinstance(item, kind) for item in parameter_value):
-                        return type_
-                raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
-            for type_, kind in _SCALAR_KINDS.items():
-                if isinstance(parameter_value, kind):
+            """Return the type of a Python value; an empty list counts as bytes, as in ROS 2."""
+            for type_ in cls:
+                if type_.check(parameter_value):
                     return type_
             raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
@@ -90,7 +83,6 @@ class Parameter:
         return msg.Parameter(name=self.name, value=self.get_parameter_value())
 
 
-# In the order in which a value is tried: a bool is an int too, and an empty list counts as bytes, as in ROS 2.
 _SCALAR_KINDS: dict[Parameter.Type, type] = {
     Parameter.Type.BOOL: bool,
     Parameter.Type.INTEGER: int,

@@ -88,12 +88,6 @@ class Graph:
         with self._lock:
             self._update()
 
-    def _look_at_endpoints(self) -> None:
-        """Receive writers and readers from now on, beginning with those that are there."""
-        if not self._endpoint_readers:
-            topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
-            self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]
-
     def _update(self) -> None:
         for sample in _drain(self._participant_reader):
             guid = sample.key.bytes
@@ -129,7 +123,9 @@ class Graph:
 
     def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
         with self._lock:
-            self._look_at_endpoints()
+            if not self._endpoint_readers:
+                topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+                self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]
             self._update()
             return list((self._writers if writers else self._readers).values())
 
