@@ -9,7 +9,7 @@ import pytest
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import kernel_codegen
 from fsw_nmpc.horizon import horizon_of, make_horizon, paper_grid
-from fsw_nmpc.kernel_structs import Start
+from fsw_nmpc.library import KERNEL
 from fsw_nmpc.prediction import N_START, prediction_function, start_vector
 from fsw_test_support.nmpc_problems import make_library, random_moves, random_start
 
@@ -19,9 +19,10 @@ P = nominal()
 def start_from(state, force_kn, speed_rpm):
     """What a prediction from a state of the process starts from: the model's power without its parabola."""
     creep, slow, _, copper, tool, motor = state.x
-    start = Start(x=(creep, slow, copper, tool, motor), force_kn=force_kn, speed_rpm=speed_rpm, torque_scale=1.0)
+    x = (creep, slow, copper, tool, motor)
+    start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm, torque_scale=1.0)
     history = np.array([(p0, p1 + p2, p3) for p0, p1, p2, p3 in state.power])
-    start.history[: history.size] = history.ravel().tolist()
+    start.history[0 : history.size] = history.ravel().tolist()
     return start
 
 
@@ -77,7 +78,7 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
         depth, temperature, by_depth, by_temperature = library.predict(start, moves)
-        values, slopes = both(moves, start_vector(start), start.history[: 3 * h.n_history])
+        values, slopes = both(moves, start_vector(start), list(start.history[0 : 3 * h.n_history]))
         assert np.concatenate([depth, temperature]) == pytest.approx(values.full().ravel(), rel=1e-12)
         assert np.vstack([by_depth, by_temperature]) == pytest.approx(slopes.full(), rel=1e-9, abs=1e-11)
 
