@@ -9,7 +9,7 @@ import pytest
 
 from fsw_control import c_library
 from fsw_model import nominal
-from fsw_nmpc.horizon import horizon_of, make_horizon
+from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
 from fsw_nmpc.library import KERNEL, Library, Tables
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
@@ -143,7 +143,7 @@ def test_strict_c99_without_a_warning(source, tmp_path):
 @pytest.mark.parametrize(
     "horizon",
     [
-        make_horizon(P, longest_step_s=0.8),  # 81 steps
+        make_horizon(P, PAPER_GRID_S, BLOCK_LENGTHS[20], 0.8),  # 81 steps
         make_horizon(P, tuple(0.1 * k for k in range(60)), (1,) * 59),  # 59 intervals
         replace(horizon_of(P, 20), interval_block=np.arange(54, dtype=np.int32)[::-1].copy()),
         replace(horizon_of(P, 20), weight_segment=horizon_of(P, 20).weight_segment + np.int32(100)),
