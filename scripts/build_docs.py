@@ -44,7 +44,7 @@ from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_scenario import scenario_file
-from fsw_scenario.scenario_file import ScenarioFile
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
 
@@ -204,7 +204,7 @@ def scenarios() -> str:
     lines = [
         "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
         "editors: [scenario.schema.json](scenario.schema.json).",
-        *model_tables(ScenarioFile),
+        *model_tables(Scenario),
         "",
         f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
         f"{CANISTER_DIAMETER_MM:g} mm.",
@@ -215,7 +215,7 @@ def scenarios() -> str:
 
 def scenario_schema() -> str:
     """JSON Schema of scenario files."""
-    return json.dumps({"title": "FSW scenario"} | json_schema(ScenarioFile), indent=2) + "\n"
+    return json.dumps({"title": "FSW scenario"} | json_schema(Scenario), indent=2) + "\n"
 
 
 def command_line() -> dict[str, str]:

@@ -130,7 +130,9 @@ actions = st.lists(events, max_size=200)
 def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, actions):
     angles = itertools.pairwise(itertools.accumulate(durations, initial=0.0))
     phases = [
-        Phase(name, duration_s, *angle, length_mm=duration_s)
+        Phase.model_construct(
+            name=name, duration_s=duration_s, from_deg=angle[0], to_deg=angle[1], length_mm=duration_s
+        )
         for name, duration_s, angle in zip(PHASES, durations, angles, strict=False)
     ]
     machine, number = PhaseMachine(phases), 0
@@ -158,7 +160,12 @@ def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, action
 
 
 def test_a_finished_weld_is_over():
-    machine = PhaseMachine([Phase("dwell", 1.0), Phase("start", 1.0, 0.0, 5.0, 7.0)])
+    machine = PhaseMachine(
+        [
+            Phase.model_construct(name="dwell", duration_s=1.0),
+            Phase.model_construct(name="start", duration_s=1.0, to_deg=5.0, length_mm=7.0),
+        ]
+    )
     machine.follow(99)
     assert machine.describe() == "done in phase start at 5.0 deg"
     assert machine.progress().length_mm == 7.0 and machine.progress().time_left_s == 0.0
