@@ -136,7 +136,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
+    started = {
+        "fsw_bringup": said,
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
+    }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

@@ -2,19 +2,16 @@
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 from fsw.main import main
-from fsw_analysis.signals import load_weld
 from fsw_control.contract import Command, Measurement, Proposal, Reference
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_scenario.controllers import KNOWN
-from fsw_scenario.shadow_run import ShadowRun
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -162,21 +159,10 @@ def test_verify(
     monkeypatch.setitem(KNOWN, "nmpc", "own_controller:Holder")
     assert run("verify", str(weld_bag), "--controller", "nmpc") == 1
     captured = capsys.readouterr()
-    assert "first at tick 0" in captured.out and "no parameters of nmpc" in captured.err
+    assert "first at tick 1" in captured.out and "no parameters of nmpc" in captured.err
     assert run("verify", str(weld_bag), "--controller", "nobody") == 1
     assert "nobody is not available" in capsys.readouterr().err
     assert run("verify", str(weld_bag), "--controller", "own_controller:Nothing") == 1
     assert "not available" in capsys.readouterr().err
     assert run("verify", str(genuine / "mcap_default")) == 1
     assert "no proposals of any controller" in capsys.readouterr().err
-
-
-def test_what_a_shadow_is_shown(tmp_path: Path) -> None:
-    write_sample_weld(tmp_path / "weld", 20)
-    signals = load_weld(tmp_path / "weld")
-    for space in ("", "/hall/cell1"):
-        shadow = ShadowRun(tmp_path / "weld", tmp_path / "shadow", "decentral")
-        nodes = shadow.parameter_file(replace(signals, namespace=space))
-        replay, recorder = (nodes[name]["ros__parameters"] for name in ("fsw_replay", "fsw_recorder"))
-        assert f"{space}/fsw/reference" in replay["topics"] and "/fsw/reference" in recorder["topics"]
-        assert replay["wait_for"].count(f"{space}/fsw/depth") == 2

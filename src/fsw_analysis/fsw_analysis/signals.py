@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fsw_analysis import events
-from fsw_analysis.columns import Column, Kind
-from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages
+from fsw_analysis.messages import SENSOR_FIELDS, Column, Kind, Table, WeldMessages
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
     MM,
