@@ -75,7 +75,7 @@ def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:
 def print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
     """Print figures of merit, with those of the phases, and write them as JSON where a file is given."""
     results = [kpi.compute(signals, label) for label, signals in welds.items()]
-    print(kpi_table.text(results), end="")
+    print(kpi_table.markdown(results), end="")
     phases = [
         phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
         for label, signals in welds.items()
