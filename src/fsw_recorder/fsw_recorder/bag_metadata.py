@@ -17,7 +17,6 @@ from fsw_recorder.topic import RecordedTopic
 METADATA_NAME = "metadata.yaml"
 #: what rosbag2 calls the start of a bag without messages
 NO_TIME_NS = 2**63 - 1
-_MOST_BYTES = 16 * 1024 * 1024
 _ROOT = "rosbag2_bagfile_information"
 
 
@@ -99,14 +98,11 @@ def read_metadata(folder: Path) -> BagMetadata:
     """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
-        with path.open("rb") as stream:
-            raw = stream.read(_MOST_BYTES + 1)
+        raw = path.read_bytes()
     except FileNotFoundError:
         raise BagError(f"{folder}: {METADATA_NAME} is missing") from None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(raw) > _MOST_BYTES:
-        raise BagError(f"{path}: larger than {_MOST_BYTES} bytes, not read")
     try:
         information = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))[_ROOT]
         names = information["relative_file_paths"]

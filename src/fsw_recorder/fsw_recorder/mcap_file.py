@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from fsw_recorder.bag_record import BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.mcap_frames import CHUNK_HEAD, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
+from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import RecordedTopic
 
@@ -90,17 +90,14 @@ class McapFile:
         """
         size = len(self._data)
         is_whole, is_finished = True, False
-
-        def damaged(begin: int, end: int) -> None:
-            nonlocal is_whole
-            is_whole = False
-            self._add_problem(f"damaged: bytes {begin} to {end} are left out")
-
         run: _Piece | None = None
         at = len(MAGIC)
-        for opcode, begin, end in frames(self._data, at, size, damaged):
+        for opcode, begin, end in frames(self._data, at, size):
             at = min(end, size)
-            if opcode == Opcode.CHUNK:
+            if opcode == DAMAGED:
+                is_whole = False
+                self._add_problem(f"damaged: bytes {begin} to {end} are left out")
+            elif opcode == Opcode.CHUNK:
                 self._add_chunk(begin, end)
             elif end > size:
                 break
@@ -200,13 +197,11 @@ class McapFile:
                 return []
             at, stop = 0, len(data)
 
-        def damaged(begin: int, end: int) -> None:
-            if not piece.is_cut:
-                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
-
         records: list[BagRecord] = []
         wanted = self._wanted(topics)
-        for opcode, begin, end in frames(data, at, stop, damaged):
+        for opcode, begin, end in frames(data, at, stop):
+            if opcode == DAMAGED and not piece.is_cut:
+                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
             if end > stop:
                 break
             if opcode == Opcode.MESSAGE:
