@@ -114,7 +114,7 @@ class WeldMessages:
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:
-        """Topics on which controllers tell something (``proposal`` or ``status``), by the controller's name."""
+        """Topics of the controllers' messages of one kind (``proposal`` or ``status``), by the controller's name."""
         topic = re.compile(rf"/fsw/([^/]+)/{what}")
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 

@@ -19,7 +19,7 @@ from fsw_control.ranges import set_point_problem
 from fsw_control.references import OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
 
-#: topics of set-points: as sent, as the supervisor says they hold at present, and as announced
+#: topics of set-points: as sent, as the supervisor states them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
 #: a recorder that joins has received what was sent before after this time
 _JOINING_NS = 2 * NANOSECONDS
@@ -110,7 +110,7 @@ def timeline(
             if is_held:
                 queue.add(one.stamp_ns, one.reference, one.issued_ns)
             else:
-                queue.hear(one.stamp_ns, one.reference, one.issued_ns, one.log_ns)
+                queue.receive(one.stamp_ns, one.reference, one.issued_ns, one.log_ns)
         present = queue.at(stamp_ns)
         if present is not None and (not begun or present != begun[-1][1]):
             begun.append((stamp_ns, present))

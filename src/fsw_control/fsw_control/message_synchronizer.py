@@ -197,7 +197,7 @@ class MessageSynchronizer:
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
         """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return what that releases.
 
-        When the call itself is late by more than that, this process could not run: what is in the queues is heard
+        When the call itself is late by more than that, this process could not run: what is in the queues is read
         first, once.
         """
         if not self._pending:

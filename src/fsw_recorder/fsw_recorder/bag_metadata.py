@@ -22,7 +22,7 @@ _ROOT = "rosbag2_bagfile_information"
 
 @dataclass(slots=True)
 class FileSummary:
-    """What ``metadata.yaml`` says of one file of the bag; ``counts`` are messages by topic."""
+    """Entry of one file of the bag in ``metadata.yaml``; ``counts`` are messages by topic."""
 
     path: str
     start_ns: int = NO_TIME_NS
@@ -31,12 +31,12 @@ class FileSummary:
     size_bytes: int = 0
 
     def note(self, topic: str, log_time_ns: int) -> None:
-        """Take up a message."""
+        """Count a message."""
         self.counts[topic] += 1
         self.start_ns, self.end_ns = min(self.start_ns, log_time_ns), max(self.end_ns, log_time_ns)
 
     def values(self) -> dict[str, Any]:
-        """As ``metadata.yaml`` says it."""
+        """As ``metadata.yaml`` has it."""
         return {
             "path": self.path,
             "starting_time": {"nanoseconds_since_epoch": self.start_ns},

@@ -211,7 +211,7 @@ class BagWriter:
                 item.set_result(False)
 
     def _fail(self, error: Exception) -> None:
-        """Stop recording, leave behind what is committed as a whole bag, and tell why."""
+        """Stop recording, leave what is committed as a whole bag, and keep the reason."""
         if not isinstance(error, BagError):
             reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
             error = BagError(f"{self.folder}: writing failed: {reason}")

@@ -84,7 +84,7 @@ class McapFile:
     # ------------------------------------------------------------------ the whole file
 
     def _scan(self) -> bool:
-        """Find chunks and runs of messages, take up all else; False when the file is damaged or not finished.
+        """Find chunks and runs of messages, read everything else; False when the file is damaged or not finished.
 
         The summary is walked over, too: its copies of schemas and channels stand in for damaged originals.
         """
@@ -186,7 +186,7 @@ class McapFile:
             del waiting[:ready]
 
     def _read(self, piece: _Piece, topics: Collection[str] | None) -> list[BagRecord]:
-        """Messages of a chunk or run, in the order of the file; schemas and channels in it are taken up."""
+        """Messages of a chunk or run, in the order of the file; schemas and channels in it are added."""
         data: Buffer = self._data
         at, stop = piece.begin, piece.end
         if piece.uncompressed_size >= 0:

@@ -179,7 +179,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._diagnostics.publish(message)
 
     def _lost(self) -> dict[str, int]:
-        """Messages that the middleware says it lost, by topic."""
+        """Messages that the middleware reports as lost, by topic."""
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def destroy_node(self) -> None:
@@ -200,7 +200,7 @@ class RecorderNode(Node):  # type: ignore[misc]
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder until it is told to end; exit code 1 when writing failed."""
+    """Run the recorder until it is stopped; exit code 1 when writing failed."""
     nodes: list[RecorderNode] = []
 
     def make() -> RecorderNode:
