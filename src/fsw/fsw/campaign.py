@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new
+from fsw.outputs import add_force, check_new, default_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import default_folder
 
 _REPORT = "report"
 
@@ -74,10 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             if there < total:
                 with (
-                    ProgressBar(f"{campaign.name}, {total - there} welds", total - there, "welds") as bar,
+                    ProgressBar(f"{campaign.name}, {total - there} welds", total - there) as bar,
                     engine.connect(arguments.scheduler, arguments.workers) as client,
                 ):
-                    engine.run(written, client, bar.count)
+                    engine.run(written, client, bar)
         except KeyboardInterrupt:
             state = f"{len(written.done)} of {total} welds are in {folder}"
             print(f"interrupted; {state}; go on with --resume", file=sys.stderr)

@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 
 from fsw.errors import CommandError
+from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import new_folder
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError
 
 #: processes unlike the model, as factors on its parameters
