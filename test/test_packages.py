@@ -56,6 +56,7 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
+    "jinja2": "python3-jinja2",
     "hypothesis": "python3-hypothesis",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",

@@ -41,13 +41,15 @@ def write_json(file: Path | None, values: Any) -> None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
-def new_folder(wanted: Path | None, name: str) -> Path:
+def new_folder(wanted: Path | None, name: str, option: str = "--out") -> Path:
     """Make a folder for results; CommandError when it is not empty or cannot be made."""
     folder = wanted or default_folder(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
-            raise CommandError(f"folder {folder} exists and is not empty; nothing is overwritten, choose another --out")
+            raise CommandError(
+                f"folder {folder} exists and is not empty; nothing is overwritten, choose another {option}"
+            )
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
