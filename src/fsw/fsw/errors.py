@@ -10,6 +10,7 @@ from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
+from fsw_control.schema import InputError
 from fsw_identification.weld_data import IdentificationError
 from fsw_model import ModelParameterError, OperatingPointError
 from fsw_recorder.errors import BagError
@@ -25,6 +26,7 @@ _SHOWN = (
     CommandError,
     CampaignError,
     IdentificationError,
+    InputError,
     ScenarioError,
     ParameterError,
     ModelParameterError,
