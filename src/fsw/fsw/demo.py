@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fsw.errors import CommandError, exit_code
+from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import new_folder, write_phases
+from fsw.simulate import write_phases
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
