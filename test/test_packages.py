@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_control", "fsw_plant", "fsw_msgs"},  # fsw_plant: for the machine to test with
+    "fsw_machine": {"fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},

@@ -15,8 +15,8 @@ from machine_weld import GRAPH, MachineWeld
 
 from fsw_control import weld as weld_numbers
 from fsw_control.free_domain import free_domain
-from fsw_machine import machine_server
 from fsw_scenario.launcher import Launcher
+from fsw_test_support import machine_server
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.ros_graph import domain_id
 
