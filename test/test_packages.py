@@ -52,6 +52,7 @@ MAY_IMPORT = {
 KEYS = {
     "casadi": "casadi-pip",
     "cryptography": "python3-cryptography",
+    "jinja2": "python3-jinja2",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
@@ -80,6 +81,7 @@ OPTIONAL = {
     "fsw_test_support",
     "dask",
     "distributed",
+    "markdown_it",
     "pyarrow",
     "fmpy",
     "asyncua",
