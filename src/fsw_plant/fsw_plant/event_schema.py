@@ -10,7 +10,7 @@ import yaml
 
 from fsw_control.ranges import Range
 from fsw_control.weld import TICK_S
-from fsw_control.yaml_text import NumberLoader, load_yaml
+from fsw_control.yaml_text import load_yaml
 from fsw_plant.events import (
     CHANNELS,
     DISTURBANCE_SHAPES,
@@ -47,25 +47,6 @@ _WIRE_DIGITS = 9
 _NEEDED = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}
 
 
-class _Loader(NumberLoader):
-    """Safe loader that refuses a key given twice."""
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, str | int | float | bool | None):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
-        seen.add(key)
-    return NumberLoader.construct_mapping(loader, node, deep=True)
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-
-
 @dataclass(frozen=True, slots=True)
 class Place:
     """A place in a file of events; reads values there and makes the errors of it.
@@ -98,7 +79,7 @@ class Place:
     def yaml(self, text: str) -> Any:
         """Content of YAML text, in which no key is given twice."""
         try:
-            return load_yaml(text, _Loader)
+            return load_yaml(text)
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark
             line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
