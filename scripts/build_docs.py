@@ -17,7 +17,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
@@ -37,6 +36,7 @@ from mkdocs.structure.files import File
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_control.parameters import ParameterSpec, parse
+from fsw_control.schema import Model
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
@@ -105,10 +105,10 @@ def parameters() -> str:
     return page("Parameters", *lines, *table(("field", "`default`", "`paper`", "meaning"), rows))
 
 
-def attributes(kind: type) -> dict[str, str]:
-    """What the docstring of a dataclass says of each field; its first line where it says nothing."""
+def attributes(kind: type[Model]) -> dict[str, str]:
+    """What the docstring of a model says of each field; its first line where it says nothing."""
     summary = (kind.__doc__ or "").split("\n")[0]
-    found = {field.name: "" for field in fields(kind)}
+    found = dict.fromkeys(kind.model_fields, "")
     names: list[str] = []
     for line in (kind.__doc__ or "").splitlines():
         head = re.fullmatch(r"    (\w+(?:, \w+)*) : .*", line)

@@ -19,8 +19,8 @@ PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw*/package.xml") if pa
 #: which packages of this project each may import, all of them above it in this list
 MAY_IMPORT = {
     "fsw_msgs": set(),
-    "fsw_model": set(),
     "fsw_control": {"fsw_msgs"},
+    "fsw_model": {"fsw_control"},
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},

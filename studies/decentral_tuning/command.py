@@ -9,15 +9,16 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 import fsw_decentral
 from fsw.errors import CommandError
 from fsw.outputs import add_force, check_new
 from fsw.progress import ProgressBar
+from fsw_control.schema import InputError
 from fsw_decentral import Gains, tunings
-from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, nominal
+from fsw_model import ModelParameters, OperatingPointError, nominal
 from fsw_scenario.decentral_loop import errors, simulated_sensitivity
 from fsw_scenario.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune
 
@@ -36,8 +37,8 @@ MISMATCH = {
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
     _print_row("", sets)
-    for field in fields(Gains):
-        _print_row(field.name, (f"{getattr(gains, field.name):g}" for gains in sets.values()))
+    for name in Gains.model_fields:
+        _print_row(name, (f"{getattr(gains, name):g}" for gains in sets.values()))
     figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
     print()
     _print_row("", (f"{name} (most)" for name in sets))
@@ -77,7 +78,7 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
             f"moves by noise {of['noise_move_kn']:.3f} kN, {of['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in asdict(gains).items()]
+        lines += [f"  {key}: {value!r}" for key, value in dict(gains).items()]
     return "\n".join(lines) + "\n"
 
 
@@ -102,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("--check changes nothing: leave out --write")
     try:
         _run(parsed)
-    except (CommandError, ModelParameterError, OperatingPointError) as error:
+    except (CommandError, InputError, OperatingPointError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

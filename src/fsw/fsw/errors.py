@@ -10,7 +10,7 @@ from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_model import ModelParameterError
+from fsw_control.schema import InputError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
 from fsw_scenario.scenario import ScenarioError
@@ -25,7 +25,7 @@ _TOLD = (
     CampaignError,
     ScenarioError,
     ParameterError,
-    ModelParameterError,
+    InputError,
     BagError,
     KpiError,
     LaunchError,

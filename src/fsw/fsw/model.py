@@ -16,8 +16,9 @@ import numpy as np
 from fsw.errors import CommandError
 from fsw.outputs import add_force, check_new
 from fsw_analysis.export import write_table
+from fsw_control.schema import InputError
 from fsw_control.weld import TICK_S
-from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, ProcessModel
+from fsw_model import ModelParameters, OperatingPointError, ProcessModel
 from fsw_plant.event_schema import Place
 from fsw_scenario.ranges import DURATION_S, Range
 from fsw_scenario.scenario import ScenarioError
@@ -150,7 +151,7 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         parameters = ModelParameters.from_file(arguments.model) if arguments.model is not None else None
         course = simulate(steps, last_tick, ProcessModel(parameters))
-    except (ModelParameterError, OperatingPointError) as error:
+    except (InputError, OperatingPointError) as error:
         raise CommandError(f"model: {error}") from None
     files: dict[Path, Callable[[Path], None]] = {arguments.csv: lambda path: write_table(course, path)}
     if arguments.figure is not None:

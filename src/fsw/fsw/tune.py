@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ import yaml
 from fsw.errors import CommandError
 from fsw.progress import ProgressBar
 from fsw.simulate import new_folder
-from fsw_model import ModelParameterError, ModelParameters, OperatingPointError
+from fsw_control.schema import InputError
+from fsw_model import ModelParameters, OperatingPointError
 
 #: processes unlike the model, as factors on its parameters
 _SWEEP: dict[str, dict[str, float]] = {
@@ -61,8 +61,8 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         for name in NAMES:
             with ProgressBar(f"decentral:{name}") as bar:
-                gains[f"decentral:{name}"] = asdict(tune(name, model, arguments.evaluations, bar))
-    except (OperatingPointError, ModelParameterError) as error:
+                gains[f"decentral:{name}"] = dict(tune(name, model, arguments.evaluations, bar))
+    except (OperatingPointError, InputError) as error:
         raise CommandError(f"tune: {error}") from None
     model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(arguments.model, model_file)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import yaml
 from pydantic import (
@@ -72,6 +72,10 @@ class Model(BaseModel):
         if info.context is not None:
             info.context[id(content)] = cls
         return content
+
+    def changed(self, **values: Any) -> Self:
+        """A copy with other values in some fields, checked as a new one; errors as of :func:`validate`."""
+        return validate(type(self), dict(self) | values, type(self).__name__)
 
 
 M = TypeVar("M", bound=Model)
@@ -210,7 +214,7 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
         return str(ctx["error"])
     if kind == "problem":
         return error["msg"]
-    return f"is {shown}: {error['msg']}"
+    return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
 
 
 def _plain(quoted: str) -> str:

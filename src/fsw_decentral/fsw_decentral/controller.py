@@ -106,7 +106,7 @@ def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, TuningStruct]:
     """Gains, limits and all that the library is given; raises ValueError where it would refuse them."""
     gains, limits = Gains.of(values), Limits.of(values)
     tuning = TuningStruct(
-        **asdict(gains),
+        **dict(gains),
         **asdict(limits),
         friction=tuple(values[f"friction.{name}"] for name in ("constant", "linear", "quadratic")),
         spindle_inertia_kgm2=values["spindle_inertia"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -17,7 +17,7 @@ from fsw_model import ModelParameters, ProcessModel
 from fsw_nmpc import NmpcController
 
 #: parameters of the decentralized controller's node, and where they are in the library's tuning
-_DECENTRAL = {name: name for name in Gains.__dataclass_fields__} | {
+_DECENTRAL = {name: name for name in Gains.model_fields} | {
     "force_min": "force_min_kn",
     "force_max": "force_max_kn",
     "speed_min": "speed_min_rpm",
@@ -73,7 +73,7 @@ def decentral(values: Mapping[str, Any], model: ModelParameters) -> Content:
     specs = load("fsw_decentral", "decentral.yaml")
     chosen = validate(specs, values)
     controller = DecentralController(chosen)
-    chosen |= asdict(controller.gains)
+    chosen |= dict(controller.gains)
     parameters = []
     for name, spec in specs.items():
         if name in _DECENTRAL:

@@ -8,7 +8,7 @@ size is chosen by the evidence; sudden shifts of an output are found in the resi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -153,7 +153,7 @@ def identify(
     assert best is not None
     while (left := _select(best, best.free, unknown, LARGEST_DEVIATION)) != best.free:
         kept = {name: getattr(start, name) for name in best.free if name not in left}
-        best.parameters, best.free = replace(best.parameters, **kept), left
+        best.parameters, best.free = best.parameters.changed(**kept), left
         best.solve(tell)
     notes = leave_out(best, first.noise, tell)
     drop_small_shifts(best)

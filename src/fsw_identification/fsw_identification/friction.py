@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
@@ -67,4 +65,4 @@ def from_air(
     units = scale ** -np.arange(3.0)
     values = dict(zip(_NAMES, map(float, found * units), strict=True))
     deviations = np.sqrt(np.diag(covariance)) * units
-    return replace(start, **values), dict(zip(_NAMES, map(float, deviations), strict=True))
+    return start.changed(**values), dict(zip(_NAMES, map(float, deviations), strict=True))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from fsw_identification.estimation import Fit
 from fsw_model import ModelParameters
 
@@ -40,7 +38,7 @@ def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     for name, (value, std) in known.items():
         # YAML 1.1 takes 1.5e+06 for a number only with a point
         lines.append(f"{name}: {float(f'{value:.{_DIGITS}g}')!r}  # +- {std:.2g}; nominal {getattr(nominal, name):g}")
-    given = [name for name in asdict(nominal) if name not in known]
+    given = [name for name in dict(nominal) if name not in known]
     for name in given:
         if (value := getattr(fit.parameters, name)) != getattr(nominal, name):
             lines.append(f"{name}: {value!r}  # as given; nominal {getattr(nominal, name):g}")

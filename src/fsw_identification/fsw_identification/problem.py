@@ -251,7 +251,7 @@ class Problem:
             moved["dead_time_s"] = min(max(moved["dead_time_s"], STEP_S), 10.0)
         if "motor_lag_s" in moved:
             moved["motor_lag_s"] = min(max(moved["motor_lag_s"], 0.02), 10.0)
-        self.parameters = replace(self.parameters, **moved)
+        self.parameters = self.parameters.changed(**moved)
         column = n
         for i, one in enumerate(self.nuisance):
             self.nuisance[i] = one + by[column : column + one.size]

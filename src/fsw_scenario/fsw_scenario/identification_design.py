@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -153,7 +153,7 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
 def plant_factors(model: ModelParameters) -> dict[str, float]:
     """Parameters of the plant emulator that make it the process of a model."""
     of = nominal()
-    pairs = {one.name: (getattr(model, one.name), getattr(of, one.name)) for one in fields(ModelParameters)}
+    pairs = {name: (value, getattr(of, name)) for name, value in model}
     return {f"model.{name}": value / usual for name, (value, usual) in pairs.items() if value != usual}
 
 
