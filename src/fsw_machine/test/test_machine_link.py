@@ -261,7 +261,7 @@ def test_a_key_or_password_that_others_may_read_is_refused(tmp_path, shipped_tex
     with pytest.raises(SecurityError, match=rf"security\.private_key: .*: chmod 600 {key}"):
         certificates.check(MachineFile.load(file).security, certificates.now())
     with pytest.raises(SecurityError, match=r"user\.password_file: .*: chmod 600 "):
-        password(User("fsw", tmp_path / "password"))
+        password(User(name="fsw", password_file=str(tmp_path / "password")))
 
 
 @pytest.mark.parametrize(("kind", "values"), WHOLE.items(), ids=[kind.name for kind in WHOLE])

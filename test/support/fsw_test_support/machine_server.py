@@ -30,9 +30,10 @@ from cryptography import x509
 
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.schema import InputError
 from fsw_control.units import NANOSECONDS
 from fsw_machine.certificates import SecurityError, der, now
-from fsw_machine.machine_file import WRITTEN, MachineFile, MachineFileError
+from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
 from fsw_plant import DisturbanceError, PlantConfig, PlantEmulator, PlantSchedule
 from fsw_test_support.certificates import make
@@ -119,7 +120,7 @@ class MachineServer:
         await self._secure()
         server.set_identity_tokens([ua.AnonymousIdentityToken if machine.user is None else ua.UserNameIdentityToken])
         index = await server.register_namespace(machine.namespace) if machine.namespace else 0
-        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
+        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes}
         self._ids["switch"] = ua.NodeId.from_string(f"ns={index};{SWITCH}")
         for name, identifier in self._ids.items():
             kind = _TYPES.get(name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double)
@@ -344,7 +345,7 @@ def main() -> int:
             print(make_certificates(arguments.make_certificates))
         else:
             asyncio.run(serve(arguments))
-    except (MachineFileError, SecurityError, DisturbanceError, OSError) as error:
+    except (InputError, SecurityError, DisturbanceError, OSError) as error:
         print(f"run_machine_server.py: {error}", file=sys.stderr)
         return 2
     return 0
