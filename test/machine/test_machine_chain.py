@@ -204,5 +204,5 @@ def test_a_machine_file_that_is_wrong_is_refused_in_one_line(tmp_path, shipped_t
         child = launcher.children["gateway"]
         assert child.process.wait(30.0) == 2
         text = child.text().strip()
-        assert "nodes.depth.unit: 'inch' is no unit of length" in text and "\n" not in text
+        assert "nodes.depth.unit is 'inch'; one of mm" in text and "\n" not in text
         weld.close()

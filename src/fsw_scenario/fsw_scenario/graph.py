@@ -76,7 +76,7 @@ class WeldGraph:
 
         Raises
         ------
-        ScenarioError
+        fsw_control.schema.InputError
             When a controller is not known.
         """
         programs = {name: program(name) for name in self.all_controllers}

@@ -28,7 +28,7 @@ from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_plant import TICK_NS
-from fsw_scenario.closed_loop import start_reference
+from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import announced, references, switches
 from fsw_scenario.weld_programme import PhaseMachine, State
@@ -57,7 +57,7 @@ class ScenarioNode(Node):
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         If the scenario is wrong.
     """
 
@@ -69,7 +69,7 @@ class ScenarioNode(Node):
         self._silence_s: float = settings["silence_timeout_s"]
         self._tell_progress: bool = settings["progress"]
         self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self._course = Course(references(self._scenario, start_reference(self._scenario)))
+        self._course = Course(references(self._scenario, start_reference(self._scenario.plant)))
         #: what the controllers follow, by the same rule; with what this node sends
         self._received = reference_queue(self)
         self._mark, self._mark_heard, self._restarts = _MARK.format(0), False, 0

@@ -35,7 +35,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_machine.certificates import SecurityError, der, now
 from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
-from fsw_plant import DisturbanceError, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 from fsw_test_support.certificates import make
 
 #: an operator's switch: whether commands are permitted; in the namespace of the machine file
@@ -345,7 +345,7 @@ def main() -> int:
             print(make_certificates(arguments.make_certificates))
         else:
             asyncio.run(serve(arguments))
-    except (InputError, SecurityError, DisturbanceError, OSError) as error:
+    except (InputError, SecurityError, OSError) as error:
         print(f"run_machine_server.py: {error}", file=sys.stderr)
         return 2
     return 0
