@@ -38,8 +38,8 @@ def digest() -> str:
 @cache
 def versions() -> str:
     """Versions of packages, and digests of the controllers' C sources and of the Python code around them."""
-    from fsw_decentral.kernel_build import LIBRARY as DECENTRAL
-    from fsw_nmpc.kernel_build import LIBRARY as NMPC
+    from fsw_decentral.library import KERNEL as DECENTRAL
+    from fsw_nmpc.library import KERNEL as NMPC
 
     try:
         own = version("fsw-control")

@@ -5,23 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import exp
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import NonNegativeFloat, model_validator
+from pydantic import AfterValidator, NonNegativeFloat, model_validator
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, load
 from fsw_control.schema import Model, content_of, problem, read_text, validate
 from fsw_model import STEP_S, ModelParameters
-from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
+from fsw_nmpc.library import KERNEL, State, Trajectory
 
-#: Reference trajectories, in the order of the library's ``FSW_APPROACH`` ...; see ``kernel/trajectory.c``.
-Trajectory = Literal["approach", "constant", "cold_start", "recentred"]
-TRAJECTORIES: tuple[str, ...] = get_args(Trajectory)
+#: Reference trajectories, see ``kernel/trajectory.c``.
+TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
 #: what the node's parameters are when nobody sets them
 _NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
+
+
+def _known(trajectory: str) -> str:
+    if trajectory not in TRAJECTORIES:
+        raise ValueError(f"is {trajectory!r}; one of {', '.join(TRAJECTORIES)}")
+    return trajectory
 
 
 class EstimatorTuning(Model):
@@ -78,7 +83,7 @@ class Tuning(Model):
     estimator : EstimatorTuning
     """
 
-    trajectory: Trajectory = "approach"
+    trajectory: Annotated[str, AfterValidator(_known)] = "approach"
     depth_time_s: NonNegativeFloat = 1.0
     temperature_time_s: NonNegativeFloat = 0.84
     dead_band_depth_mm: NonNegativeFloat = 0.0
@@ -159,11 +164,11 @@ class Tuning(Model):
         plan_reuse: int = _NODE["plan_reuse"],
         blind_limit_s: float = _NODE["blind_limit"],
         tolerance: float = 1e-6,
-    ) -> TuningStruct:
+    ) -> Any:
         """The tuning as the library takes it."""
         e = self.estimator
         times = (self.depth_time_s, self.temperature_time_s)
-        walk = [0.0] * N_STATES  # of the states in the library's order; slow and tool do not walk by themselves
+        walk = [0.0] * len(State)  # of the states in the library's order; slow and tool do not walk by themselves
         walk[0], walk[2], walk[4:] = (
             e.creep_walk_mm,
             e.copper_walk_c,
@@ -176,7 +181,8 @@ class Tuning(Model):
                 e.temperature_offset_walk_c,
             ),
         )
-        return TuningStruct(
+        return KERNEL.new(
+            "fsw_nmpc_tuning",
             trajectory=TRAJECTORIES.index(self.trajectory),
             max_iterations=max_iterations,
             plan_reuse=plan_reuse,
