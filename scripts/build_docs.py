@@ -18,7 +18,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
@@ -130,10 +129,10 @@ def tuning_file() -> str:
     )
 
 
-def attributes(kind: type) -> dict[str, str]:
-    """What the docstring of a dataclass says of each field; its first line where it says nothing."""
+def attributes(kind: type[Model]) -> dict[str, str]:
+    """What the docstring of a model says of each field; its first line where it says nothing."""
     summary = (kind.__doc__ or "").split("\n")[0]
-    found = {field.name: "" for field in fields(kind)}
+    found = dict.fromkeys(kind.model_fields, "")
     names: list[str] = []
     for line in (kind.__doc__ or "").splitlines():
         head = re.fullmatch(r"    (\w+(?:, \w+)*) : .*", line)

@@ -12,7 +12,7 @@ from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
 from fsw_control.schema import InputError
 from fsw_identification.weld_data import IdentificationError
-from fsw_model import ModelParameterError, OperatingPointError
+from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
 
@@ -27,7 +27,6 @@ _SHOWN = (
     IdentificationError,
     InputError,
     ParameterError,
-    ModelParameterError,
     OperatingPointError,
     BagError,
     KpiError,

@@ -182,7 +182,7 @@ def test_first_order_index_of_known_functions():
     x, other = generator.uniform(-1.0, 1.0, (2, 4000))
     assert first_order(x, x) == pytest.approx(1.0, abs=0.01)
     assert first_order(x, x**2) == pytest.approx(1.0, abs=0.03)  # whose rank correlation is 0
-    assert first_order(x, x + other) == pytest.approx(0.5, abs=0.03)
+    assert first_order(x, x + other) == pytest.approx(0.5, abs=0.05)
     assert first_order(other, x) == pytest.approx(0.0, abs=0.01)
     assert np.isnan(first_order(x[:60], x[:60]))
 

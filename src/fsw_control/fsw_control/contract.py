@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
 
 SENSORS = ("depth", "torque", "thermocouple")
 #: sources of commands that are no controllers: modes of the supervisor
-BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
+BuiltInSource = Literal["manual", "hold", "safe_stop"]
+BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
 
 
 class Measurement(NamedTuple):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -78,6 +78,10 @@ class Model(BaseModel):
         if isinstance(content, dict):
             return {key: value for key, value in content.items() if value is not None}
         return content
+
+    def changed(self, **values: Any) -> Self:
+        """A copy with other values in some fields, checked as a new one; errors as of :func:`validate`."""
+        return validate(type(self), dict(self) | values, type(self).__name__)
 
 
 M = TypeVar("M", bound=Model)
@@ -235,7 +239,7 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
         return str(ctx["error"])
     if kind == "problem":
         return error["msg"]
-    return f"is {shown}: {error['msg']}"
+    return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
 
 
 def _plain(quoted: str) -> str:

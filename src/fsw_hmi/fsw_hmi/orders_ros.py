@@ -96,7 +96,7 @@ class Orders:
             )
             self._call(self._set_reference, "supervisor", wanted, answer, timeout_s)
         elif isinstance(action, Programme):
-            self._call(self._weld[action.verb], "programme", Trigger.Request(), answer, timeout_s)
+            self._call(self._weld[action.action], "programme", Trigger.Request(), answer, timeout_s)
         elif isinstance(action, Disturb):
             self._call(self._disturb, "emulated plant", _disturbance(action), answer, timeout_s)
         elif isinstance(action, Fail):

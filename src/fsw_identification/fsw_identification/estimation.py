@@ -8,7 +8,7 @@ size is chosen by the evidence; sudden shifts of an output are found in the resi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def identify(
     best = _best_start(start, segments, free, first.noise, count)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
-        best.parameters, best.free = replace(best.parameters, **nominal), left
+        best.parameters, best.free = best.parameters.changed(**nominal), left
         best.solve(count)
     notes = leave_out(best, first.noise, count)
     drop_small_shifts(best)

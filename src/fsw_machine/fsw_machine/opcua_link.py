@@ -186,7 +186,7 @@ class MachineLink:
             if machine.namespace not in uris:
                 raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
             index = uris.index(machine.namespace)
-        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
+        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes}
         self._order_types = await check_nodes(client, machine, self._nodes)
         self.tracker.values = WHOLE[self._order_types[WRITTEN.index("heartbeat")]]
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
-from fsw_model import STEP_S, ModelParameterError, ModelParameters
+from fsw_control.schema import InputError
+from fsw_model import STEP_S, ModelParameters
 
 
 @lru_cache(maxsize=1)
 def specs() -> dict[str, ParameterSpec]:
     """Descriptions of all parameters of the plant: ``plant.yaml``, and a factor on each parameter of the model."""
     factors = {
-        f"model.{field.name}": ParameterSpec(
-            f"model.{field.name}", "double", 1.0, f"Factor on the model parameter {field.name}", range=(0.1, 10.0)
+        f"model.{name}": ParameterSpec(
+            f"model.{name}", "double", 1.0, f"Factor on the model parameter {name}", range=(0.1, 10.0)
         )
-        for field in fields(ModelParameters)
+        for name in ModelParameters.model_fields
     }
     return parameters.load("fsw_plant", "plant.yaml") | factors
 
@@ -114,9 +115,9 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
 def _model(values: Mapping[str, Any]) -> ModelParameters:
     """The parameters of the model file, each with its factor."""
     file = values["model_file"]
-    factors = {field.name: values[f"model.{field.name}"] for field in fields(ModelParameters)}
+    factors = {name: values[f"model.{name}"] for name in ModelParameters.model_fields}
     try:
         parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
         return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
-    except ModelParameterError as error:
+    except InputError as error:
         raise ParameterError(str(error)) from None

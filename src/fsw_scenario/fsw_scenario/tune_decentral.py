@@ -8,7 +8,6 @@ above its target costs much more than the same figure below it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,7 +171,7 @@ def tune(
     done = 0
 
     def gains_of(x: Vector) -> Gains:
-        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
+        return start.changed(**{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
 
     def cost_of(x: Vector) -> float:
         nonlocal done
