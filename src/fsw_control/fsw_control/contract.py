@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkab
 
 from fsw_control import weld
 
-SENSORS = ("depth", "torque", "thermocouple")
+Sensor = Literal["depth", "torque", "thermocouple"]
+SENSORS: tuple[str, ...] = get_args(Sensor)
 #: sources of commands that are no controllers: modes of the supervisor
 BuiltInSource = Literal["manual", "hold", "safe_stop"]
 BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
