@@ -8,10 +8,9 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import model_validator
 
 from fsw_control.ranges import Range
-from fsw_control.schema import InputError, Model, range_of, validate
+from fsw_control.schema import Model, range_of, validate
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
-from fsw_plant.place import Place
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")
@@ -160,19 +159,3 @@ def _check_keys(entry: Model, what: str, allowed: Collection[str], needed: Colle
         problems.append(f"has {', '.join(unused)}, which {what} does not use")
     if problems:
         raise ValueError(" and ".join(problems))
-
-
-def read_disturbance(entry: Any, at: Place, at_s: float) -> Disturbance:
-    """A ``disturbance`` of a scenario."""
-    try:
-        return validate(DisturbanceEntry, entry, at.where).event(at_s)
-    except InputError as error:
-        raise at.failure(str(error)) from None
-
-
-def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
-    """A ``fault`` of a scenario."""
-    try:
-        return validate(FaultEntry, entry, at.where).event(at_s)
-    except InputError as error:
-        raise at.failure(str(error)) from None
