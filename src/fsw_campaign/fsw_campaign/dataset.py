@@ -146,7 +146,7 @@ class Dataset:
         self.done.update((row["index"], row["controller"]) for row in rows)
 
     def compact(self) -> None:
-        """Join small files into one: each has some 25 kB besides its rows.
+        """Join small files into one: each has an overhead of some 25 kB.
 
         The joined file takes the place of the first; should it end before the others are deleted, their rows are there
         twice, and are read once.
