@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
@@ -80,7 +80,7 @@ class Entrant(Model):
     controller: str
     """as for `--controller`"""
     parameters: dict[str, Any] = {}
-    label: str
+    label: str = ""
     """what rows call it; by default the controller's name"""
 
     @model_validator(mode="before")
@@ -97,14 +97,18 @@ class Entrant(Model):
         return name_of(self.controller)
 
 
+def _or_name(schema: dict[str, Any]) -> None:
+    schema["items"] = {"anyOf": [{"type": "string"}, schema["items"]]}
+
+
 class Campaign(Model):
     """A scenario, controllers, and distributions of the scenario's parameters."""
 
     name: Name
     description: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = ""
-    scenario: dict[str, Any]
+    scenario: Annotated[dict[str, Any], WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})]
     """name or path of a scenario, or a scenario itself"""
-    entrants: Annotated[Many[Entrant], Field(min_length=1, alias="controllers")]
+    entrants: Annotated[Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)]
     welds: Annotated[Whole, Range(1, 10_000_000, "welds")]
     """of each controller; weld ``i`` has the same plant and the same noise under all controllers"""
     seed: Annotated[Whole, Range(0, 2**32 - 1, "")] = 1
