@@ -92,6 +92,18 @@ def test_without_a_compiler_one_line_says_what_to_do(toy, monkeypatch):
         toy.ensure()
 
 
+def test_a_compiler_that_fails_is_named(toy, monkeypatch):
+    monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
+    with pytest.raises(RuntimeError, match="did not compile with false"):
+        toy.build()
+    assert toy.find() is None
+
+
+def test_a_file_that_is_no_library_is_not_used(toy, tmp_path):
+    (tmp_path / "broken.so").write_bytes(b"no library")
+    assert not toy.is_usable(tmp_path / "broken.so")
+
+
 def test_without_a_place_for_it_one_line_says_what_to_do(toy, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
