@@ -3,7 +3,7 @@
 
 Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
 both kernels, by the changes in test/mutants.yaml. Only what decides is changed, not the words of messages. The result
-goes to docs/results/mutation.md, all survivors to mutants.csv beside it; why a survivor is tolerated stands in test/mutants.yaml, too.
+goes to docs/results/mutation.md, all survivors to mutants.csv beside it; test/mutants.yaml says why one is tolerated.
 
 Verdicts are kept in out/mutation while the code is the same, so that a run goes on where one was interrupted and only
 survivors are run again; remove that folder to run all anew. Changes for which a run had no time are counted apart.
@@ -242,12 +242,10 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     for module in [*dict.fromkeys(one.module for one in mutants), ""]:
         here = [one for one in mutants if not module or one.module == module]
         tried = sum(one.verdict != _NOT_TRIED for one in here)
-        verdicts = Counter(
-            "tolerated" if why else "survived" for one, why in left if not module or one.module == module
-        )
-        noticed = tried - verdicts.total()
+        kinds = Counter("tolerated" if why else "survived" for one, why in left if not module or one.module == module)
+        noticed = tried - kinds.total()
         share = f"{100.0 * noticed / tried:.1f}" if tried else ""
-        counts = f"{len(here)} | {len(here) - tried} | {noticed} | {verdicts['tolerated']} | {verdicts['survived']} | {share}"
+        counts = f"{len(here)} | {len(here) - tried} | {noticed} | {kinds['tolerated']} | {kinds['survived']} | {share}"
         lines.append(f"| {f'`{module}`' if module else 'all'} | {counts} |")
     lines += [
         "",

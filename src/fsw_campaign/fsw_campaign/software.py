@@ -15,7 +15,7 @@ _PACKAGES = ("fsw_control", "fsw_decentral", "fsw_model", "fsw_nmpc", "fsw_plant
 _MODULES = {
     "fsw_analysis": ("changes", "kpi", "weld_signals"),
     "fsw_scenario": (
-        *("closed_loop", "controllers", "offline_supervisor", "open_loop", "ranges", "scenario", "scenario_file"),
+        *("closed_loop", "controllers", "offline_supervisor", "open_loop", "scenario", "scenario_file"),
         *("timeline", "weld_programme", "weld_programme_file"),
     ),
     "fsw_campaign": ("definition", "distributions", "welds"),
