@@ -71,7 +71,7 @@ def test_built_once_and_again_when_a_source_changes(toy, tmp_path):
 
 @pytest.mark.slow
 def test_a_library_in_the_package_is_used_if_its_sources_are_these(toy):
-    packaged = toy.build(toy.folder.parent / "_kernel.abi3.so", native=False)
+    packaged = toy.build(toy.folder.parent / "_kernel.abi3.so")
     assert toy.find() == packaged
     (toy.folder / "more.c").write_text("int more;\n", encoding="utf-8")
     assert toy.sources == ("more.c", "toy.c")
