@@ -1,7 +1,5 @@
 """ROS arguments on a command line: remapping, parameters, logging, enclave."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Quality of service: policies, profiles and their compatibility."""
 
-from __future__ import annotations
-
 import warnings
 from enum import Enum, IntEnum
 from typing import Any

@@ -6,8 +6,6 @@ Fields are checked when they are assigned. ``ROS_PYTHON_CHECK_FIELDS=0``, ``pyth
 or ``check_fields=False`` at construction turn this off.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from array import array
