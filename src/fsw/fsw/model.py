@@ -16,10 +16,11 @@ import numpy as np
 from fsw.errors import CommandError
 from fsw.outputs import add_force, check_new
 from fsw_analysis.export import write_table
+from fsw_control.ranges import Range
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, ProcessModel
-from fsw_plant.event_schema import Place
-from fsw_scenario.ranges import DURATION_S, Range
+from fsw_plant.event_schema import DURATION_S
+from fsw_plant.place import Place
 from fsw_scenario.scenario import ScenarioError
 
 COLUMNS = (
