@@ -112,14 +112,12 @@ class Graph:
                 except ValueError as error:
                     faults.count("ros_discovery_info", f"malformed ros_discovery_info: {error}")
 
-    def nodes(self) -> list[tuple[bytes, Any]]:
-        """Return all nodes of the participants that are alive: participant and what it announces of the node."""
+    def nodes(self) -> list[tuple[str, Any]]:
+        """Return all nodes of the participants that are alive: enclave and what is announced of the node."""
         with self._lock:
             self._update()
-            return [(guid, node) for guid in self._enclaves for node in self._announced.get(guid, ())]
-
-    def enclave(self, participant: bytes) -> str:
-        return self._enclaves.get(participant, "/")
+            enclaves = self._enclaves.items()
+            return [(enclave, node) for guid, enclave in enclaves for node in self._announced.get(guid, ())]
 
     def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
         with self._lock:
