@@ -126,7 +126,7 @@ class NodeGraph:
             TopicEndpointInfo(
                 node_name=node.node_name if node else "_NODE_NAME_UNKNOWN_",
                 node_namespace=node.node_namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-                topic_type=endpoint.type_name if no_mangle else ros_type(endpoint.type_name or ""),
+                topic_type=endpoint.type_name if no_mangle else ros_type(endpoint.type_name),
                 topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
                 endpoint_type=kind,
                 endpoint_gid=list(endpoint.key.bytes),

@@ -195,6 +195,7 @@ def test_rosout_gets_the_node_and_its_children() -> None:
     grandchild.warning("three")
     get_logger("node.other").error("of nobody")
     get_logger("stranger").error("of nobody")
+    logger.error("of nobody", name="stranger")
     first = messages[0]
     assert (first.level, first.name, first.msg, first.line) == (20, "node", "one", line)
     assert (os.path.basename(first.file), first.function) == (

@@ -101,6 +101,7 @@ class Graph:
                 name = sample.topic_name
                 # DCPS...: Cyclone's own, read by this participant.
                 if sample.sample_info.instance_state == InstanceState.Alive and name and not name.startswith("DCPS"):
+                    sample.type_name = sample.type_name or ""
                     endpoints[sample.key.bytes] = sample
                 else:
                     endpoints.pop(sample.key.bytes, None)
@@ -160,6 +161,5 @@ def names_and_types(endpoints: Iterable[DcpsEndpoint], demangle: Callable[[str],
     for endpoint in endpoints:
         name = demangle(endpoint.topic_name) if demangle else endpoint.topic_name
         if name is not None:
-            type_name = endpoint.type_name or ""
-            found.setdefault(name, set()).add(ros_type(type_name) if demangle else type_name)
+            found.setdefault(name, set()).add(ros_type(endpoint.type_name) if demangle else endpoint.type_name)
     return [(name, sorted(types)) for name, types in sorted(found.items())]

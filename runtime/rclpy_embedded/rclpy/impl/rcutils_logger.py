@@ -130,7 +130,8 @@ class RcutilsLogger:
             )
         if not site.passes():
             return False
-        system.log(log_message(severity, name, message, *caller[:3]), self._ancestor)
+        ancestor = self._ancestor if name == self.name else ""
+        system.log(log_message(severity, name, message, *caller[:3]), ancestor)
         return True
 
     debug = _logging_at(LoggingSeverity.DEBUG)
