@@ -143,11 +143,7 @@ class QoSProfile:
         if not isinstance(value, (kind, int) if is_enum else kind):
             raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
         if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
-            warnings.warn(
-                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
-                "This will be interpreted as SYSTEM_DEFAULT",
-                stacklevel=2,
-            )
+            warnings.warn("A zero depth with KEEP_LAST stores nothing; it counts as SYSTEM_DEFAULT.", stacklevel=2)
         super().__setattr__(name, kind(value) if is_enum else value)
 
     def to_dict(self) -> dict[str, Any]:

@@ -141,9 +141,7 @@ class Graph:
         """Return the writers or the readers of a node; NodeNameNonExistentError if no such node is known."""
         found = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
         if not found:
-            raise NodeNameNonExistentError(
-                f"Cannot get endpoints of node: node '{name}' in namespace '{namespace}' does not exist"
-            )
+            raise NodeNameNonExistentError(f"node '{name}' in namespace '{namespace}' does not exist")
         guids = set[bytes]().union(*(_guids(node, writers) for node in found))
         return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.key.bytes in guids]
 
