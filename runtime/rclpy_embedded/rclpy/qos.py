@@ -226,7 +226,7 @@ REQUESTED_POLICIES = (*WEAK_AND_STRICT, "deadline", "liveliness_lease_duration")
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
-    """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
+    """Return whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
     errors, doubts = "", ""
     for name in REQUESTED_POLICIES:
         offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)

@@ -75,7 +75,7 @@ class Graph:
         self._deserialize = deserialize
         self._participant = participant
         self._participant_reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
-        # Made when somebody asks first: most programs never do.
+        # Made at the first query: most programs have none.
         self._endpoint_readers: list[BuiltinDataReader] = []
         self._enclaves: dict[bytes, str] = {}
         self._writers: dict[bytes, DcpsEndpoint] = {}
@@ -84,7 +84,7 @@ class Graph:
         self._announced: dict[bytes, list[Any]] = {}
 
     def tidy(self) -> None:
-        """Take what has come since the last query, so that it does not pile up while nobody asks."""
+        """Take what has come since the last query, so that it does not pile up between queries."""
         with self._lock:
             self._update()
 
@@ -139,10 +139,10 @@ class Graph:
 
     def endpoints_by_node(self, name: str, namespace: str, *, writers: bool) -> list[DcpsEndpoint]:
         """Return the writers or the readers of a node; NodeNameNonExistentError if no such node is known."""
-        found = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
-        if not found:
+        nodes = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
+        if not nodes:
             raise NodeNameNonExistentError(f"node '{name}' in namespace '{namespace}' does not exist")
-        guids = set[bytes]().union(*(_guids(node, writers) for node in found))
+        guids = set[bytes]().union(*(_guids(node, writers) for node in nodes))
         return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.key.bytes in guids]
 
 
