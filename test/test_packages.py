@@ -57,10 +57,11 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
-    "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
+    "hypothesis": "python3-hypothesis",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
+    "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
@@ -140,7 +141,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
+    started = {
+        "fsw_bringup": said,
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
+    }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

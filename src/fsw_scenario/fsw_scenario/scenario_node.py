@@ -144,19 +144,19 @@ class ScenarioNode(Node):
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
-        """Go on with the depth; the other sensors say whether a strange stamp is to be believed."""
+        """Go on with the depth; the other sensors confirm a jump of time."""
         before_ns = self._stamps.newest_ns
-        believed = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
-        if believed is None:
+        accepted = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
+        if accepted is None:
             return
-        if believed.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
+        if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
             self.get_logger().warning("time of the measurements has jumped: the scenario goes on where it is")
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
                 self._course.resume(present, self._tick)
                 self._restart(present)
-        if "depth" in believed.samples:
+        if "depth" in accepted.samples:
             self._on_depth(stamp_ns)
 
     def _on_depth(self, stamp_ns: int) -> None:
