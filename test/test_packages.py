@@ -29,7 +29,6 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_hmi": {
         "fsw_control",
         "fsw_plant",
@@ -41,6 +40,7 @@ MAY_IMPORT = {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
+    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
     "fsw_campaign": {"fsw_scenario", "fsw_analysis", "fsw_plant", "fsw_control", "fsw_nmpc", "fsw_decentral"},
     "fsw": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
@@ -51,13 +51,14 @@ MAY_IMPORT = {
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
     "casadi": "casadi-pip",
+    "cffi": "python3-cffi",
     "cryptography": "python3-cryptography",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
-    "jinja2": "python3-jinja2",
     "hypothesis": "python3-hypothesis",
+    "jinja2": "python3-jinja2",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
@@ -140,7 +141,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
+    started = {
+        "fsw_bringup": said,
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
+    }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

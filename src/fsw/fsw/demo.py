@@ -132,7 +132,7 @@ def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Pa
         bags.append(graph.bag)
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
-    print(kpi_table.text(results))
+    print(kpi_table.markdown(results))
     pages = draw(runs, scenario.figures, place)
     return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
 

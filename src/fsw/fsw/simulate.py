@@ -106,7 +106,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.no_figures:
         draw(runs, scenario.figures, folder)
     write_phases(scenario, runs, folder, figure=not arguments.no_figures)
-    print(kpi_table.text(figures_of_merit), end="")
+    print(kpi_table.markdown(figures_of_merit), end="")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 

@@ -95,7 +95,6 @@ def weld(context: LaunchContext) -> list[Any]:
         if speed is not None:
             parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
         parameters["fsw_recorder"]["ros__parameters"].pop("output")
-        parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
     if given["bag_dir"]:
         bag = Path(given["bag_dir"]).expanduser()
         if record and bag.exists():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -26,6 +26,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
+from fsw_control.ranges import Range
 from fsw_control.yaml_text import load_yaml
 
 _MOST_PROBLEMS = 10
@@ -59,7 +60,10 @@ class InputError(ValueError):
 
 
 class Model(BaseModel):
-    """Base of all models: immutable, without unknown keys; numbers are finite, and neither true nor text is one."""
+    """Base of all models: immutable, without unknown keys; numbers are finite, and neither true nor text is one.
+
+    A key without a value counts as left out.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
@@ -67,10 +71,12 @@ class Model(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _note_model(cls, content: Any, info: ValidationInfo) -> Any:
+    def _prepare(cls, content: Any, info: ValidationInfo) -> Any:
         """Note which model a mapping is for, so that an error about a key can name those that there are."""
         if info.context is not None:
             info.context[id(content)] = cls
+        if isinstance(content, dict):
+            return {key: value for key, value in content.items() if value is not None}
         return content
 
 
@@ -82,6 +88,13 @@ def problem(text: str, *path: str | int) -> ValidationError:
     # braces would be taken for the names of a template
     error = PydanticCustomError("problem", "{text}", {"text": text})
     return ValidationError.from_exception_data("", [InitErrorDetails(type=error, loc=path, input=None)])
+
+
+def needs_one(entry: M, *keys: str) -> M:
+    """For a validator: the entry, if at least one of the keys is given."""
+    if all(getattr(entry, key) is None for key in keys):
+        raise ValueError(f"needs {', '.join(keys[:-1])} or {keys[-1]}")
+    return entry
 
 
 def validate(model: type[M], content: Any, where: str) -> M:
@@ -160,6 +173,13 @@ def json_schema(model: type[Model]) -> dict[str, Any]:
     return found | model.model_json_schema(schema_generator=_GenerateJsonSchema)
 
 
+def range_of(model: type[Model], field: str) -> Range:
+    """Range of a number in a model."""
+    info = model.model_fields[field]
+    inside = (one for kind in get_args(info.annotation) for one in get_args(kind)[1:])  # of one that may be left out
+    return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
+
+
 class _GenerateJsonSchema(GenerateJsonSchema):
     """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
 
@@ -176,15 +196,15 @@ class _GenerateJsonSchema(GenerateJsonSchema):
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> str:
     """One problem in words, with its place."""
-    path, inside = "", content
-    for step in error["loc"]:
+    path, inside, parent = "", content, content
+    for step in error["loc"][: -1 if error["type"] == "missing" else None]:
         parent = inside
         if isinstance(inside, dict) and step in inside:
             path, inside = f"{path}.{step}" if path else str(step), inside[step]
         elif isinstance(inside, list) and isinstance(step, int):
             path, inside = f"{path}[{step}]", inside[step]
-        # any other step is the tag of a union, or the key that is missing
-    return " ".join(f"{path} {_text(error, models.get(id(parent)) if error['loc'] else None)}".split())
+        # any other step is the tag of a union
+    return " ".join(f"{path} {_text(error, models.get(id(parent)))}".split())
 
 
 def _text(error: ErrorDetails, model: type[Model] | None) -> str:

@@ -48,6 +48,7 @@ def read(text: str) -> Part:
 
 
 def test_what_fits():
+    assert read("{name: a, marks: , count: }") == Part(name="a")
     part = read("{name: a_1, marks: [{kind: bump, height_mm: 2}, {kind: hole}], count: 1e1}")
     assert part == Part(name="a_1", marks=(Bump(kind="bump", height_mm=2.0), Dent(kind="hole", share=0.5)), count=10)
     with pytest.raises(ValidationError):
@@ -59,6 +60,7 @@ def test_what_fits():
     [
         ("[]", "part.yaml: is [], not a mapping"),
         ("{}", "part.yaml: lacks name"),
+        ("name:", "part.yaml: lacks name"),
         ("name: a b", "part.yaml: name is 'a b', not a name (letters, digits, _)"),
         ("name: 3", "name is 3, not text"),
         ("{name: a, sound: 1}", "sound is 1, not true or false"),
@@ -126,6 +128,11 @@ def test_json_schema_has_range_unit_and_meaning():
     }
     assert "anyOf" not in bump["properties"]["low_mm"] and bump["required"] == ["kind", "height_mm"]
     assert json.loads(json.dumps(found)) == found
+
+
+def test_the_range_of_a_field():
+    assert schema.range_of(Part, "count") == Range(1, 100, "pieces")
+    assert schema.range_of(Bump, "height_mm") == schema.range_of(Bump, "low_mm") == DEPTH_MM
 
 
 def test_text_of_a_file_or_a_shipped_one(tmp_path):

@@ -24,6 +24,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_model import OperatingPointError
@@ -32,11 +33,10 @@ from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.event_schema import check_disturbance, check_fault
-from fsw_plant.events import DisturbanceError
+from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tick_stamps import TickStamps
-from fsw_plant.truth_ros import FROM_WIRE, truth_message
+from fsw_plant.truth_ros import truth_message
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _PATROL_S = 0.2
@@ -279,7 +279,7 @@ class PlantNode(Node):
             PlantConfig.from_values(values)
             if values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
-        except (ParameterError, DisturbanceError) as error:
+        except (ParameterError, InputError) as error:
             return str(error)
         return None
 
@@ -295,17 +295,15 @@ class PlantNode(Node):
         try:
             response.message, response.ok = act(), True
             self.get_logger().info(f"{what}: {response.message}")
-        except (DisturbanceError, OperatingPointError) as error:
+        except (InputError, OperatingPointError) as error:
             response.message, response.ok = f"refused: {error}", False
 
     def _on_set_disturbance(
         self, request: SetDisturbance.Request, response: SetDisturbance.Response
     ) -> SetDisturbance.Response:
         def act() -> str:
-            amplitude = FROM_WIRE.get(request.channel, float)(request.amplitude)
-            asked = (request.channel, request.shape, amplitude, request.duration, request.period)
-            check_disturbance(*asked)
-            self._plant.set_disturbance(*asked)
+            amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
+            self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
             return f"{request.channel}: {request.shape} from the next tick on"
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
@@ -313,9 +311,7 @@ class PlantNode(Node):
 
     def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
         def act() -> str:
-            in_metres = request.sensor == "depth" and request.kind != "delay"
-            magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
-            check_fault(request.sensor, request.kind, magnitude, request.duration)
+            magnitude = units.from_si(request.magnitude, magnitude_unit(request.sensor, request.kind))
             self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
             return f"{request.sensor}: {request.kind} from the next tick on"
 

@@ -296,7 +296,7 @@ class SupervisorNode(Node):
         self._subscribed.add(name)
         self.create_subscription(WeldCommand, f"fsw/{name}/proposal", partial(self._on_proposal, name), STREAM)
         self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
-        self._kept_reference.hear(name)
+        self._kept_reference.listen_to(name)
 
     def _diagnose(self) -> None:
         now_ns = self.get_clock().now().nanoseconds

@@ -2,13 +2,13 @@
  * acceptance, fallback and limits.
  *
  * Portable C99: no heap, no globals, no recursion, of libm only sqrt and fabs, and no loop without a bound. All memory is
- * the struct fsw_controller. Every size that a model brings is checked. NaN, missing and late samples are arguments.
+ * the struct fsw_nmpc. Every size that a model brings is checked. NaN, missing and late samples are arguments.
  *
  * Units: mm, degC, kN, rpm, kW, N m, s. Moves: v[2 b] is the force move (kN per interval) and v[2 b + 1] the speed move
  * (rpm per interval) of block b; within a block the input ramps by the same move every interval. Of two outputs or two
  * inputs in an array the first is depth or force, the second temperature or speed. */
-#ifndef FSW_CONTROLLER_H
-#define FSW_CONTROLLER_H
+#ifndef FSW_NMPC_H
+#define FSW_NMPC_H
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
 #error "NaN is an argument of this library: compile without -ffast-math, -Ofast, /fp:fast"
@@ -30,13 +30,15 @@ extern "C" {
 #ifndef FSW_MAX_HISTORY
 #define FSW_MAX_HISTORY 100                  /* ticks of dead time */
 #endif
-#define FSW_MAX_VARS (2 * FSW_MAX_BLOCKS)
-#define FSW_LATEST 20                        /* ticks by which a drive may be late */
-#define FSW_MAX_CHANGES 8                    /* future set-points that are known */
-#define FSW_MODES 10
-#define FSW_STATES 10
 #define FSW_TICK_S 0.1
-#define FSW_RETURN_SHARE 0.98                /* share of the largest moves with which an input outside its bounds comes back */
+enum {
+  FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
+  FSW_LATEST = 20,                           /* ticks by which a drive may be late */
+  FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
+  FSW_MODES = 10,
+  FSW_STATES = 10,
+  FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
+};
 
 /* The model: constant tables. */
 typedef struct {
@@ -51,7 +53,7 @@ typedef struct {
   const double *block_reach;   /* [n_blocks] largest move of a block's intervals, in largest moves of a tick */
   const int *out_step;         /* [n_out] the step whose end is the output point */
   const int *depth_width;      /* [n_out] how many leading variables the depth at the output point depends on */
-  const int *temp_width;       /* [n_out] likewise for the temperature */
+  const int *temperature_width;       /* [n_out] likewise for the temperature */
   const double *time_s;        /* [n_out] */
   const double *modes;         /* [n_steps * FSW_MODES] gain of creep; decay and gain of slow; decay of the motor torque,
                                   its lag over the step's length; copper and tool: cc, tc, tt, gains of a heat offset */
@@ -69,10 +71,10 @@ typedef struct {
   double thermal_gain_c_per_kw, copper_lag_s, tool_lag_s, dead_time_s;
   double inertia_nm_s_per_rpm; /* torque that shows while the speed changes */
   double operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw;
-} fsw_model;
+} fsw_nmpc_model;
 
 /* Reference trajectories, see trajectory.c. */
-enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED };
+typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED } fsw_trajectory;
 
 typedef struct {
   int trajectory;
@@ -92,13 +94,13 @@ typedef struct {
   double offset_keep;          /* share of the leaking offsets that is left after a tick */
   double jump_sigmas;          /* a measurement further off is a jump; 0: never */
   double blind_limit_s;        /* longest time without a sensor */
-} fsw_tuning;
+} fsw_nmpc_tuning;
 
 /* States of the estimator; copper and tool are deviations from the operating temperature. */
-enum {
+typedef enum {
   FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
   FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET
-};
+} fsw_state;
 
 typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
 
@@ -111,23 +113,42 @@ typedef struct {
   double dt_s;                                      /* since the last tick; counts as one tick where not above 0 */
   int n_changes;
   fsw_change change[FSW_MAX_CHANGES];               /* in order of time */
-} fsw_input;
+} fsw_nmpc_input;
 
-enum { FSW_OK, FSW_CAP, FSW_FAILED, FSW_TOO_FAST, FSW_BEYOND, FSW_UNSOLVED }; /* fate of a solve */
-enum { FSW_PROPOSING, FSW_WAITING_FOR_SENSORS, FSW_WAITING_FOR_REFERENCE, FSW_SOLVER_FAILED, FSW_BLIND, FSW_OUT_OF_BOUNDS };
+typedef enum {
+  FSW_OK,
+  FSW_ITERATION_CAP,
+  FSW_NOT_FINITE,
+  FSW_TOO_FAST,                            /* the solution moves faster than the limits */
+  FSW_OUTSIDE_BOUNDS,                      /* the solution leaves the bounds */
+  FSW_NOT_SOLVED                           /* nothing to solve */
+} fsw_solve_status;
+
+/* Why the proposal is as it is. */
+typedef enum {
+  FSW_PROPOSING,
+  FSW_WAITING_FOR_SENSORS,
+  FSW_WAITING_FOR_REFERENCE,
+  FSW_SOLVER_FAILED,
+  FSW_BLIND,
+  FSW_OUT_OF_BOUNDS
+} fsw_reason;
+
+/* Sensors missing for too long, as bits. */
+typedef enum { FSW_NO_DEPTH = 1, FSW_NO_TORQUE = 2, FSW_NO_TEMPERATURE = 4 } fsw_missing;
 
 typedef struct {
   double force_kn, speed_rpm;              /* the proposal */
   int healthy, reason;
-  int blind;                               /* sensors missing for too long: 1 depth, 2 torque, 4 temperature */
-  int fate, iterations, bad_cycles, bad_in_a_row;
+  int blind;                               /* bits of fsw_missing */
+  int solve_status, iterations, bad_cycles, bad_in_a_row;
   double gap, primal_residual, dual_residual, cost;
   double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
   double disturbance[5], deviation[5];     /* force, heat, torque scale, offsets of depth and temperature */
   int has_plan;
   double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
   double plan_force_kn[FSW_MAX_OUT], plan_speed_rpm[FSW_MAX_OUT];
-} fsw_output;
+} fsw_nmpc_output;
 
 /* What a prediction starts from. */
 typedef struct {
@@ -149,7 +170,7 @@ typedef struct {
   double history[3 * FSW_MAX_HISTORY];
   double acting_force_kn, acting_speed_rpm, last_speed_rpm;
   double command[2][FSW_LATEST];           /* commands of the last ticks, newest first */
-  double beyond[2];                        /* what the drives add to the command */
+  double offset[2];                        /* what the drives add to the command */
   double blind_s[3];
   int started;
   double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
@@ -165,55 +186,56 @@ typedef struct {
 #include "fsw_workspace.h"
 
 typedef struct {
-  fsw_model model;
-  fsw_tuning tuning;
+  fsw_nmpc_model model;
+  fsw_nmpc_tuning tuning;
   fsw_estimator estimator;
   fsw_plan plan;
   fsw_problem problem;
   double corridor[2], rate[2];             /* of the trajectories of the last tick */
   int has_corridor, has_rate, has_reference;
   double applied[2], reference[2], late_s;
-  double told[2];                          /* what is applied before it is cut to the bounds */
+  double unclipped[2];                     /* what is applied, before it is clipped to the bounds */
   int bad_in_a_row, bad_cycles;
   fsw_workspace workspace;
-} fsw_controller;
+} fsw_nmpc;
 
-int fsw_controller_bytes(void);
+int fsw_nmpc_bytes(void);
 
 /* Digest of the sources that this was made from, as given by the build. */
-const char *fsw_controller_id(void);
+const char *fsw_nmpc_id(void);
 
 /* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 when a size or an index is
  * beyond what this was compiled for, a table is missing or not finite, or the tuning cannot be used: the controller must
  * not be used then. No other function may be called before. */
-int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning);
+int fsw_nmpc_init(fsw_nmpc *c, const fsw_nmpc_model *model, const fsw_nmpc_tuning *tuning);
 
 /* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or out of range: the tuning is then
  * as before. */
-int fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning);
+int fsw_nmpc_configure(fsw_nmpc *c, const fsw_nmpc_tuning *tuning);
 
 /* Forget the past; the next step starts from these inputs, or, where they are not finite, from those applied last. */
-void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm);
+void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm);
 
 /* An input of which nothing is known: no sample, NaN, one tick since the last. */
-void fsw_input_clear(fsw_input *in);
+void fsw_nmpc_input_clear(fsw_nmpc_input *in);
 
 /* One tick, to be called once every FSW_TICK_S: the largest moves are per call. Whatever the input, the proposal is within
  * the bounds, and within one move of the applied command; where both cannot be, it is the nearest bound and not healthy. */
-void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out);
+void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
 
 /* The same in two halves, for another solver in between: begin returns whether there is a problem to solve (in
  * c->problem, to be started from c->plan.start); end takes its answer. */
-int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out);
-void fsw_controller_end(fsw_controller *c, const double *moves, const double *depth, const double *temp, int fate, fsw_output *out);
+int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
+void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
+                  fsw_nmpc_output *out);
 
 /* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, when by_depth is not NULL, the sensitivities
- * [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_FAILED when something is not finite. */
-int fsw_predict(fsw_controller *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
+ * [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE when something is not finite. */
+int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
                 double *by_temp);
 
 /* One real-time iteration about the moves in v, which are replaced by the solution. */
-int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_output *out);
+int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out);
 
 #ifdef __cplusplus
 }

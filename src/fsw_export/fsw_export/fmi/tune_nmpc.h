@@ -1,16 +1,11 @@
 /* The parameters of the NMPC's FMU. */
-#include <math.h>
-#include <stdio.h>
-
-#include "fmu_controller.h"
-
 /* The exported tuning with the parameters in place, as Tuning.with_knobs and Tuning.struct. */
-int controller_tune(controller_tuning *t, const fmu_reals *v, const fmu_integers *n, char *message) {
+static int controller_tune(controller_tuning *t, const fmu_reals *v, const fmu_integers *n, char *message) {
   const double faster[2] = {v->depth_aggressiveness / START_DEPTH_AGGRESSIVENESS,
                             v->temperature_aggressiveness / START_TEMPERATURE_AGGRESSIVENESS};
   const double calmer = v->calmness / START_CALMNESS, depth_first = v->depth_priority / START_DEPTH_PRIORITY;
   const double move_max[2] = {v->force_step, v->speed_step};
-  *t = fsw_nmpc_tuning;
+  *t = fsw_nmpc_exported_tuning;
   for (int q = 0; q < 2; q++) {
     const double share = t->move_max[q] / move_max[q];
     t->time_s[q] /= faster[q];

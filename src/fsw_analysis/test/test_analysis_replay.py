@@ -1,5 +1,7 @@
 """Deterministic replay: the recorded build reproduces its proposals, a different one is detected."""
 
+import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,10 @@ from typing import Any
 import pytest
 import yaml
 
-from fsw_analysis.verify import Verification, recorded_controllers, verify
+from fsw_analysis.messages import WeldMessages
+from fsw_analysis.replay import Replay, replay
+from fsw_analysis.shadow import write_shadow
+from fsw_analysis.signals import load_weld
 from fsw_control.contract import Coming, Command, Measurement, Proposal, Reference
 from fsw_control.units import m_from_mm, n_from_kn, rad_s_from_rpm
 from fsw_recorder import BagError
@@ -137,8 +142,8 @@ def record(
     return bag
 
 
-def check(bag: Path, **changes: Any) -> Verification:
-    return verify(bag, "simple", lambda _: Integrator(**changes))
+def check(bag: Path, kind: type[Integrator] = Integrator, **changes: Any) -> Replay:
+    return replay(WeldMessages(bag), "simple", lambda _: kind(**changes))
 
 
 @pytest.mark.parametrize(
@@ -156,23 +161,28 @@ def check(bag: Path, **changes: Any) -> Verification:
     ],
 )
 def test_same_build_is_reproduced_bit_by_bit(tmp_path: Path, options: dict[str, Any]) -> None:
-    result = check(record(tmp_path / "bag", **options))
-    assert result.identical and result.ticks == 60 and result.notes == []
+    again = check(record(tmp_path / "bag", **options))
+    result = again.against_own("simple")
+    assert result.identical and result.ticks == 60 and again.notes == []
     assert result.lines() == ["simple: all 60 proposals reproduced bit by bit"]
 
 
 def test_first_difference_is_found_however_small(tmp_path: Path) -> None:
-    result = check(record(tmp_path / "bag"), odd_tick=33)
+    result = check(record(tmp_path / "bag"), odd_tick=33).against_own("simple")
     assert [one.tick for one in result.differences] == [33]
     assert result.differences[0].time_s == pytest.approx(4.4)  # the first stamp is 1.1 s
     assert result.differences[0].force_kn == pytest.approx(1e-9, abs=2e-11) and result.differences[0].speed_rpm == 0.0
     assert "1 of 60 proposals differ" in "\n".join(result.lines()) and "tick 33" in "\n".join(result.lines())
+    values = json.loads(json.dumps(result.values(), allow_nan=False))
+    assert (values["differing"], values["first_tick"], values["speed_rpm"]["largest"]) == (1, 33, 0.0)
+    force = values["force_kn"]
+    assert force["largest_s"] == pytest.approx(4.4) and force["mean"] == pytest.approx(force["largest"] / 60)
 
 
 def test_differences_within_the_tolerance_count_as_equal(tmp_path: Path) -> None:
-    bag = record(tmp_path / "bag")
+    again = check(record(tmp_path / "bag"), odd_tick=33)
     for tolerance, beyond in ((1e-10, 0), (1e-12, 1)):  # 1e-9 kN of some 80 kN is 1.2e-11
-        result = verify(bag, "simple", lambda _: Integrator(odd_tick=33), tolerance=tolerance)
+        result = again.against_own("simple", tolerance)
         assert not result.identical and len(result.beyond) == beyond
         assert ("within the tolerance" in result.lines()[0]) == (not beyond)
 
@@ -182,8 +192,9 @@ def test_no_tolerance_covers_health_or_what_is_not_finite(tmp_path: Path) -> Non
         def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
             return Proposal(applied, healthy=False)
 
-    result = verify(record(tmp_path / "bag"), "simple", lambda _: Broken(), tolerance=1e9)
-    assert len(result.beyond) == 60
+    again = check(record(tmp_path / "bag"), Broken)
+    assert len(again.against_own("simple", 1e9).beyond) == 60
+    assert again.against_applied("applied", 1e9).beyond == []  # of a command only the values are compared
 
 
 @pytest.mark.parametrize("stated", [False, True])
@@ -207,14 +218,15 @@ def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
             depths += record_.topic == "/fsw/depth"
             if depths > 20 or record_.topic.endswith("/reference"):
                 writer.write(record_.topic, record_.data, record_.log_time_ns, record_.publish_time_ns)
-    result = check(tmp_path / "rest")
-    assert (result.ticks, result.identical, result.comparable) == (40, False, False)
-    assert any("mid-weld" in note for note in result.notes)
+    again = check(tmp_path / "rest")
+    result = again.against_own("simple")
+    assert (result.ticks, result.identical, again.comparable) == (40, False, False)
+    assert any("mid-weld" in note for note in again.notes)
     assert check(tmp_path / "whole").comparable
 
 
 def test_another_build_differs_from_the_start(tmp_path: Path) -> None:
-    result = check(record(tmp_path / "bag"), gain=0.31)
+    result = check(record(tmp_path / "bag"), gain=0.31).against_own("simple")
     assert len(result.differences) == 60 and result.differences[0].tick == 0
 
 
@@ -223,13 +235,36 @@ def test_health_is_compared_too(tmp_path: Path) -> None:
         def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
             raise RuntimeError("broken")
 
-    result = verify(record(tmp_path / "bag"), "simple", lambda _: Broken())
+    result = check(record(tmp_path / "bag"), Broken).against_own("simple")
     assert "not healthy (controller raised RuntimeError: broken)" in result.differences[0].text
 
 
-def test_bag_that_cannot_be_replayed(weld_bag: Path, tmp_path: Path, genuine: Path) -> None:
+def test_bag_that_cannot_be_replayed(weld_bag: Path, genuine: Path) -> None:
     with pytest.raises(BagError, match="has no"):
         check(genuine / "mcap_default")
-    assert recorded_controllers(weld_bag) == ["decentral", "nmpc"]
-    result = verify(weld_bag, "nmpc", lambda _: Integrator())
-    assert not result.identical and any("no parameters" in note for note in result.notes)
+    again = replay(WeldMessages(weld_bag), "nmpc", lambda _: Integrator())
+    assert not again.against_own("nmpc").identical and any("no parameters" in note for note in again.notes)
+
+
+@pytest.mark.parametrize("space", ["", "/hall/cell1"])
+@pytest.mark.parametrize("duration_s", [math.inf, 2.0])
+def test_bag_of_a_shadow_holds_what_the_controller_was_shown(tmp_path: Path, space: str, duration_s: float) -> None:
+    bag = record(tmp_path / "bag", space=space)
+    messages = WeldMessages(bag)
+    shown = replay(messages, "simple", lambda _: Integrator(gain=0.5), changed={"period": 0.2}, duration_s=duration_s)
+    ticks = 60 if duration_s == math.inf else 20
+    assert len(shown.proposals) == ticks and shown.against_applied("applied").ticks == ticks
+    write_shadow(shown, bag, space, tmp_path / "shadow")
+    with BagReader(tmp_path / "shadow") as reader:
+        info = reader.info()
+    assert info.problems == [] and info.custom_data["shadow_of"] == "bag"
+    assert info.counts[f"{space}/fsw/depth"] == info.counts[f"{space}/fsw/simple/proposal"] == ticks
+    again = check(tmp_path / "shadow", gain=0.5)
+    assert again.against_own("simple").identical and again.notes == [] and again.parameters["period"] == 0.2
+    assert load_weld(tmp_path / "shadow").n_ticks == ticks
+
+
+def test_a_controller_that_was_not_in_the_weld_gets_the_ticks_of_the_sensors(tmp_path: Path) -> None:
+    result = replay(WeldMessages(record(tmp_path / "bag", jump_at=20)), "other", lambda _: Integrator())
+    assert len(result.stamps) == 60 and result.parameters["initial_force"] == pytest.approx(80.0, abs=0.1)
+    assert result.against_own("nothing").ticks == 0 and result.against_applied("applied").ticks == 60

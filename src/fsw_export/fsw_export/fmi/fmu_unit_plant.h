@@ -1,6 +1,6 @@
 /* Memory of the plant. */
-#ifndef FMU_PLANT_H
-#define FMU_PLANT_H
+#ifndef FMU_UNIT_H
+#define FMU_UNIT_H
 
 #include "process.h"
 
