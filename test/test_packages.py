@@ -58,7 +58,6 @@ KEYS = {
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
     "hypothesis": "python3-hypothesis",
-    "jinja2": "python3-jinja2",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
