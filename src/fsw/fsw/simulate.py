@@ -14,7 +14,7 @@ import yaml
 from fsw.errors import CommandError
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw_analysis import kpi_table, phase_kpi
+from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.yaml_text import load_yaml
 from fsw_scenario.closed_loop import ClosedLoop
@@ -81,9 +81,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.scenario is None:
         raise CommandError(f"simulate: which scenario? One of {', '.join(shipped())}, or a YAML file")
-    from fsw_analysis import kpi
     from fsw_analysis.export import export_weld
-    from fsw_analysis.figures import Run, draw
+    from fsw_analysis.figures import Run
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -101,12 +100,7 @@ def _run(arguments: argparse.Namespace) -> int:
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
             _record(loop.scenario, label, parameters, folder / f"graph_{file}")
-    figures_of_merit = [kpi.compute(run.signals, run.label) for run in runs]
-    kpi_table.write(figures_of_merit, folder)
-    if not arguments.no_figures:
-        draw(runs, scenario.figures, folder)
-    write_phases(scenario, runs, folder, figure=not arguments.no_figures)
-    print(kpi_table.markdown(figures_of_merit), end="")
+    write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
@@ -134,18 +128,22 @@ def _loops(
     return loops
 
 
-def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: bool = True) -> list[Path]:
-    """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
-    if not scenario.phases:
-        return []
-    phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
-    figures = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
-    paths = phase_kpi.write(figures, folder)
-    if figure:
-        from fsw_analysis.figures import draw_whole_weld
+def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
+    """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
+    from fsw_analysis.figures import draw, draw_whole_weld
 
-        paths.append(folder / "weld.png")
-        draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
+    results = [kpi.compute(run.signals, run.label) for run in runs]
+    print(kpi_table.markdown(results), end="")
+    paths = kpi_table.write(results, folder)
+    if with_figures:
+        paths += draw(runs, scenario.figures, folder)
+    if scenario.phases:
+        phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
+        by_phase = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
+        paths += phase_kpi.write(by_phase, folder)
+        if with_figures:
+            paths.append(folder / "weld.png")
+            draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
     return paths
 
 
