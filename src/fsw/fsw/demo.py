@@ -11,8 +11,7 @@ from pathlib import Path
 
 from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
-from fsw.progress import ProgressBar
-from fsw.simulate import write_results
+from fsw.simulate import run_graph, write_results
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
@@ -121,12 +120,7 @@ def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Pa
         own = place / title.replace(" ", "_")
         others = () if variant.open_loop else tuple(controllers)
         graph = WeldGraph(variant, own, others, realtime, parameters=controllers)
-        with (
-            ProgressBar(f"{scenario.name}, {title}") as bar,
-            free_domain() as domain,
-            Launcher(own / "log", domain) as launcher,
-        ):
-            graph.run(launcher, bar)
+        run_graph(graph, f"{scenario.name}, {title}")
         runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
         bags.append(graph.bag)
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")

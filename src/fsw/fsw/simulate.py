@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from fsw.bags import print_notes
 from fsw.errors import CommandError
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
@@ -95,7 +95,7 @@ def _run(arguments: argparse.Namespace) -> int:
     for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
             runs.append(Run(title, loop.run(bar)))
-        _print_notes(runs[-1])
+        _print_health(runs[-1])
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
@@ -147,7 +147,7 @@ def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_fi
     return paths
 
 
-def _print_notes(run: Run) -> None:
+def _print_health(run: Run) -> None:
     """Say on stderr how often a controller was not healthy, and why at first."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
@@ -155,7 +155,7 @@ def _print_notes(run: Run) -> None:
         if ticks.size:
             text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
-    print("".join(f"note: {run.label}: {note}\n" for note in notes), end="", file=sys.stderr)
+    print_notes(f"{run.label}: {note}" for note in notes)
 
 
 def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path) -> None:
@@ -164,11 +164,12 @@ def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, A
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
     graph = WeldGraph(scenario, folder, parameters=nodes)
-    with (
-        free_domain() as domain,
-        Launcher(folder / "log", domain) as launcher,
-        ProgressBar(f"{scenario.name}, bag {graph.bag}") as bar,
-    ):
+    run_graph(graph, f"{scenario.name}, bag {graph.bag}")
+
+
+def run_graph(graph: WeldGraph, title: str) -> None:
+    """Run a weld in processes, to its end."""
+    with ProgressBar(title) as bar, free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
         graph.run(launcher, bar)
 
 
