@@ -64,10 +64,10 @@ class Failover:
         self._drained = False
         self._early: tuple[int, str, Command] | None = None
         self._last_ns = 0
-        self._believed: Command | None = None
+        self._expected: Command | None = None
         self._fence_s: float | None = None
         self._held: list[Decision] = []
-        arbiter.leading = False
+        arbiter.ticks.leading = False
 
     @property
     def token(self) -> str:
@@ -104,7 +104,7 @@ class Failover:
             decisions = self._leave_fence()
         if decisions:
             self._last_ns = decisions[-1].stamp_ns
-        self._believed = self._arbiter.applied
+        self._expected = self._arbiter.applied
         return decisions
 
     def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
@@ -114,7 +114,7 @@ class Failover:
         term, identity = _parsed(token)
         if not identity or refusal(command) is not None:
             return
-        tick = self._arbiter.tick
+        tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if self.role is Role.ACTIVE:
             if 0 <= age_ns <= NANOSECONDS and self.on_leader_state(token, stamp_ns):
@@ -123,7 +123,7 @@ class Failover:
         self._heard_term = max(self._heard_term, term)
         if age_ns < 0:
             # Its measurement has not come here yet.
-            self._arbiter.hear_source(source)
+            self._arbiter.on_source(source)
             self._early = (stamp_ns, source, command)
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
@@ -166,7 +166,7 @@ class Failover:
         return 1 if self._arbiter.lockstep else self._arbiter.settings.takeover_ticks
 
     def _takes_over(self, now_s: float) -> bool:
-        tick = self._arbiter.tick
+        tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
             self._count(tick)
         if self.role is Role.LISTENING and now_s >= self._listening_ends_s:
@@ -213,13 +213,13 @@ class Failover:
         """Commands that were kept back; none when something else has moved the drives meanwhile."""
         self._fence_s = None
         held, self._held = self._held, []
-        tick, believed = self._arbiter.tick, self._believed
-        if tick is None or tick.drives is None or believed is None or tick.stamp_ns <= self._last_ns:
+        tick, expected = self._arbiter.ticks.present, self._expected
+        if tick is None or tick.drives is None or expected is None or tick.stamp_ns <= self._last_ns:
             return held
-        limits, acting = self._arbiter.settings.limits, self._arbiter.commanded(tick.drives)
+        limits, acting = self._arbiter.settings.limits, self._arbiter.in_force.commanded(tick.drives)
         if (
-            abs(acting.force_kn - believed.force_kn) <= limits.force_step_kn / 2.0
-            and abs(acting.speed_rpm - believed.speed_rpm) <= limits.speed_step_rpm / 2.0
+            abs(acting.force_kn - expected.force_kn) <= limits.force_step_kn / 2.0
+            and abs(acting.speed_rpm - expected.speed_rpm) <= limits.speed_step_rpm / 2.0
         ):
             return held
         # Going on from what acts now is no bump.
@@ -230,7 +230,7 @@ class Failover:
         self.role, self.asserting = Role.STANDBY, False
         self._fence_s, self.unanswered = None, 0
         held, self._held = self._held, []
-        self._tick = self._arbiter.tick
+        self._tick = self._arbiter.ticks.present
         self._arbiter.step_down(held, reason)
 
 

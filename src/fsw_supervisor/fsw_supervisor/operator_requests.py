@@ -141,10 +141,6 @@ class OperatorRequests:
             return f"{self.safety.blind}: whether the cause is gone cannot be judged"
         return ""
 
-    def keep(self, applied: Command | None) -> None:
-        """Let the manual mode of a standby that leads from now on go on with the command in force."""
-        self.manual = applied
-
     def serve(self, now_s: float) -> None:
         """Make the swap that is asked for, if it can be made; to be called between two ticks."""
         self.expire(now_s)
@@ -173,7 +169,7 @@ class OperatorRequests:
             why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
             self.drop(f"timed out: {why_not or 'no measurement came to swap at'}")
 
-    def applied(self, source: str, stamp_s: float) -> None:
+    def on_applied(self, source: str, stamp_s: float) -> None:
         """Note whose command has been sent."""
         request = self._pending
         if request is not None and request.name == source:

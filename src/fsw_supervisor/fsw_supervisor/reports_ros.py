@@ -71,8 +71,8 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
         acknowledged=machine.acknowledged,
     )
     message.header.stamp, message.header.frame_id = now, token
-    if arbiter.last is not None:
-        message.applied = command(arbiter.last, token)
+    if arbiter.ticks.last is not None:
+        message.applied = command(arbiter.ticks.last, token)
     return message
 
 
@@ -121,12 +121,12 @@ def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
         level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
     if machine.mode is Mode.SAFE_STOP:
         level = ERROR
-    latency_ms = arbiter.last.latency_s * 1e3 if arbiter.last is not None else 0.0
+    latency_ms = arbiter.ticks.last.latency_s * 1e3 if arbiter.ticks.last is not None else 0.0
     values = {
         "ticks": machine.tick,
-        "commands": arbiter.commands,
-        "ticks without a command": arbiter.lost_ticks,
-        "own stalls": arbiter.stalls,
+        "commands": arbiter.ticks.commands,
+        "ticks without a command": arbiter.ticks.lost,
+        "own stalls": arbiter.ticks.stalls,
         "transitions": machine.transitions,
         "last latency [ms]": f"{latency_ms:.3f}",
     }
@@ -145,7 +145,7 @@ def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
 
 def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
     safety, level, parts = arbiter.safety, OK, list[str]()
-    if not arbiter.measuring:
+    if not arbiter.ticks.measuring:
         level = WARN
         parts.append("no measurements")
     if safety.invalid_sensors:

@@ -142,7 +142,7 @@ class SafetyMonitor:
         """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self._judged = True
-        tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
+        tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         self.blind_ticks = self.blind_ticks + 1 if self.invalid_sensors else 0

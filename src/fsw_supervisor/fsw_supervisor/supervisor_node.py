@@ -197,8 +197,8 @@ class SupervisorNode(Node):
             self._open_commands()
         for decision in permitted:
             self._open_commands().publish(reports.command(decision, self._failover.token))
-        if self._arbiter.tick is not None:
-            self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
+        if self._arbiter.ticks.present is not None:
+            self._kept_reference.on_tick(self._arbiter.ticks.present.stamp_ns)
         self._wakeup.set(self._failover.wakeup_s)
         if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
             self._tell()

@@ -204,7 +204,7 @@ class Leader:
     def books_agree(self) -> bool:
         """Whether each tick counts as answered or as lost."""
         arbiter = self.arbiter
-        return arbiter.commands == len(self.sent) and arbiter.commands + arbiter.lost_ticks == self.measured
+        return arbiter.ticks.commands == len(self.sent) and arbiter.ticks.commands + arbiter.ticks.lost == self.measured
 
 
 @pytest.fixture

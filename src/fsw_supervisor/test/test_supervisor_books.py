@@ -107,7 +107,7 @@ def test_an_old_answer_that_was_given_before_is_a_duplicate_and_refused(books):
 
 def test_an_old_answer_to_a_tick_in_which_the_supervisor_was_held_up_is_no_failure(books):
     books.ticks[-1].stalled = True
-    books.ticks[-1].decide()
+    books.ticks[-1].settle()
     record = books.begin().propose(behind=1)
     assert record.problem == ""
     assert counts(record) == {"late": 1, "consecutive_good": 5, "silent_ticks": 1}
@@ -126,7 +126,7 @@ def test_in_lockstep_an_answer_to_an_older_measurement_is_as_good_as_another():
 
 def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
     books = Books(lockstep=True).begin().begin()
-    books.ticks[-1].before = Command(82.0, 410.0)
+    books.ticks[-1].previous = Command(82.0, 410.0)
     assert books.propose(behind=1, force_kn=80.5).consecutive_good == 1
     books.begin()
     assert "jump by 1.500 kN" in books.propose(behind=1, force_kn=80.5).problem
@@ -178,7 +178,7 @@ def test_in_a_tick_that_blames_nobody_silence_is_no_failure(books):
     books.ticks[-1].stalled = True
     books.begin()
     assert (books.record.problem, counts(books.record)) == ("", {"consecutive_good": 5, "silent_ticks": 1})
-    books.ticks[-1].decide(Decision(books.stamp_ns, STEADY, "hold"), "an excuse")
+    books.ticks[-1].settle(Decision(books.stamp_ns, STEADY, "hold"), "an excuse")
     assert books.propose().consecutive_good == 5, "an answer to it is neither good nor bad"
     assert books.ticks[-1].candidates == {}
     assert books.record.last_stamp_ns == books.stamp_ns
@@ -262,13 +262,13 @@ def test_two_answers_to_one_measurement_are_counted_and_the_first_stays(books):
     books.propose(force_kn=80.5)
     assert books.ticks[-1].candidates["a"].command == STEADY
     assert counts(books.record) == {"consecutive_good": 6, "duplicates": 1}
-    assert (books.ticks[-1].doubled, books.ticks[-1].conflicts) == ({"a"}, {"a"})
+    assert books.ticks[-1].duplicates == {"a": True}
 
 
 def test_two_equal_answers_are_no_conflict(books):
     books.propose()
     books.propose()
-    assert (books.ticks[-1].doubled, books.ticks[-1].conflicts) == ({"a"}, set())
+    assert books.ticks[-1].duplicates == {"a": False}
 
 
 @pytest.mark.requirement("S6")
@@ -330,19 +330,19 @@ def test_a_full_registry_still_knows_those_that_it_has():
 
 def test_all_have_told_their_status_when_each_in_the_graph_has(books):
     registry = books.registry
-    assert not Books().registry.all_told(), "nobody is there to tell"
-    assert not registry.hear_status("nobody", ())
-    assert not registry.all_told()
-    assert registry.hear_status("a", ())
-    assert registry.all_told()
+    assert not Books().registry.all_reported(), "nobody is there to tell"
+    assert not registry.on_status("nobody", ())
+    assert not registry.all_reported()
+    assert registry.on_status("a", ())
+    assert registry.all_reported()
     registry.join("b")
-    assert not registry.all_told()
+    assert not registry.all_reported()
     registry.leave("b")
-    assert registry.all_told()
+    assert registry.all_reported()
 
 
 def test_only_sensors_that_there_are_can_be_done_without(books):
-    books.registry.hear_status("a", ("torque", "smell"))
+    books.registry.on_status("a", ("torque", "smell"))
     assert books.record.tolerated_sensors == ("torque",)
 
 
@@ -382,12 +382,12 @@ def test_a_refusal_is_told_once_and_a_wrong_one_counted(books):
 
 def test_candidates_are_checked_again_once_it_is_known_what_is_applied(books):
     tick = books.ticks[-1]
-    tick.before = None
+    tick.previous = None
     books.registry.join("b")
     books.propose(force_kn=85.0)
     books.propose(name="b", healthy=False, reason="not yet")
     assert tick.candidates["a"].refusal == ""
-    tick.before = STEADY
+    tick.previous = STEADY
     books.registry.check_again(tick)
     assert tick.candidates["a"].jump
     assert counts(books.record) == {"rejected": 1}

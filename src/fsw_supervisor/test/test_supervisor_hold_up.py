@@ -28,7 +28,7 @@ def test_commands_kept_back_are_sent_only_if_nothing_else_has_moved_the_drives(l
     leader.tick(1)
     begun = leader.drives if moved else COMMANDED
     assert leader.sent[sent + (0 if moved else 2)].command == leader.arbiter.settings.limits.clip(COMMANDED, begun)
-    assert ("what acts has changed while" in leader.events()) == moved
+    assert ("the drives have moved while" in leader.events()) == moved
     leader.tick(5)
     assert leader.sent[-1].source == "decentral"
     assert leader.books_agree
@@ -71,7 +71,7 @@ def test_a_hold_up_between_two_measurements_changes_nothing(leader):
     sent = len(leader.sent)
     leader.tick()
     assert leader.sent[sent].command == Command(84.0, 410.0)
-    assert "what acts has changed" not in leader.events()
+    assert "the drives have moved" not in leader.events()
 
 
 def test_a_hold_up_before_the_first_measurement_does_no_harm(make_leader):
