@@ -1,4 +1,4 @@
-"""mutmut for mutation_test.py: words are left as they are, tests are collected once, and survivors are told as JSON.
+"""mutmut for mutation_test.py: words are left as they are, tests are collected once, and survivors are printed as JSON.
 
 Words are what a person reads: strings with a space, f-strings, what is raised and what is logged. Mutants of them say
 nothing about a weld. mutmut itself can only leave out whole lines, and so conditions that stand beside words; and it
@@ -84,14 +84,14 @@ def _forget_survivors() -> None:
 
 
 def _tell() -> None:
-    """Print the fate of each mutant, with the change unless a test failed."""
+    """Print the verdict of each mutant, with the change unless a test failed."""
     found = []
     for path in walk_mutatable_files():
         data = SourceFileMutationData(path=path)
         data.load()
         for name, code in data.exit_code_by_key.items():
-            fate = status_by_exit_code[code]
-            found.append((name, fate, "" if fate == "killed" else get_diff_for_mutant(name, path=path)))
+            verdict = status_by_exit_code[code]
+            found.append((name, verdict, "" if verdict == "killed" else get_diff_for_mutant(name, path=path)))
     print(json.dumps(found))
 
 

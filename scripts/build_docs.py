@@ -47,6 +47,7 @@ WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
+CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
 VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
@@ -80,20 +81,34 @@ def describes_parameters(text: str) -> bool:
     )
 
 
-def parameters() -> str:
-    """Parameters of all nodes, and the fields of the NMPC's tuning file."""
-    lines = [
-        "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
-        "Every controller node has the parameters of `controller.yaml` besides its own.",
-    ]
+def parameters() -> dict[str, str]:
+    """A page for the parameters of each package's nodes, one for the NMPC's tuning file, and a page that lists them."""
+    pages, rows = {}, []
     for path in sorted((WORKSPACE / "src").glob("fsw_*/fsw_*/*.yaml")):
         text = path.read_text(encoding="utf-8")
         if describes_parameters(text):
             comment = [line.lstrip("# ") for line in takewhile(lambda line: line.startswith("#"), text.splitlines())]
             comment = [line.replace("<", "&lt;") for line in comment]
-            lines += ["", f"## {path.name} ({path.parent.name})", "", *comment, *([""] if comment else [])]
-            lines += markdown(parse(text, str(path))).splitlines()
-    lines += ["", "## Tuning file of the NMPC", "", "Fields of the file that the parameter `tuning_file` names.", ""]
+            specs = parse(text, str(path))
+            name = f"parameters-{path.stem.replace('_', '-')}"
+            title = f"Parameters: {path.name} ({path.parent.name})"
+            pages[name] = page(title, *comment, *([""] if comment else []), *markdown(specs).splitlines())
+            rows.append((f"[{path.name}]({name}.md)", path.parent.name, len(specs), " ".join(comment).split(". ")[0]))
+    pages["parameters-tuning"] = tuning_file()
+    return pages | {
+        "parameters": page(
+            "Parameters",
+            "One YAML file per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
+            "Every controller node has the parameters of `controller.yaml` besides its own. The file that the NMPC's "
+            "parameter `tuning_file` names has [fields of its own](parameters-tuning.md).",
+            "",
+            *table(("file", "package", "parameters", "of"), rows),
+        )
+    }
+
+
+def tuning_file() -> str:
+    """Fields of the NMPC's tuning file."""
     presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
     meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}
     rows = []
@@ -102,7 +117,12 @@ def parameters() -> str:
             values = map(attrgetter(name), presets)
             shown = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
             rows.append((f"`{name}`", *shown, text))
-    return page("Parameters", *lines, *table(("field", "`default`", "`paper`", "meaning"), rows))
+    return page(
+        "Tuning file of the NMPC",
+        "Fields of the file that the parameter `tuning_file` names.",
+        "",
+        *table(("field", "`default`", "`paper`", "meaning"), rows),
+    )
 
 
 def attributes(kind: type) -> dict[str, str]:
@@ -198,17 +218,44 @@ def scenarios() -> str:
     return page("Scenario files", *lines)
 
 
-def command_line() -> str:
-    """All commands with their arguments."""
-    lines = [
-        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments.",
+def command_line() -> dict[str, str]:
+    """All commands with their arguments: a page of the verbs for a running weld, of those for bags, and of the rest."""
+    verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
+    running = (
+        "status",
+        "reference",
+        "disturb",
+        "fault",
+        "switch",
+        "controllers",
+        "mode",
+        "acknowledge",
+        "weld",
+        "param",
+    )
+    groups = {
+        "command-line-weld": ("Command line: a running weld", running),
+        "command-line-studies": ("Command line: simulate, study, export", [*(set(verbs) - {*running, "bag"})]),
+        "command-line-bags": ("Command line: bags", ("bag",)),
+    }
+    pages, lines = {}, []
+    for name, (title, members) in groups.items():
+        lines.append(f"- [{title.partition(': ')[2]}]({name}.md): {', '.join(f'`{verb}`' for verb in sorted(members))}")
+        pages[name] = page(title, *(line for verb in verbs if verb in members for line in command(verbs[verb])))
+    overview = [
+        "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`:",
+        "",
+        *lines,
+        "",
+        "Exit codes: 0 done, 1 not possible (one line says why), 2 wrong arguments. "
+        "A file that exists is replaced only with `--force`.",
+        "",
         "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
         "lists their parameters.",
-        "A file that exists is replaced only with `--force`.",
     ]
-    for parser, script in ((operator_parser(), "fsw.py"), (demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
-        lines += ["", f"## scripts/{script}", "", sentence(parser), *commands(parser)]
-    return page("Command line", *lines)
+    for parser, script in ((demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
+        overview += ["", f"## scripts/{script}", "", sentence(parser), *arguments(parser)]
+    return pages | {"command-line": page("Command line", *overview)}
 
 
 def sentence(parser: argparse.ArgumentParser) -> str:
@@ -217,19 +264,24 @@ def sentence(parser: argparse.ArgumentParser) -> str:
     return text[:1].upper() + text[1:]
 
 
-def commands(parser: argparse.ArgumentParser) -> list[str]:
-    """Table of a command's arguments, then its subcommands."""
-    rows, below = [], []
+def command(parser: argparse.ArgumentParser) -> list[str]:
+    """A command and its subcommands."""
+    lines = [f"## {' '.join(parser.prog.split()[1:])}", "", sentence(parser), *arguments(parser), ""]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for name, one in action.choices.items():
-                below += ["", f"### {' '.join([*parser.prog.split()[1:], name])}"]
-                below += ["", sentence(one), *commands(one)]
-        elif not isinstance(action, argparse._HelpAction):
+            lines += [line for one in action.choices.values() for line in command(one)]
+    return lines
+
+
+def arguments(parser: argparse.ArgumentParser) -> list[str]:
+    """Table of a command's arguments."""
+    rows = []
+    for action in parser._actions:
+        if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
             chosen = f"one of {', '.join(map(str, action.choices))}" if action.choices else ""
             text = (action.help or "").replace("%%", "%")
             rows.append((f"`{argument(action)}`", "; ".join(part for part in (chosen, text) if part)))
-    return [*(["", *table(("argument", "meaning"), rows)] if rows else []), *below]
+    return ["", *table(("argument", "meaning"), rows)] if rows else []
 
 
 def argument(action: argparse.Action) -> str:
@@ -258,6 +310,25 @@ def with_rows(page: str) -> str:
 
     pattern = r"<!-- rows of (\S+), ([^:\n]*?)(?:: (.*?))? -->\n.*?<!-- rows: end -->"
     return re.sub(pattern, rows, page, flags=re.DOTALL)
+
+
+def with_packages(page: str) -> str:
+    """The page with the drawing of the packages; an arrow leads to what is needed, unless a longer way leads there."""
+    imports: dict[str, set[str]] = {}
+    for file in sorted((WORKSPACE / "src").glob("*/package.xml")):
+        needed = re.findall(r"<(?:exec_|build_)?depend>(fsw\w*)<", file.read_text("utf-8"))
+        imports[file.parent.name] = {*needed} - {"fsw_msgs"}
+
+    def below(name: str) -> set[str]:
+        return imports[name] | {other for one in imports[name] for other in below(one)}
+
+    lines = ["```mermaid", "graph TD"]
+    for name, direct in imports.items():
+        far = {other for one in direct for other in below(one)}
+        lines += [f"    {name} --> {other}" for other in sorted(direct - far)]
+    drawing = "\n".join([*lines, "```"])
+    pattern = r"(<!-- packages: begin -->\n\n).*?(\n\n<!-- packages: end -->)"
+    return re.sub(pattern, lambda match: f"{match[1]}{drawing}{match[2]}", page, flags=re.DOTALL)
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -289,7 +360,9 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
     return re.sub(pattern, mathml, content, flags=re.DOTALL)
 
 
-PAGES = {"parameters": parameters, "messages": messages, "scenarios": scenarios, "command-line": command_line}
+def reference() -> dict[str, str]:
+    """The generated pages of the reference, by name."""
+    return {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
 
 
 def main() -> int:
@@ -299,7 +372,8 @@ def main() -> int:
     check: bool = cli.parse_args().check
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
     case = safety_case.PAGE.read_text("utf-8")
-    pages = {REFERENCE / f"{name}.md": make() for name, make in PAGES.items()}
+    pages = {REFERENCE / f"{name}.md": text for name, text in reference().items()}
+    pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
     pages[safety_case.PAGE] = safety_case.renewed(case, requirements, tests)
     faults = safety_case.faults(requirements, tests, case)

@@ -3,7 +3,7 @@
 
 Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
 both kernels, by the changes in test/mutants.yaml. Only what decides is changed, not the words of messages. The result
-with all survivors goes to docs/results/mutation.md; why a survivor is tolerated stands in test/mutants.yaml, too.
+goes to docs/results/mutation.md, all survivors to mutants.csv beside it; test/mutants.yaml says why one is tolerated.
 
 Verdicts are kept in out/mutation while the code is the same, so that a run goes on where one was interrupted and only
 survivors are run again; remove that folder to run all anew. Changes for which a run had no time are counted apart.
@@ -17,6 +17,7 @@ usage: mutation_test.py [--only WORD] [--out FILE]
 from __future__ import annotations
 
 import argparse
+import csv
 import hashlib
 import json
 import os
@@ -27,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,7 +90,7 @@ class Mutant(NamedTuple):
     module: str
     where: str
     change: str
-    fate: str
+    verdict: str
 
 
 def prepare(package: str, only: str) -> Path | None:
@@ -139,13 +141,13 @@ def python_mutants(package: str, only: str) -> list[Mutant]:
     return [_described(*one) for one in json.loads(told)]
 
 
-def _described(name: str, fate: str, difference: str) -> Mutant:
+def _described(name: str, verdict: str, difference: str) -> Mutant:
     """A mutant of mutmut as a person would call it."""
     module, _, function = re.sub(r"__mutmut_\d+$", "", name).rpartition(".")
     where = function.removeprefix("x_").removeprefix("xǁ").replace("ǁ", ".")
     lines = [line for line in difference.splitlines() if re.match(r"[+-](?![+-])", line)]
     change = " → ".join(" ".join(line[1:].strip() for line in lines if line[0] == sign) for sign in "-+")
-    return Mutant(module, where, change, fate)
+    return Mutant(module, where, change, verdict)
 
 
 def c_mutants(only: str) -> list[Mutant]:
@@ -189,7 +191,7 @@ def c_mutants(only: str) -> list[Mutant]:
             if run.returncode > 1 or "did not compile" in run.stdout:  # a mutant that cannot be run shows nothing
                 raise SystemExit(f"{entry['new']!r} in {entry['file']} is no mutant:\n{run.stdout}")
             result.append(_c_mutant(entry, "killed" if run.returncode else "survived"))
-            print(f"{result[-1].fate}: {result[-1].change}", flush=True)
+            print(f"{result[-1].verdict}: {result[-1].change}", flush=True)
             if run.returncode:
                 killed.add(key)
                 CACHE.mkdir(parents=True, exist_ok=True)
@@ -204,9 +206,9 @@ def _quick_compiler(folder: Path) -> Path:
     return script
 
 
-def _c_mutant(entry: dict[str, str], fate: str) -> Mutant:
+def _c_mutant(entry: dict[str, str], verdict: str) -> Mutant:
     package, name = entry["file"].split("/")[1], Path(entry["file"]).name
-    return Mutant(f"{package}.{name}", entry["where"], f"{entry['old']} → {entry['new']}", fate)
+    return Mutant(f"{package}.{name}", entry["where"], f"{entry['old']} → {entry['new']}", verdict)
 
 
 def reason(mutant: Mutant, tolerated: list[dict[str, str]]) -> str:
@@ -222,7 +224,7 @@ def reason(mutant: Mutant, tolerated: list[dict[str, str]]) -> str:
 
 def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     """The result as Markdown."""
-    left = [(one, reason(one, tolerated)) for one in mutants if not is_noticed(one) and one.fate != _NOT_TRIED]
+    left = [(one, reason(one, tolerated)) for one in mutants if not is_noticed(one) and one.verdict != _NOT_TRIED]
     lines = [
         "# Mutation testing",
         "",
@@ -239,35 +241,33 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     ]
     for module in [*dict.fromkeys(one.module for one in mutants), ""]:
         here = [one for one in mutants if not module or one.module == module]
-        tried = sum(one.fate != _NOT_TRIED for one in here)
-        fates = Counter("tolerated" if why else "survived" for one, why in left if not module or one.module == module)
-        noticed = tried - fates.total()
+        tried = sum(one.verdict != _NOT_TRIED for one in here)
+        kinds = Counter("tolerated" if why else "survived" for one, why in left if not module or one.module == module)
+        noticed = tried - kinds.total()
         share = f"{100.0 * noticed / tried:.1f}" if tried else ""
-        counts = f"{len(here)} | {len(here) - tried} | {noticed} | {fates['tolerated']} | {fates['survived']} | {share}"
+        counts = f"{len(here)} | {len(here) - tried} | {noticed} | {kinds['tolerated']} | {kinds['survived']} | {share}"
         lines.append(f"| {f'`{module}`' if module else 'all'} | {counts} |")
-    untested = " (no test comes here)"
-    survivors = [f"| {_shown(one)}{untested if one.fate == 'no tests' else ''} |" for one, why in left if not why]
-    lines += ["", "## Survivors", ""]
-    if survivors:
-        lines += ["Changes that a test should notice, but none does.", "", "| where | change |", "|---|---|"]
-    else:
-        lines.append("There are none." if not left else "There are none but those that are tolerated.")
-    lines += survivors
-    if len(survivors) < len(left):
-        lines += ["", "## Tolerated", "", "| where | change | why it is tolerated |", "|---|---|---|"]
-    lines += [f"| {_shown(one)} | {why} |" for one, why in left if why]
+    lines += [
+        "",
+        "All changes that were not noticed, with the reason where one is tolerated: [mutants.csv](mutants.csv).",
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _shown(mutant: Mutant) -> str:
-    """Place and change, as two cells of a table."""
-    change = mutant.change.replace("|", "\\|").replace("`", "'")
-    return f"`{mutant.module}.{mutant.where}` | `{change}`"
+def listing(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
+    """The changes that were not noticed, as CSV; first those that a test should notice."""
+    left = [(reason(one, tolerated), one) for one in mutants if not is_noticed(one) and one.verdict != _NOT_TRIED]
+    text = StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["where", "change", "reached by a test", "why it is tolerated"])
+    for why, one in sorted(left, key=lambda entry: bool(entry[0])):
+        rows.writerow([f"{one.module}.{one.where}", one.change, one.verdict != "no tests", why])
+    return text.getvalue()
 
 
 def is_noticed(mutant: Mutant) -> bool:
     """Whether the tests fail or hang with this change."""
-    return mutant.fate in ("killed", "timeout", "segfault", "suspicious", "caught by type check")
+    return mutant.verdict in ("killed", "timeout", "segfault", "suspicious", "caught by type check")
 
 
 def main() -> int:
@@ -282,11 +282,13 @@ def main() -> int:
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     mutants = [one for package in MODULES for one in python_mutants(package, arguments.only)]
     mutants += c_mutants(arguments.only)
-    text = page(mutants, yaml.safe_load(MUTANTS.read_text(encoding="utf-8"))["tolerated"])
+    tolerated = yaml.safe_load(MUTANTS.read_text(encoding="utf-8"))["tolerated"]
+    text, unnoticed = page(mutants, tolerated), listing(mutants, tolerated)
     out = arguments.out or (None if arguments.only else RESULT)
     if out is not None:
         out.write_text(text, encoding="utf-8")
-    print(text)
+        out.with_name("mutants.csv").write_text(unnoticed, encoding="utf-8")
+    print(text, unnoticed, sep="\n")
     return int(sum(map(is_noticed, mutants)) < 0.9 * len(mutants))
 
 

@@ -1,6 +1,6 @@
 """Graphs of processes that serve many faults in turn, and the table of what was measured.
 
-With FSW_FAULT_TABLE=docs/concepts/arbiter.md the figures are written into the table of that file.
+With FSW_FAULT_TABLE=docs/results/faults.md the figures are written into the table of that file.
 """
 
 from __future__ import annotations
