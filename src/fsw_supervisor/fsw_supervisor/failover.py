@@ -128,7 +128,7 @@ class Failover:
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
-    def told(self) -> None:
+    def on_state_published(self) -> None:
         """Note that this supervisor's state has been published."""
         self.asserting = False
 

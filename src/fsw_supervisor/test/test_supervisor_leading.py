@@ -139,7 +139,7 @@ def test_of_two_leaders_that_of_the_greater_term_stays_then_of_the_newer_tick_th
 ):
     follow = leader.failover.on_leader_state(token, leader.stamp_ns + ahead * TICK_NS)
     assert (leader.failover.role is Role.ACTIVE, not follow, leader.failover.asserting) == (stays, stays, stays)
-    leader.failover.told()
+    leader.failover.on_state_published()
     assert not leader.failover.asserting
 
 
