@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,7 +17,6 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
-from fsw_control import units
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
@@ -26,20 +25,19 @@ from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
-from fsw_model import OperatingPointError
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
-from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.event_schema import check_disturbance, check_fault
 from fsw_plant.events import DisturbanceError
+from fsw_plant.lockstep import Lockstep
 from fsw_plant.schedule import PlantSchedule
+from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
-from fsw_plant.truth_ros import FROM_WIRE, truth_message
+from fsw_plant.truth_ros import truth_message
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_PATROL_S = 0.2
+_WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
 
@@ -66,28 +64,22 @@ class PlantNode(Node):
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
-        self._answered = True
-        self._player_there = False
-        self._unplayed_ns: int | None = None  #: depth that the player has not yet followed
-        self._sent_s = 0.0
-        self._resent = 0
-        self._seen = (self._plant.watchdog.state, self._plant.stopped)
+        self._pace = Lockstep()
+        self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._running = False
         self._open_topics()
         self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
         self._guard = SingleInstanceGuard(self)
         self._guard.check(values["discovery_s"], self._announce)
-        self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
-        self.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
-        self.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
+        self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._configure)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
-        self.create_timer(_PATROL_S, self._patrol, clock=self._steady)
+        self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
-        self._waiting_told_s = time.monotonic()
+        self._waiting_logged_s = time.monotonic()
 
     def _open_topics(self) -> None:
         self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
@@ -107,14 +99,14 @@ class PlantNode(Node):
         missing = self._missing()
         if missing:
             now_s = time.monotonic()
-            if now_s >= self._waiting_told_s + self._settings["lockstep_timeout_s"]:
-                self._waiting_told_s = now_s
+            if now_s >= self._waiting_logged_s + self._settings["lockstep_timeout_s"]:
+                self._waiting_logged_s = now_s
                 self.get_logger().warning(f"first tick waits for {', '.join(missing)}")
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
         self._running = True
-        self._player_there = self.count_publishers(PLAYER_READY) > 0
+        self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
         if not self._lockstep:
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
@@ -139,17 +131,15 @@ class PlantNode(Node):
     def _publish_tick(self) -> None:
         plant = self._plant
         plant.measure(None if self._simulated else self._stamps.next(self._now_ns()))
-        self._sent_s = time.monotonic()
-        self._resent = 0
-        self._answered = False
+        self._pace.begin(time.monotonic())
         self._send()
-        if (plant.watchdog.state, plant.stopped) != self._seen:
-            self._tell()
+        if (plant.watchdog.state, plant.stopped) != self._reported:
+            self._report_changes()
 
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        self._unplayed_ns = reading.depth_mm[-1][0] if reading.depth_mm else None
+        self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
@@ -169,39 +159,38 @@ class PlantNode(Node):
         if refusal:
             self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
-        if self._lockstep and not self._answered and refusal != "source" and stamp_ns == self._plant.measure().stamp_ns:
-            self._answered = True
+        own = refusal != "source" and stamp_ns == self._plant.measure().stamp_ns
+        if self._lockstep and own and not self._pace.answered:
+            self._pace.answered = True
             self._go_on()
 
     def _on_player_ready(self, message: Header) -> None:
-        self._player_there = True
-        if convert.stamp_ns(message.stamp) == self._unplayed_ns:
-            self._unplayed_ns = None
+        if self._pace.on_player(convert.stamp_ns(message.stamp)):
             self._go_on()
 
     def _go_on(self) -> None:
-        """Begin the next tick of lockstep, if nothing of this one is still on its way."""
-        if self._running and self._answered and not (self._player_there and self._unplayed_ns is not None):
+        """Begin the next tick of lockstep, if nothing of this one is waited for."""
+        if self._running and self._pace.complete:
             self._next_tick()
 
     def _go_on_without_player(self) -> None:
-        self._player_there = False
+        self._pace.player_present = False
         self._go_on()
 
     # ---------------------------------------------------------------- watching
 
-    def _patrol(self) -> None:
+    def _watch(self) -> None:
         self._writers.look()
         if not (self._lockstep and self._running):
             return
-        waited_s = time.monotonic() - self._sent_s
-        if not self._answered:
+        waited_s = self._pace.waited_s(time.monotonic())
+        if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
             self.get_logger().info(f"tick {self._plant.tick}: the player has left; going on")
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
-            self.get_logger().warning(f"tick {self._plant.tick}: no word from the player; going on without it")
+            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; going on without it")
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
@@ -212,16 +201,16 @@ class PlantNode(Node):
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
-        if waited_s >= values["lockstep_timeout_s"] * (self._resent + 1):
-            self._resent += 1
+        if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
+            self._pace.resent += 1
             self.get_logger().error(f"{what}; tick sent again")
             self._send()
             self._report()
 
-    def _tell(self) -> None:
-        """Log and report what has changed of watchdog and process."""
+    def _report_changes(self) -> None:
+        """Log and report changes of watchdog and process."""
         plant = self._plant
-        (state, stopped), self._seen = self._seen, (plant.watchdog.state, plant.stopped)
+        (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
         if plant.watchdog.state != state:
             self._log(reports.watchdog(plant))
         if plant.stopped and not stopped:
@@ -247,7 +236,7 @@ class PlantNode(Node):
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
             [
-                reports.clock(self._mode(), self._running, self._stamps.jumps, self._resent),
+                reports.clock(self._mode(), self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
                 reports.commands(plant.gate, new, self._writers.names),
@@ -289,52 +278,6 @@ class PlantNode(Node):
             self._plant.schedule = PlantSchedule.from_text_or_file(self._scenario)
         self._plant.reconfigure(PlantConfig.from_values(values))
         self._writers.set_sources()
-
-    def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
-        """Fill in a service's response: ``act`` does it and returns what has been done, or raises why not."""
-        try:
-            response.message, response.ok = act(), True
-            self.get_logger().info(f"{what}: {response.message}")
-        except (DisturbanceError, OperatingPointError) as error:
-            response.message, response.ok = f"refused: {error}", False
-
-    def _on_set_disturbance(
-        self, request: SetDisturbance.Request, response: SetDisturbance.Response
-    ) -> SetDisturbance.Response:
-        def act() -> str:
-            amplitude = FROM_WIRE.get(request.channel, float)(request.amplitude)
-            asked = (request.channel, request.shape, amplitude, request.duration, request.period)
-            check_disturbance(*asked)
-            self._plant.set_disturbance(*asked)
-            return f"{request.channel}: {request.shape} from the next tick on"
-
-        self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
-        return response
-
-    def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
-        def act() -> str:
-            in_metres = request.sensor == "depth" and request.kind != "delay"
-            magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
-            check_fault(request.sensor, request.kind, magnitude, request.duration)
-            self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
-            return f"{request.sensor}: {request.kind} from the next tick on"
-
-        self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
-        return response
-
-    def _on_reset(self, request: ResetPlant.Request, response: ResetPlant.Response) -> ResetPlant.Response:
-        def act() -> str:
-            self._plant.reset(
-                seed=None if request.seed < 0 else request.seed,
-                depth_mm=units.mm_from_m(request.depth) if request.depth != 0.0 else None,
-                temperature_c=request.temperature if request.temperature != 0.0 else None,
-            )
-            self._writers.set_sources()
-            truth = self._plant.truth()
-            return f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
-
-        self._answer(response, "reset", act)
-        return response
 
 
 def main(args: Sequence[str] | None = None) -> int:
