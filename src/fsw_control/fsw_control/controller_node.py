@@ -238,7 +238,7 @@ def run_controller(
     parameters: Source = None,
     args: Sequence[str] | None = None,
 ) -> int:
-    """Run a controller as a node until it is told to end.
+    """Run a controller as a node until it is stopped.
 
     Parameters
     ----------

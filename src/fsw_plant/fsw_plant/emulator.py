@@ -40,7 +40,7 @@ FIRST_TICK = 1
 
 
 class Reading(NamedTuple):
-    """What the sensors send at one tick.
+    """The samples that the sensors send at a tick.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class PlantEmulator:
         return self.tick / 10
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
-        """What the sensors send at the present tick, the same at every call; ``stamp_ns``: instead of its own time."""
+        """The samples sent at the present tick, the same at every call; ``stamp_ns`` replaces the tick's own time."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
         if self.schedule.events:
@@ -244,7 +244,7 @@ class PlantEmulator:
         self._acting = end
 
     def _add_torque(self, torque_nm: float) -> None:
-        """Let a torque beside M_sp act on the motor torque (18) for a step; the power feels it from the next one on."""
+        """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
         if torque_nm:
             *others, motor_nm = self._state.x
             reached = -expm1(-STEP_S / self.config.model.motor_lag_s)
@@ -306,7 +306,7 @@ class PlantEmulator:
     def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
         """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule go on.
 
-        What is not given stays as configured.
+        Values left out stay as configured.
 
         Raises
         ------

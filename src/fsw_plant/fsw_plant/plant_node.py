@@ -1,4 +1,4 @@
-"""The plant as a node: publishes what the emulator's sensors say and passes on the commands that arrive."""
+"""The plant as a node: publishes the emulator's samples and applies the commands that arrive."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class PlantNode(Node):
     """Ticks the emulator and connects it to the graph.
 
     Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock; simulated time at a pace;
-    or lockstep, in which the command that answers a tick brings on the next one, when a player that is there has sent
-    what belongs before it.
+    or lockstep, in which the command that answers a tick starts the next one, once a player, where there is one, has
+    sent what belongs before it.
     """
 
     def __init__(self) -> None:

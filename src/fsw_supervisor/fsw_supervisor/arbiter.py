@@ -191,7 +191,7 @@ class Arbiter:
 
     def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
         """On standby: take over what the operator has asked the leader for, and who is inhibited there and why."""
-        self.machine.want(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
+        self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
         self.registry.mirror_inhibitions(inhibited)
 
     def lead(self, reason: str) -> list[Decision]:

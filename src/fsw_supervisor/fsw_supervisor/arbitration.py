@@ -160,8 +160,8 @@ class Arbitration:
         elif candidate is not None and not candidate.refusal:
             self._follow(tick, candidate.command)
         elif candidate is not None and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
-            # Controllers follow the command topic: the foreign command has misled them, for one tick.
-            self._hold(tick, f"a foreign command has misled {name}")
+            # Controllers follow the command topic, also a foreign command, for one tick.
+            self._hold(tick, f"{name} has followed a foreign command")
         elif candidate is not None:
             self._fail(tick, candidate.refusal, inhibit=True)
         elif final and (reason := tick.fault_excused_reason or self._partial_measurement(tick)):

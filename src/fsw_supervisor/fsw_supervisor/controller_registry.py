@@ -1,4 +1,4 @@
-"""Who could control: one record per controller, alive or not, and the check of its candidate commands."""
+"""The controllers in the graph: a record of each, and the check of its candidate commands."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
 #: ticks that a proposal may lag behind in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
-#: proposals of one controller kept for measurements that have not come yet; more than a burst after a stall
+#: proposals of a controller kept for measurements that have not arrived yet; more than a burst after a stall
 _KEPT_EARLY = 8
 #: controllers at most
 _CAPACITY = 32
@@ -24,7 +24,7 @@ _KEPT_LATENCIES = 300
 
 @dataclass(slots=True)
 class ControllerRecord:
-    """What the arbiter knows of one controller."""
+    """State of a controller as the arbiter sees it."""
 
     name: str
     present: bool = False  #: in the graph
@@ -41,7 +41,7 @@ class ControllerRecord:
     tolerated_sensors: tuple[str, ...] = ()  #: that it declares to do without for a while
     status_seen: bool = False
     last_stamp_ns: int = -1  #: of its newest proposal
-    early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not come yet
+    early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not arrived yet
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_LATENCIES))
 
     def bad(self, problem: str) -> None:
@@ -100,7 +100,7 @@ class ControllerRegistry:
         return self.blind(name)
 
     def blind(self, name: str) -> str:
-        """Which invalid sensor controller ``name`` does not cope with, in words; empty when it copes."""
+        """Which invalid sensor controller ``name`` needs, in words; empty when there is none."""
         tolerated = self._records[name].tolerated_sensors
         needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
         return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
@@ -155,7 +155,7 @@ class ControllerRegistry:
     # ---------------------------------------------------------------- candidate commands
 
     def forget_time(self, stamp_ns: int) -> None:
-        """The clock went back to ``stamp_ns``: other stamps seen before mean nothing any more."""
+        """The clock went back to ``stamp_ns``: other stamps seen before do not count any more."""
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
@@ -167,7 +167,7 @@ class ControllerRegistry:
         record = self.get(name)
         if record is None:
             return
-        # What answers a time far back is perhaps of a clock that has gone back, and the measurement comes later.
+        # An answer to a time far back may follow a clock that has gone back; then its measurement arrives later.
         far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
         if tick is None or proposal.stamp_ns > tick.stamp_ns or (far_back and proposal.stamp_ns not in self._past):
             record.early.setdefault(proposal.stamp_ns, proposal)
@@ -179,7 +179,7 @@ class ControllerRegistry:
             self._take_old(record, proposal, tick)
 
     def take_early(self, tick: Tick, now_s: float) -> None:
-        """Take the proposals that came before their measurement."""
+        """Take the proposals that arrived before their measurement."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
             record.early = {stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns}

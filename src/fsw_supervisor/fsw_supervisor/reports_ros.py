@@ -20,7 +20,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 def command(decision: Decision, token: str) -> WeldCommand:
-    """Command message of a decision; ``token`` tells supervisors apart and stands in the frame id."""
+    """Command message of a decision; ``token`` identifies the supervisor in the frame id."""
     message = convert.command_message(
         decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
     )
@@ -29,7 +29,7 @@ def command(decision: Decision, token: str) -> WeldCommand:
 
 
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
-    """What is known of one controller."""
+    """Health of a controller."""
     latencies_s = record.latencies_s or (0.0,)
     mean_s = fmean(latencies_s)
     return ControllerHealth(

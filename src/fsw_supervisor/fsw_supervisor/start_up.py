@@ -115,7 +115,7 @@ class StartUp:
         why_not = "no proposal yet" if candidate is None else candidate.refusal or self._registry.blind(name)
         if not why_not:
             reason = f"{name} was active before" if self.was_active else f"{name} is configured to start with"
-            machine.want(name)
+            machine.set_target(name)
             self.was_active = ""
             machine.fire(Trigger.READY, reason, "start", name)
             return ""

@@ -205,7 +205,7 @@ def test_a_controller_misled_by_a_foreign_command_is_not_blamed(rig):
     for name in rig.names:
         rig.spoil(name, command=Command(61.0, 310.0))
     rig.run(1)
-    assert (rig.last.source, rig.last.reason) == ("hold", "a foreign command has misled decentral")
+    assert (rig.last.source, rig.last.reason) == ("hold", "decentral has followed a foreign command")
     rig.edit.clear()
     rig.run(1)
     assert rig.last.source == "decentral"
