@@ -134,7 +134,7 @@ ERRORS = [
     ("nmpc", ["--tuning", "missing.yaml"], "tuning_file: cannot read missing.yaml"),
     ("nmpc", ["--parameter", "force_min=99"], "force_min must be below force_max"),
     ("nmpc", ["--parameter", "solver=reference"], "only rti"),
-    ("decentral", ["--parameter", "tuning=sharp"], "'sharp' is none of conservative, tight"),
+    ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),
     ("decentral", ["--tuning", "unknown.yaml"], "unknown parameters gain"),
 ]
