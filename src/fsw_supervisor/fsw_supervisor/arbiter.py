@@ -24,9 +24,8 @@ from typing import Any
 from fsw_control.contract import Command
 from fsw_control.validity import sensor_limits
 from fsw_supervisor.arbitration import Arbitration
-from fsw_supervisor.command_watch import CommandWatch
 from fsw_supervisor.controller_registry import ControllerRegistry
-from fsw_supervisor.in_force import CommandInForce
+from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
@@ -100,11 +99,6 @@ class Arbiter:
     def applied(self) -> Command | None:
         """Command in force; None until it is known."""
         return self.in_force.applied
-
-    @property
-    def foreign_writer(self) -> bool:
-        """Whether another writer has sent commands lately."""
-        return self.watch.seen_lately(self.ticks.now_s)
 
     @property
     def wakeup_s(self) -> float | None:

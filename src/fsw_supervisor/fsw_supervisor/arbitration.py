@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fsw_control.contract import SENSORS, Command
-from fsw_supervisor.command_watch import CommandWatch
 from fsw_supervisor.controller_registry import ControllerRegistry
-from fsw_supervisor.in_force import CommandInForce
+from fsw_supervisor.in_force import CommandInForce, CommandWatch
 from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.start_up import StartUp

@@ -54,7 +54,7 @@ class Failover:
         self.role = Role.STANDBY if standby else Role.LISTENING
         self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
         self.asserting = False  #: another supervisor leads, too, and must receive the state of this one
-        self._rival_writer = False
+        self.rival_writer = False  #: other nodes publish commands, perhaps a leader whose commands have not arrived
         self._arbiter = arbiter
         self._identity = identity
         self._term = self._heard_term = 0
@@ -128,14 +128,6 @@ class Failover:
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
 
-    def on_state_published(self) -> None:
-        """Note that this supervisor's state has been published."""
-        self.asserting = False
-
-    def note_writers(self, others: bool) -> None:
-        """Note whether other nodes publish commands, perhaps a leader whose commands have not arrived yet."""
-        self._rival_writer = others
-
     def on_leader_state(self, token: str, answered_ns: int) -> bool:
         """Take the state of a supervisor that leads and has answered the tick ``answered_ns`` (0: none) last.
 
@@ -158,7 +150,7 @@ class Failover:
 
     @property
     def _listening_ends_s(self) -> float:
-        return self._started_s + (_LISTEN_LONG_S if self._rival_writer else LISTEN_S)
+        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
 
     @property
     def _needed(self) -> int:

@@ -1,11 +1,13 @@
-"""The command in force: what was sent, what the drives report, and the offset between the two."""
+"""The command in force: what was sent here and by others, what the drives report, and the offset between the two."""
 
 from __future__ import annotations
+
+from collections import deque
 
 from fsw_control.command_check import refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.units import NANOSECONDS
-from fsw_supervisor.tick import Tick
+from fsw_supervisor.tick import Decision, Tick, same
 
 #: ticks for which drive and command must agree before the drive counts as following (chosen)
 _SURE_TICKS = 3
@@ -13,6 +15,49 @@ _SURE_TICKS = 3
 _DRIFT = 0.05
 #: largest offset, in moves; a greater difference is not an offset (chosen)
 _LARGEST_OFFSET = 10.0
+#: time for which a foreign command counts as recent [s]
+_FOREIGN_S = 5.0
+
+
+class CommandWatch:
+    """Tells the commands that are sent here from those of other writers.
+
+    Attributes
+    ----------
+    foreign_commands : int
+        Commands of other writers since the start.
+    foreign_tick : int
+        Number of the tick in which the last of them arrived.
+    """
+
+    def __init__(self) -> None:
+        self.foreign_commands = 0
+        self.foreign_tick = -10
+        self._sent: deque[Decision] = deque(maxlen=50)
+        self._foreign_s: float | None = None
+
+    def sent(self, decision: Decision) -> None:
+        """Record a decision that is sent."""
+        self._sent.append(decision)
+
+    def is_own(self, stamp_ns: int, source: str, command: Command) -> bool:
+        """Whether a command was sent here; each counts once."""
+        for decision in self._sent:
+            if decision.stamp_ns == stamp_ns and decision.source == source and same(decision.command, command):
+                self._sent.remove(decision)
+                return True
+        return False
+
+    def note_foreign(self, now_s: float, tick: int) -> bool:
+        """Record a foreign command; returns whether it is the first for a while."""
+        first = not self.seen_lately(now_s)
+        self.foreign_commands += 1
+        self._foreign_s, self.foreign_tick = now_s, tick
+        return first
+
+    def seen_lately(self, now_s: float) -> bool:
+        """Whether another writer has sent commands lately."""
+        return self._foreign_s is not None and now_s - self._foreign_s <= _FOREIGN_S
 
 
 class DriveOffset:

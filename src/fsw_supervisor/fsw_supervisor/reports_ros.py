@@ -137,7 +137,7 @@ def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
     level, text = OK, "only writer of the command topic"
     if writers > 1:
         level, text = WARN, f"{writers} publishers on the command topic"
-    if arbiter.foreign_writer:
+    if arbiter.watch.seen_lately(arbiter.ticks.now_s):
         level, text = ERROR, "a foreign writer sends commands"
     foreign = arbiter.watch.foreign_commands
     return _status("command topic", level, text, {"publishers": writers, "foreign commands": foreign})

@@ -178,7 +178,7 @@ class SupervisorNode(Node):
         """Publish the state and log the events."""
         machine, logger = self._arbiter.machine, self.get_logger()
         self._published_revision = machine.revision
-        self._failover.on_state_published()
+        self._failover.asserting = False
         while machine.events:
             event = machine.events.popleft()
             text = f"[{event.who}] {event.text}"
@@ -200,7 +200,7 @@ class SupervisorNode(Node):
         self._kept_reference.look(now_s)
         self._controllers.look()
         own = self._commands is not None
-        self._failover.note_writers(others=self.count_publishers(self._command_topic) > own)
+        self._failover.rival_writer = self.count_publishers(self._command_topic) > own
         self._publish(self._arbiter.on_time(now_s))
         if self._role is not Role.ACTIVE:
             self._close()

@@ -3,8 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command, Limits
-from fsw_supervisor.command_watch import CommandWatch
-from fsw_supervisor.in_force import CommandInForce, DriveOffset
+from fsw_supervisor.in_force import CommandInForce, CommandWatch, DriveOffset
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Machine

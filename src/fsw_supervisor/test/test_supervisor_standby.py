@@ -46,7 +46,7 @@ class Member:
         seen = (self.failover.role, self.arbiter.machine.revision)
         if seen != self.told or self.failover.asserting or self.world.now_s >= self.tell_s:
             self.told, self.tell_s = seen, self.world.now_s + 1.0
-            self.failover.on_state_published()
+            self.failover.asserting = False
             self.world.tell(self)
 
     @property
