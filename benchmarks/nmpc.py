@@ -16,7 +16,6 @@ The exit code is 1 if a solver does not agree on what its solution costs, or rea
 
 from __future__ import annotations
 
-import ctypes
 import os
 import statistics
 import sys
@@ -45,8 +44,7 @@ from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.ipopt_solver import cumulation, input_bounds, objective
-from fsw_nmpc.kernel_structs import ProblemStruct
-from fsw_nmpc.library import Fate, Vector
+from fsw_nmpc.library import KERNEL, SolveStatus, Vector
 from fsw_test_support.nmpc_problems import make_library, random_problem
 
 #: Two steps of the depth and two of the temperature: when, and what they add to the operating point.
@@ -93,7 +91,7 @@ def close_loop(
     reference: Callable[[float], Reference],
     duration_s: float,
     noise: float = 0.0,
-    watch: Callable[[float, ProblemStruct, Vector], None] | None = None,
+    watch: Callable[[float, Any, Vector], None] | None = None,
 ) -> tuple[Vector, Vector]:
     """Run controller and process from rest; ``noise`` is the share of the sensors' noise.
 
@@ -114,12 +112,12 @@ def close_loop(
         measurement = Measurement(
             time_s, shown.depth_mm + off[0], shown.motor_torque_nm + off[1], shown.temperature_c + off[2]
         )
-        start = np.array(library.state.plan.start[: 2 * library.horizon.n_blocks]) if watch else None
+        start = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks])) if watch else None
         began = time.thread_time()
         proposal = controller.step(measurement, target, applied, STEP_S)
         cpu_s.append(time.thread_time() - began)
         if watch:
-            watch(time_s, library.state.problem, start)
+            watch(time_s, library.problem, start)
         rows.append((time_s, shown.depth_mm, shown.temperature_c, target.depth_mm, target.temperature_c))
         applied = proposal.command
         model.step(state, applied.force_kn, applied.speed_rpm)
@@ -150,15 +148,15 @@ def step_times(quick: bool) -> Figures:
     return figures
 
 
-def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[ProblemStruct, Vector]]:
+def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any, Vector]]:
     """Problems as they come after the set-points' steps, each with the last plan's moves."""
-    found: list[tuple[ProblemStruct, Vector]] = []
+    found: list[tuple[Any, Vector]] = []
     wanted = {round(10 * (at_s + later_s)) for at_s, _, _ in EVENTS for later_s in (TAKEN_S[1:2] if quick else TAKEN_S)}
 
-    def watch(time_s: float, problem: ProblemStruct, start: Vector) -> None:
+    def watch(time_s: float, problem: Any, start: Vector) -> None:
         if round(10 * time_s) in wanted:
-            kept = ProblemStruct()
-            ctypes.pointer(kept)[0] = problem
+            kept = KERNEL.new("fsw_problem")
+            kept[0] = problem[0]
             found.append((kept, start))
 
     close_loop(controller, reference_at, WELD_S, noise=1.0, watch=watch)
@@ -174,24 +172,26 @@ def ratios(quick: bool) -> Figures:
     horizon, tuning = library.horizon, library.state.tuning
     exact, cold = tuning.tolerance, np.zeros(2 * horizon.n_blocks)
 
-    def by_library(problem: ProblemStruct, start: Vector, tolerances: tuple[float, ...]) -> Answer:
+    def by_library(problem: Any, start: Vector, tolerances: tuple[float, ...]) -> Answer:
         times = []
         for _ in range(10):
             began, moves = time.thread_time(), start
             for tuning.tolerance in tolerances:
-                fate, moves, _, _ = library.solve(problem, moves)
+                status, moves, _, _ = library.solve(problem, moves)
             times.append(time.thread_time() - began)
-            if fate not in (Fate.OK, Fate.CAP):
-                raise RuntimeError(f"the library cannot solve a problem of the weld: {fate.name}")
+            if status not in (SolveStatus.OK, SolveStatus.ITERATION_CAP):
+                raise RuntimeError(f"the library cannot solve a problem of the weld: {status.name}")
         tuning.tolerance = exact
         return Answer(statistics.median(times), moves)
 
-    def cost_of(problem: ProblemStruct, moves: Vector) -> float:
-        return objective(problem, tuning, horizon, moves, *library.predict(problem.start, moves)[:2])
+    def cost_of(problem: Any, moves: Vector) -> float:
+        return objective(
+            problem, tuning, horizon, moves, *library.predict(KERNEL.ffi.addressof(problem, "start"), moves)[:2]
+        )
 
-    def beyond(problem: ProblemStruct, moves: Vector) -> float:
+    def beyond(problem: Any, moves: Vector) -> float:
         """By how much moves are beyond the limits, in largest moves."""
-        largest = np.outer(horizon.block_reach, tuning.move_max[:]).ravel()
+        largest = np.outer(horizon.block_reach, list(tuning.move_max)).ravel()
         low, high = input_bounds(problem, tuning, horizon)
         reached = cumulation(horizon) @ moves
         return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
@@ -273,10 +273,10 @@ def worst_cases(quick: bool) -> Figures:
     for _ in range(1_000 if quick else 100_000):
         problem = random_problem(rng, library, nominal())
         began = time.thread_time()
-        fate, _, _, _ = library.solve(problem, cold)
+        status, _, _, _ = library.solve(problem, cold)
         cpu_s.append(time.thread_time() - began)
         iterations.append(library.output.iterations)
-        unsolved += fate is not Fate.OK
+        unsolved += status is not SolveStatus.OK
     stress = make()
 
     def out_of_reach(time_s: float) -> Reference:

@@ -28,8 +28,7 @@ import numpy as np
 from nmpc import COLD_TOLERANCES, make, problems_of_weld
 from report import parser, save, show
 
-from fsw_nmpc import kernel_build
-from fsw_nmpc.library import Library
+from fsw_nmpc.library import KERNEL, Library
 
 MORE = 10
 ASSEMBLE, CHOLESKY = "assemble(w);", "cholesky(w->scratch.matrices.factor, w->per_diagonal, w->nv);"
@@ -67,14 +66,14 @@ def main() -> int:
     def changed(part: str | None) -> Library:
         with tempfile.TemporaryDirectory() as scratch:
             sources = Path(scratch) / "kernel"
-            shutil.copytree(kernel_build.FOLDER, sources)
+            shutil.copytree(KERNEL.folder, sources)
             if part is not None:
                 name, before, work = PARTS[part]
                 text = (sources / name).read_text(encoding="utf-8")
                 more = f"  for (int more = 0; more < {MORE}; more++) {{ {work} }}\n"
                 (sources / name).write_text(text.replace(before, more + before), encoding="utf-8")
-            built = replace(kernel_build.LIBRARY, folder=sources).build(Path(scratch) / "kernel.so")
-            return Library(built, settings.model, horizon, settings.struct())
+            built = replace(KERNEL, folder=sources).build(Path(scratch) / "kernel.so")
+            return Library(settings.model, horizon, settings.struct(), KERNEL.ffi.dlopen(str(built)))
 
     whole_ms, iterations = solve_ms(changed(None))
     share = {part: (solve_ms(changed(part))[0] / whole_ms - 1.0) / MORE for part in PARTS}

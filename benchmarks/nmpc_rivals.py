@@ -20,8 +20,7 @@ from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
 from fsw_nmpc.ipopt_solver import ReferenceSolver
-from fsw_nmpc.kernel_structs import ProblemStruct, TuningStruct
-from fsw_nmpc.library import Fate, Library, Vector
+from fsw_nmpc.library import Library, SolveStatus, Vector
 from fsw_nmpc.prediction import start_vector
 
 
@@ -34,7 +33,7 @@ class Answer:
     cost: float = np.nan
 
 
-Solve = Callable[[ProblemStruct], Answer]
+Solve = Callable[[Any], Answer]
 Kept = Callable[..., Any]
 
 
@@ -60,11 +59,11 @@ def ipopt(p: ModelParameters, library: Library) -> Solve:
     """Cold IPOPT on the moves alone, as CasADi sets it up."""
     oracle = ReferenceSolver(library, p)
 
-    def solve(problem: ProblemStruct) -> Answer:
+    def solve(problem: Any) -> Answer:
         began = cpu_now_s()
-        fate, moves, _, _ = oracle.solve(problem, np.zeros(2 * library.horizon.n_blocks))
+        status, moves, _, _ = oracle.solve(problem, np.zeros(2 * library.horizon.n_blocks))
         cpu_s = cpu_now_s() - began
-        return Answer(cpu_s, moves, oracle.cost) if fate is Fate.OK else Answer(cpu_s)
+        return Answer(cpu_s, moves, oracle.cost) if status is SolveStatus.OK else Answer(cpu_s)
 
     return solve
 
@@ -114,13 +113,13 @@ def disturbances_of(start: Sequence[float]) -> tuple[float, float, float, float]
 
 
 def along(
-    p: ModelParameters, h: Horizon, problem: ProblemStruct, moves: Sequence[Any], kept: Kept
+    p: ModelParameters, h: Horizon, problem: Any, moves: Sequence[Any], kept: Kept
 ) -> Iterator[tuple[int, Any, Any, Any, Any]]:
     """The whole prediction: interval, depth, temperature, force, speed at every output point."""
     start = start_vector(problem.start).tolist()
     state, force, speed, depth_offset, temperature_offset = start[:5], start[5], start[6], start[10], start[11]
     disturbances = disturbances_of(start)
-    history = problem.start.history[: 3 * h.n_history]
+    history = list(problem.start.history[0 : 3 * h.n_history])
     segments: list[Any] = [history[3 * j : 3 * j + 3] for j in range(h.n_history)]
     interval = -1
     for k in range(len(h.step_length_s)):
@@ -139,13 +138,13 @@ def along(
             yield interval, depth + depth_offset, temperature, force, speed
 
 
-def gekko_apopt(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
+def gekko_apopt(p: ModelParameters, h: Horizon, t: Any) -> Solve:
     """Every step's equations in GEKKO, solved locally by APOPT from the path without moves."""
     from gekko import GEKKO
 
     still = [0.0] * (2 * h.n_out)
 
-    def solve(problem: ProblemStruct) -> Answer:
+    def solve(problem: Any) -> Answer:
         guesses: list[float] = []
 
         def noted(value: float) -> float:
@@ -196,7 +195,7 @@ def gekko_apopt(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
     return solve
 
 
-def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
+def do_mpc(p: ModelParameters, h: Horizon, t: Any) -> Solve:
     """A discrete model of do-mpc whose tables change with the step; moves are zero where no interval begins."""
     import casadi as ca
     import do_mpc as toolbox
@@ -276,16 +275,16 @@ def do_mpc(p: ModelParameters, h: Horizon, t: TuningStruct) -> Solve:
         for name in held:
             mpc.lb_opt_x["_u", k, 0, name] = mpc.ub_opt_x["_u", k, 0, name] = 0.0
 
-    def solve(problem: ProblemStruct) -> Answer:
+    def solve(problem: Any) -> Answer:
         start = start_vector(problem.start)
         bands = np.tile([-np.inf, np.inf] * 2, (n_steps, 1))
         shown = 0.0, p.operating_temperature_c  # where the outputs that the constraints are on are zero
         for q in range(2):
             offset, used = start[10 + q] + shown[q], h.out_step[reached[:, q]]
             for column, values in enumerate((problem.low[q], problem.high[q])):
-                bands[used, 2 * q + column] = np.array(values[: h.n_out])[reached[:, q]] - offset
+                bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[reached[:, q]] - offset
         given["bands"], given["disturbance"] = np.clip(bands, -1e4, 1e4), disturbances_of(start)
-        history = np.array(problem.start.history[: 3 * n_line]).reshape(-1, 3)
+        history = np.array(list(problem.start.history[0 : 3 * n_line])).reshape(-1, 3)
         first = np.concatenate([start[:7], history.ravel(order="F")])
         mpc.reset_history()
         mpc.x0 = first

@@ -28,7 +28,7 @@ import numpy as np
 from report import parser, save, show
 
 from fsw.main import main as fsw
-from fsw_export import documents
+from fsw_export.targets import results_page
 from fsw_test_support import c_targets
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,8 +37,8 @@ PAGE = ROOT / "docs" / "results" / "targets.md"
 ALL = tuple(c_targets.TARGETS)
 #: exports: name, arguments, prefix of the library's functions, targets (108 moves take long under emulation)
 EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
-    "nmpc": ([], "fsw_controller", ALL),
-    "nmpc_paper": (["--parameter", "preset=paper"], "fsw_controller", ("gcc", "cortex_m7")),
+    "nmpc": ([], "fsw_nmpc", ALL),
+    "nmpc_paper": (["--parameter", "preset=paper"], "fsw_nmpc", ("gcc", "cortex_m7")),
     "decentral": (["--controller", "decentral"], "fsw_decentral", ALL),
 }
 
@@ -95,7 +95,7 @@ def main() -> int:
     save(flat, given.json)
     if given.publish:
         PUBLISHED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-        PAGE.write_text(documents.results_page(found), encoding="utf-8")
+        PAGE.write_text(results_page(found), encoding="utf-8")
         print(f"wrote {PUBLISHED.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}", file=sys.stderr)
     return 0
 

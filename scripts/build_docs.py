@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import html
+import json
 import os
 import re
 import subprocess
@@ -37,11 +38,15 @@ from mkdocs.structure.files import File
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_control.parameters import ParameterSpec, parse
+from fsw_control.ranges import Range
+from fsw_control.schema import Model, json_schema
 from fsw_hmi.main import parser as hmi_parser
 from fsw_model import nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
-from fsw_scenario import ranges, scenario_file
-from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM, PHASES, TRAVERSE_MM_PER_MIN
+from fsw_scenario import scenario_file
+from fsw_scenario.scenario_file import ScenarioFile
+from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
+from fsw_scenario.weld_programme_file import LIMITS
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"
@@ -152,70 +157,65 @@ def messages() -> str:
     return page("Messages and services", *lines)
 
 
+def model_tables(model: type[Model], heading: str = "##") -> list[str]:
+    """A table of the keys of a model, and one of each model inside it."""
+    schema = json_schema(model)
+    lines = []
+    for name, one in [("", schema), *schema.get("$defs", {}).items()]:
+        required = one.get("required", [])
+        rows = []
+        for key, value in one["properties"].items():
+            default = f"`{json.dumps(value['default'])}`" if "default" in value else "needed" if key in required else ""
+            rows.append((f"`{key}`", allowed(value), default, value.get("description", "").replace("\n", " ")))
+        lines += ["", f"{heading} {title(name) if name else 'Keys'}", ""]
+        lines += [one["description"], ""] if name else []
+        lines += table(("key", "value", "default", "meaning"), rows)
+    return lines
+
+
+def title(name: str) -> str:
+    """Name of a model in words: ``PhaseEntry`` is a phase."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", name.removesuffix("Entry")).capitalize()
+
+
+def allowed(value: dict[str, Any]) -> str:
+    """What a JSON Schema allows, in words."""
+    if "$ref" in value:
+        name = title(value["$ref"].rpartition("/")[2])
+        return f"[{name.lower()}](#{name.lower().replace(' ', '-')})"
+    if value.get("type") == "array":
+        return f"list: {allowed(value['items'])}"
+    if "enum" in value or "const" in value:
+        return ", ".join(f"`{one}`" for one in value.get("enum", [value.get("const")]))
+    if "minimum" in value:
+        return str(Range(value["minimum"], value["maximum"], value.get("unit", "")))
+    words = {"object": "mapping", "boolean": "`true`, `false`", "string": "text"}
+    return "letters, digits, `_`" if "pattern" in value else words.get(value["type"], value["type"])
+
+
 def scenarios() -> str:
     """Keys and ranges of scenario files, and the shipped ones."""
-    words = ", ".join(f"`{shape}`" for shape in ranges.DISTURBANCE_SHAPES)
-    kinds = ", ".join(f"`{kind}`" for kind in ranges.FAULT_KINDS)
-    top = {
-        "name": "letters, digits and `_`",
-        "description": "any text",
-        "duration_s": f"{ranges.DURATION_S}; with `phases` it is left out",
-        "controller": "the one that is applied at the start (default `decentral`); `none`: open loop",
-        "plant": "parameters of the plant that differ from their defaults ([`plant.yaml`](parameters.md))",
-        "events": "a list in order of time; each has `at_s` (or `at_deg` of `phases`) and one of the events below",
-        "figures": "figures of the paper that the scenario shows, 4 to 9",
-        "announced": "whether controllers know the set-points beforehand, by `/fsw/reference_plan` (default false)",
-        "phases": "of a whole weld, in place of `reference` events; each entry as below",
-    }
-    if missing := set(scenario_file.KEYS) ^ set(top):
-        raise SystemExit(f"describe the scenario keys {', '.join(sorted(missing))} in {Path(__file__).name}")
-    rows = [
-        ("`reference`", "`depth_mm`", ranges.REFERENCE_DEPTH_MM),
-        ("", "`temperature_c`", ranges.REFERENCE_TEMPERATURE_C),
-        ("", "`over_s`: ramp", ranges.DURATION_S),
-        ("", "`sine.depth_mm`", ranges.SINE_DEPTH_MM),
-        ("", "`sine.temperature_c`", ranges.SINE_TEMPERATURE_C),
-        ("", "`sine.period_s`", ranges.DURATION_S),
-        ("`disturbance`", "`shape`", words),
-    ]
-    rows += [("", f"`channel: {c}`, `{key}`", allowed) for c, (key, allowed) in ranges.DISTURBANCE_AMPLITUDE.items()]
-    rows += [("", "`duration_s`, `period_s`", ranges.DURATION_S), ("`fault`", "`kind`", kinds)]
-    rows += [
-        ("", f"`sensor: {s}`, `magnitude_{unit}` of `spike`, `bias`, `drift` (per s)", allowed)
-        for s, (unit, allowed) in ranges.FAULT_MAGNITUDE.items()
-    ]
-    rows += [
-        ("", "`magnitude_s` of `delay`", ranges.FAULT_DELAY_S),
-        ("", "`duration_s`", "0 (until the end) to the scenario's duration"),
-        ("`switch`", "name of a controller", "not in open loop"),
-        ("`command`", "`force_kn`", f"{ranges.COMMAND_FORCE_KN}; only in open loop"),
-        ("", "`speed_rpm`", f"{ranges.COMMAND_SPEED_RPM}; only in open loop"),
-    ]
-    phase_rows = [
-        ("`name`", f"in this order: {', '.join(f'`{name}`' for name in PHASES)}; one may be left out"),
-        ("`duration_s`", f"of a phase without travel: {ranges.DURATION_S}"),
-        ("`to_deg`", f"of one with travel: where it ends, {ranges.WELD_ANGLE_DEG}, not behind its beginning"),
-        ("`from_deg`", "where the phase before ends, which is the default"),
-        ("`length_mm`", f"of the path; default: the arc on a diameter of {CANISTER_DIAMETER_MM:g} mm, and not less"),
-        ("`speed_mm_per_min`", f"{ranges.WELD_SPEED_MM_PER_MIN} (default {TRAVERSE_MM_PER_MIN:g})"),
-        (
-            "`set_points`",
-            "a list; `at_s` from the phase's beginning (default 0), `depth_mm`, `temperature_c`, `over_s`",
-        ),
-        (
-            "largest change",
-            f"{ranges.WELD_STEP_DEPTH_MM:g} mm, {ranges.WELD_STEP_TEMPERATURE_C:g} degC; as a ramp "
-            f"{ranges.WELD_RATE_DEPTH_MM_PER_S:g} mm/s, {ranges.WELD_RATE_TEMPERATURE_C_PER_S:g} degC/s",
-        ),
-    ]
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
     shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
-    lines = ["How to write one, with an example: [Write a scenario](../how-to/scenarios.md)."]
-    lines += ["", "## Keys", "", *table(("key", "allowed"), [(f"`{key}`", text) for key, text in top.items()])]
-    lines += ["", "## Events", "", *table(("event", "key", "allowed"), rows)]
-    lines += ["", "## Phases", "", *table(("key", "allowed"), phase_rows)]
+    changes = "; ".join(
+        f"`{name}` by {step:g} {unit} at once, {rate:g} {unit}/s as a ramp"
+        for name, (unit, step, rate) in LIMITS.items()
+    )
+    lines = [
+        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
+        "editors: [scenario.schema.json](scenario.schema.json).",
+        *model_tables(ScenarioFile),
+        "",
+        f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
+        f"{CANISTER_DIAMETER_MM:g} mm.",
+    ]
     lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped)]
     return page("Scenario files", *lines)
+
+
+def scenario_schema() -> str:
+    """JSON Schema of scenario files."""
+    return json.dumps({"title": "FSW scenario"} | json_schema(ScenarioFile), indent=2) + "\n"
 
 
 def command_line() -> dict[str, str]:
@@ -361,8 +361,9 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 
 
 def reference() -> dict[str, str]:
-    """The generated pages of the reference, by name."""
-    return {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
+    """The generated files of the reference, by name."""
+    pages = {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
+    return {f"{name}.md": text for name, text in pages.items()} | {"scenario.schema.json": scenario_schema()}
 
 
 def main() -> int:
@@ -372,7 +373,7 @@ def main() -> int:
     check: bool = cli.parse_args().check
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
     case = safety_case.PAGE.read_text("utf-8")
-    pages = {REFERENCE / f"{name}.md": text for name, text in reference().items()}
+    pages = {REFERENCE / name: text for name, text in reference().items()}
     pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
     pages[safety_case.PAGE] = safety_case.renewed(case, requirements, tests)

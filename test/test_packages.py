@@ -29,7 +29,6 @@ MAY_IMPORT = {
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant"},
     "fsw_hmi": {
         "fsw_control",
         "fsw_plant",
@@ -41,6 +40,7 @@ MAY_IMPORT = {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
+    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
     "fsw_campaign": {"fsw_scenario", "fsw_analysis", "fsw_plant", "fsw_control", "fsw_nmpc", "fsw_decentral"},
     "fsw": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
@@ -51,14 +51,17 @@ MAY_IMPORT = {
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
     "casadi": "casadi-pip",
+    "cffi": "python3-cffi",
     "cryptography": "python3-cryptography",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
+    "jinja2": "python3-jinja2",
     "hypothesis": "python3-hypothesis",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
+    "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
@@ -73,8 +76,10 @@ KNOWN |= {"std_srvs"}
 KNOWN |= {f"{kind}_interfaces" for kind in ("builtin", "example", "rcl", "rosbag2")}
 _TAGS = ("exec_depend", "depend")
 #: the stand-in for ROS 2, done without where that is; what the tests of this repository share; and extras that only
-#: one command needs, of which rosdep has not all
+#: one command needs, of which rosdep has not all; pydantic comes by pip, as Ubuntu has version 1
 OPTIONAL = {
+    "pydantic",
+    "pydantic_core",
     "rosidl_embedded",
     "rclpy_embedded",
     "fsw_test_support",
@@ -136,7 +141,10 @@ def declared(package: Path, *tags: str) -> set[str]:
 def test_package_xml_says_what_is_imported(package: Path) -> None:
     needed = {KEYS.get(module, module) for module in imported(product(package)) - {package.name}}
     said = declared(package, *_TAGS)
-    started = {"fsw_bringup": said, "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi"}}
+    started = {
+        "fsw_bringup": said,
+        "fsw_scenario": {"fsw_nmpc", "fsw_decentral", "fsw_supervisor", "fsw_hmi", "fsw_recorder"},
+    }
     assert needed - said == set()
     assert said - needed - started.get(package.name, set()) == set()
 

@@ -1,19 +1,18 @@
 import sys
 from pathlib import Path
-from runpy import run_path
 
 from setuptools import Extension, find_packages, setup
 
 package_name = "fsw_decentral"
 sys.path.append(str(Path(__file__).resolve().parents[1] / "fsw_control"))  # in the workspace; elsewhere it is installed
-library = run_path(str(Path(package_name, "kernel_build.py")))["LIBRARY"]
+from fsw_control.c_library import CLibrary  # noqa: E402
 
 setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
     package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
-    ext_modules=[Extension(**library.extension())],
+    ext_modules=[Extension(**CLibrary(package_name, Path(package_name, "kernel")).extension())],
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),

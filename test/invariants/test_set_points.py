@@ -79,7 +79,7 @@ class Listener:
     def _hear(self, stamp_ns: int, reference: Reference, published_ns: int) -> bool:
         if self.now_s < self._joined_s:  # its clock has gone back: it has listened for long
             self._joined_s = self.now_s - 6.0
-        return self.queue.hear(stamp_ns, reference, published_ns, self._ns(self.now_s))
+        return self.queue.receive(stamp_ns, reference, published_ns, self._ns(self.now_s))
 
     def _check(self, in_force: Reference | None) -> None:
         by_place = sorted(self.accepted, key=lambda one: one[0])

@@ -41,10 +41,6 @@ class Arguments:
     remaining: list[str] = field(default_factory=list)
 
 
-def _add_remap(arguments: Arguments, text: str) -> None:
-    arguments.remap_rules.append(RemapRule.parse(text))
-
-
 def _add_parameter(arguments: Arguments, text: str) -> None:
     match = _PARAMETER.fullmatch(text)
     if match is None:
@@ -67,18 +63,15 @@ def _add_log_level(arguments: Arguments, text: str) -> None:
         arguments.default_log_level = severity
 
 
-def _ignore(arguments: Arguments, text: str) -> None:
-    """Accept what is about log files, of which there are none."""
-
-
 #: Flag with a value -> what the value is called, and what takes it.
 _OPTIONS: dict[str, tuple[str, Callable[[Arguments, str], None]]] = {
-    "--remap": ("remap rule", _add_remap),
+    "--remap": ("remap rule", lambda arguments, text: arguments.remap_rules.append(RemapRule.parse(text))),
     "--param": ("parameter override rule", _add_parameter),
     "--params-file": ("params file", lambda arguments, path: parameter_yaml.parse_file(path, arguments.parameters)),
     "--log-level": ("log level", _add_log_level),
-    "--log-file-name": ("log file name prefix", _ignore),
-    "--log-config-file": ("log configuration file", _ignore),
+    # There are no log files.
+    "--log-file-name": ("log file name prefix", lambda arguments, text: None),
+    "--log-config-file": ("log configuration file", lambda arguments, text: None),
     "--enclave": ("enclave name", lambda arguments, text: setattr(arguments, "enclave", text)),
 }
 _OPTIONS |= {"-r": _OPTIONS["--remap"], "-p": _OPTIONS["--param"], "-e": _OPTIONS["--enclave"]}
@@ -99,7 +92,7 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
             in_ros = True
         elif not in_ros:
             try:
-                _add_remap(arguments, word)
+                arguments.remap_rules.append(RemapRule.parse(word))
                 RcutilsLogger("rcl").warning(
                     f"Found remap rule '{word}'. This syntax is deprecated. Use '--ros-args --remap {word}' instead."
                 )

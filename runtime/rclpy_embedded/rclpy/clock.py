@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from enum import IntEnum
 from typing import Any, cast
 
@@ -29,21 +29,21 @@ class ClockChange(IntEnum):
     SYSTEM_TIME_NO_CHANGE = 4
 
 
+@dataclass(kw_only=True, eq=False)
 class JumpThreshold:
     """When a change of time counts as a jump: steps of `min_forward` > 0 or `min_backward` < 0, a change of source."""
 
-    def __init__(
-        self, *, min_forward: Duration | None, min_backward: Duration | None, on_clock_change: bool = True
-    ) -> None:
-        if min_forward is not None and min_forward.nanoseconds <= 0:
+    min_forward: Duration | None
+    min_backward: Duration | None
+    on_clock_change: bool = True
+
+    def __post_init__(self) -> None:
+        if self.min_forward is not None and self.min_forward.nanoseconds <= 0:
             raise ValueError("min_forward must be a positive non-zero duration")
-        if min_backward is not None and min_backward.nanoseconds >= 0:
+        if self.min_backward is not None and self.min_backward.nanoseconds >= 0:
             raise ValueError("min_backward must be a negative non-zero duration")
-        if min_forward is None and min_backward is None and not on_clock_change:
+        if self.min_forward is None and self.min_backward is None and not self.on_clock_change:
             raise ValueError("At least one jump threshold must be enabled")
-        self.min_forward = min_forward
-        self.min_backward = min_backward
-        self.on_clock_change = on_clock_change
 
     def exceeded_by(self, jump: TimeJump) -> bool:
         """Return whether `jump` counts."""
@@ -66,26 +66,20 @@ class TimeJump:
             raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
 
 
+@dataclass(kw_only=True, eq=False)
 class JumpHandle:
     """A registered pair of jump callbacks; also a context manager that unregisters them."""
 
-    def __init__(
-        self,
-        *,
-        clock: Clock,
-        threshold: JumpThreshold,
-        pre_callback: Callable[[], None] | None,
-        post_callback: Callable[[TimeJump], None] | None,
-    ) -> None:
-        if pre_callback is None and post_callback is None:
-            raise ValueError("One of pre_callback or post_callback must be callable")
-        for name, callback in (("pre_callback", pre_callback), ("post_callback", post_callback)):
-            if callback is not None and not callable(callback):
-                raise ValueError(f"{name} must be callable if given")
+    clock: InitVar[Clock]
+    threshold: JumpThreshold
+    pre_callback: Callable[[], None] | None
+    post_callback: Callable[[TimeJump], None] | None
+
+    def __post_init__(self, clock: Clock) -> None:
+        callbacks = [callback for callback in (self.pre_callback, self.post_callback) if callback is not None]
+        if not callbacks or not all(callable(callback) for callback in callbacks):
+            raise ValueError("One of pre_callback or post_callback must be callable, and the other one too if given")
         self._clock: Clock | None = clock
-        self._threshold = threshold
-        self._pre_callback = pre_callback
-        self._post_callback = post_callback
         clock._jump_handles.append(self)
 
     def unregister(self) -> None:
@@ -137,14 +131,14 @@ class Clock:
 
     def _jump(self, jump: TimeJump, change: Callable[[], None]) -> None:
         """Apply `change` between the callbacks that `jump` concerns."""
-        concerned = [handle for handle in list(self._jump_handles) if handle._threshold.exceeded_by(jump)]
+        concerned = [handle for handle in list(self._jump_handles) if handle.threshold.exceeded_by(jump)]
         for handle in concerned:
-            if handle._pre_callback is not None:
-                handle._pre_callback()
+            if handle.pre_callback is not None:
+                handle.pre_callback()
         change()
         for handle in concerned:
-            if handle._post_callback is not None:
-                handle._post_callback(jump)
+            if handle.post_callback is not None:
+                handle.post_callback(jump)
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
         """Sleep until this clock shows `until`; return whether it does.

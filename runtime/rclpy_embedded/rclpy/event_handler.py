@@ -24,19 +24,8 @@ _POLICIES = {
 }
 
 
-class _Info:
-    """What a callback gets: fields of the DDS status, under the same names."""
-
-    @classmethod
-    def of(cls, status: Any) -> Self:
-        return cls(*(getattr(status, field.name) for field in fields(cls)))  # type: ignore[arg-type]
-
-    def has_changed(self) -> bool:
-        return any(value for name, value in vars(self).items() if name.endswith("_change"))
-
-
 @dataclass(frozen=True)
-class CountInfo(_Info):
+class CountInfo:
     """How often something happened: missed deadlines, lost liveliness, lost messages."""
 
     total_count: int
@@ -64,7 +53,7 @@ class MatchedInfo(CountInfo):
 
 
 @dataclass(frozen=True)
-class LivelinessChangedInfo(_Info):
+class LivelinessChangedInfo:
     """How many publishers are alive and how many are not."""
 
     alive_count: int
@@ -85,9 +74,9 @@ class _EventType(IntEnum):
 
     callback: str
     status: str
-    info: type[_Info]
+    info: type[Any]
 
-    def __new__(cls, value: int, callback: str, status: str, info: type[_Info]) -> Self:
+    def __new__(cls, value: int, callback: str, status: str, info: type[Any]) -> Self:
         member = int.__new__(cls, value)
         member._value_, member.callback, member.status, member.info = value, callback, status, info
         return member
@@ -125,16 +114,14 @@ class EventHandler(Waitable):
     def __init__(
         self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: IntEnum, parent_impl: Entity
     ) -> None:
-        if not isinstance(event_type, _EventType):
+        if not isinstance(event_type, _EventType) or not event_type.status:
             raise UnsupportedEventTypeError(f"{event_type!r} is not supported by the middleware")
         super().__init__(callback_group)
         self.event_type = event_type
         self.callback = callback
         self.condition = parent_impl
-        self._status, self._take_status = 0, None
-        if event_type.status:
-            self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
-            self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
+        self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
+        self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
         parent_impl.set_status_mask(parent_impl.get_status_mask() | self._status)
         # What happened before the mask was set raised no status, but was counted.
         self._pending = self._read()
@@ -142,14 +129,15 @@ class EventHandler(Waitable):
     def is_ready(self) -> bool:
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
-    def _read(self) -> _Info | None:
-        if self._take_status is None:
-            return None
+    def _read(self) -> Any:
         try:
-            info = self.event_type.info.of(self._take_status())
+            status = self._take_status()
         except DDSException:  # deleted in the meantime
             return None
-        return info if info.has_changed() else None
+        # What a callback gets has fields of the DDS status, under the same names.
+        values = {field.name: getattr(status, field.name) for field in fields(self.event_type.info)}
+        has_changed = any(value for name, value in values.items() if name.endswith("_change"))
+        return self.event_type.info(**values) if has_changed else None
 
     def take_data(self) -> Any:
         pending, self._pending = self._pending, None
@@ -197,15 +185,14 @@ class _EventCallbacks:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             get_logger(logger_name).warn(f"{self._WARNING.format(topic_name)} Last incompatible policy: {policy}")
 
-        defaults: dict[str, Any] = {}
-        if self.use_default_callbacks:
-            defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
+        defaults = {"incompatible_qos": warn} if self.use_default_callbacks else {}
         # A new entity has every status in its mask; one that is never taken would end every wait at once.
         entity.set_status_mask(0)
         return [
             EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
             for event_type in self._EVENTS
-            if (callback := getattr(self, event_type.callback) or defaults.get(event_type.callback)) is not None
+            if event_type.status
+            and (callback := getattr(self, event_type.callback) or defaults.get(event_type.callback)) is not None
         ]
 
 

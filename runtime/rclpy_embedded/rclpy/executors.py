@@ -48,7 +48,6 @@ class ConditionReachedException(Exception):  # noqa: N818
 
 
 async def _run(entity: Any, executor: Executor) -> None:
-    """Take from an entity and run its callback, with the permission of its group."""
     group = entity.callback_group
     if not group.beginning_execution(entity):
         return
@@ -156,7 +155,6 @@ class Executor:
         self._conditions.wake()
 
     def _notice(self) -> None:
-        """Note that nodes or entities were added or removed."""
         self._entities_changed = True
         self.wake()
 

@@ -1,7 +1,6 @@
 """Names in the graph: their rules, their expansion to full names, and remapping.
 
-Each ``*_error`` function returns None for a valid name, else ``(message, index of the first bad character)``,
-checked in the order of rcl and rmw, so that the same fault of several is reported.
+Each ``*_error`` function returns None for a valid name, else ``(message, index of the first bad character)``.
 """
 
 from __future__ import annotations
@@ -31,105 +30,89 @@ _RULE = re.compile(
 _KINDS = {None: "topic_or_service", "rostopic://": "topic", "rosservice://": "service"}
 
 NameError_ = tuple[str, int] | None
+#: Pattern of what is wrong, where the last character matched is the bad one, and the message; the first fault counts.
+_Faults = tuple[tuple[str, str], ...]
 
 
-def full_topic_name_error(name: str, kind: str = "topic name") -> NameError_:
-    """Check a fully qualified topic or service name."""
-    if not name:
-        return f"{kind} must not be empty", 0
-    if name[0] != "/":
-        return f"{kind} must be absolute, it must lead with a '/'", 0
-    if name[-1] == "/":
-        return f"{kind} must not end with a '/'", len(name) - 1
-    if bad := re.search(r"[^A-Za-z0-9_/]", name):
-        return f"{kind} must not contain characters other than alphanumerics, '_', or '/'", bad.start()
-    if bad := re.search(r"/[/0-9]", name):
-        if name[bad.start() + 1] == "/":
-            return f"{kind} must not contain repeated '/'", bad.start() + 1
-        return f"{kind} must not have a token that starts with a number", bad.start() + 1
-    if kind == "topic name" and len(name) > MAX_TOPIC_LENGTH:
-        return f"topic length should not exceed '{MAX_TOPIC_LENGTH}'", MAX_TOPIC_LENGTH - 1
+def _absolute(what: str, too_long: str, longest: int) -> _Faults:
+    return (
+        (r"^\Z", f"{what} must not be empty"),
+        (r"^[^/]", f"{what} must be absolute, it must lead with a '/'"),
+        (r"/\Z", f"{what} must not end with a '/'"),
+        (r"[^A-Za-z0-9_/]", f"{what} must not contain characters other than alphanumerics, '_', or '/'"),
+        (r"//", f"{what} must not contain repeated '/'"),
+        (r"/[0-9]", f"{what} must not have a token that starts with a number"),
+        (rf"^.{{{longest}}}(?=.)", f"{too_long} should not exceed '{longest}'"),
+    )
+
+
+_FULL_TOPIC_FAULTS = _absolute("topic name", "topic length", MAX_TOPIC_LENGTH)
+_NAMESPACE_FAULTS = _absolute("namespace", "namespace", MAX_NAMESPACE_LENGTH)
+_NODE_FAULTS: _Faults = (
+    (r"^\Z", "node name must not be empty"),
+    (r"[^A-Za-z0-9_]", "node name must not contain characters other than alphanumerics or '_'"),
+    (r"^[0-9]", "node name must not start with a number"),
+    (rf"^.{{{MAX_NODE_NAME_LENGTH}}}(?=.)", f"node name length should not exceed '{MAX_NODE_NAME_LENGTH}'"),
+)
+#: The longest part of a topic name that has only valid characters and substitutions.
+_VALID = r"^~?+(?:[A-Za-z0-9_/]|\{(?![0-9])[A-Za-z0-9_]*\})*+"
+_TOPIC_FAULTS: _Faults = (
+    (r"^\Z", "topic name must not be empty string"),
+    (r"^[0-9]", "topic name token must not start with a number"),
+    (r"/\Z", "topic name must not end with a forward slash"),
+    (_VALID + r"\{[0-9]", "substitution name must not start with a number"),
+    (_VALID + r"(\}|\{(?=[A-Za-z0-9_]*\Z))", "topic name must not have unmatched (unbalanced) curly braces '{}'"),
+    (_VALID + r"(\{[A-Za-z0-9_]*)?~", "topic name must not have tilde '~' unless it is the first character"),
+    (_VALID + r"\{[A-Za-z0-9_]*+.", "substitution name must not contain characters other than alphanumerics or '_'"),
+    (_VALID + ".", "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'"),
+    (r"^~[^/](?=.)", "topic name must not have a tilde '~' that is not followed by a forward slash '/'"),
+    (r"/[0-9]", "topic name token must not start with a number"),
+)
+
+
+def _fault(name: str, faults: _Faults) -> NameError_:
+    for pattern, text in faults:
+        if match := re.search(pattern, name, re.DOTALL):
+            return text, max(0, match.end() - 1)
     return None
+
+
+def full_topic_name_error(name: str) -> NameError_:
+    """Check a fully qualified topic or service name."""
+    return _fault(name, _FULL_TOPIC_FAULTS)
 
 
 def namespace_error(namespace: str) -> NameError_:
     """Check an absolute namespace."""
-    if namespace == "/":
-        return None
-    if error := full_topic_name_error(namespace, "namespace"):
-        text, index = error
-        return (text + ", unless only a '/'" if text.endswith("end with a '/'") else text), index
-    if len(namespace) > MAX_NAMESPACE_LENGTH:
-        return f"namespace should not exceed '{MAX_NAMESPACE_LENGTH}'", MAX_NAMESPACE_LENGTH - 1
-    return None
+    return None if namespace == "/" else _fault(namespace, _NAMESPACE_FAULTS)
 
 
 def node_name_error(name: str) -> NameError_:
     """Check a node's name (without namespace)."""
-    if not name:
-        return "node name must not be empty", 0
-    if bad := re.search(r"[^A-Za-z0-9_]", name):
-        return "node name must not contain characters other than alphanumerics or '_'", bad.start()
-    if name[0] in "0123456789":
-        return "node name must not start with a number", 0
-    if len(name) > MAX_NODE_NAME_LENGTH:
-        return f"node name length should not exceed '{MAX_NODE_NAME_LENGTH}'", MAX_NODE_NAME_LENGTH - 1
-    return None
+    return _fault(name, _NODE_FAULTS)
 
 
 def topic_name_error(name: str) -> NameError_:
     """Check a topic or service name as a user may write it: relative, private (~) or with substitutions ({node})."""
-    if not name:
-        return "topic name must not be empty string", 0
-    if name[0] in "0123456789":
-        return "topic name token must not start with a number", 0
-    if name[-1] == "/":
-        return "topic name must not end with a forward slash", len(name) - 1
-    valid = re.match(r"~?(?:[A-Za-z0-9_/]|\{(?![0-9])[A-Za-z0-9_]*\})*", name)
-    if valid and valid.end() < len(name):
-        return _bad_character(name, valid.end())
-    if name[0] == "~" and len(name) > 2 and name[1] != "/":
-        return "topic name must not have a tilde '~' that is not followed by a forward slash '/'", 1
-    if bad := re.search(r"/[0-9]", name):
-        return "topic name token must not start with a number", bad.start() + 1
-    return None
+    return _fault(name, _TOPIC_FAULTS)
 
 
-def _bad_character(name: str, index: int) -> NameError_:
-    """Say what is wrong with the character, or with the braces that begin there."""
-    unmatched = "topic name must not have unmatched (unbalanced) curly braces '{}'"
-    opened = re.compile(r"\{([A-Za-z0-9_]*)").match(name, index)
-    if opened:
-        if opened[1][:1].isdigit():
-            return "substitution name must not start with a number", index + 1
-        if opened.end() == len(name):
-            return unmatched, index
-        index = opened.end()
-    if name[index] == "~":
-        return "topic name must not have tilde '~' unless it is the first character", index
-    if opened:
-        return "substitution name must not contain characters other than alphanumerics or '_'", index
-    if name[index] == "}":
-        return unmatched, index
-    return "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'", index
+def _validate_topic(name: str, error: NameError_, is_service: bool) -> Literal[True]:
+    if error:
+        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
+            name, *error
+        )
+    return True
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid name, which need not be expanded; else raise Invalid{Topic,Service}NameException."""
-    if error := topic_name_error(name):
-        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
-            name, *error
-        )
-    return True
+    return _validate_topic(name, topic_name_error(name), is_service)
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> Literal[True]:
     """Return True for a valid fully qualified name; else raise Invalid{Topic,Service}NameException."""
-    if error := full_topic_name_error(name):
-        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
-            name, *error
-        )
-    return True
+    return _validate_topic(name, full_topic_name_error(name), is_service)
 
 
 def validate_namespace(namespace: str) -> Literal[True]:

@@ -85,7 +85,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
             topic, callbacks, group = "/rosout", PublisherEventCallbacks(), self._default_callback_group
             name = self.resolve_topic_name(topic)
             self.__rosout = Publisher(local_node, Log, topic, name, qos_profile_rosout_default, callbacks, group)
-            system.rosout.attach(local_node.logger_name, self.__rosout.publish)
+            system.attach(local_node.logger_name, self.__rosout.publish)
         self._parameter_event_publisher: Publisher | None = self.create_publisher(
             ParameterEvent, "/parameter_events", qos_profile_parameter_events
         )
@@ -195,7 +195,7 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
         self._parameter_event_publisher = None
         super().destroy_node()
         if self.__rosout is not None:
-            system.rosout.detach(handle.logger_name, self.__rosout.publish)
+            system.detach(handle.logger_name, self.__rosout.publish)
             self.__rosout.destroy()
         handle.session.remove_node(handle)
         executor = self.executor

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from rclpy.context import Context
 from rclpy.impl.dds import profile_from_dds
 from rclpy.impl.graph import (
-    Endpoint,
     Graph,
     NamesAndTypes,
     names_and_types,
@@ -38,23 +37,25 @@ class NodeGraph:
         validate_full_topic_name(full, is_service=is_service)
         return full
 
+    def __topics_of(self, name: str, namespace: str, no_demangle: bool, *, writers: bool) -> NamesAndTypes:
+        endpoints = self.__graph.endpoints_by_node(name, namespace, writers=writers)
+        return names_and_types(endpoints, None if no_demangle else ros_topic)
+
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
         """Return topics and types of a node's publishers; NodeNameNonExistentError if there is no such node."""
-        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=True)
-        return names_and_types(endpoints, None if no_demangle else ros_topic)
+        return self.__topics_of(node_name, node_namespace, no_demangle, writers=True)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
         """Return topics and types of a node's subscriptions; NodeNameNonExistentError if there is no such node."""
-        endpoints = self.__graph.endpoints_by_node(node_name, node_namespace, writers=False)
-        return names_and_types(endpoints, None if no_demangle else ros_topic)
+        return self.__topics_of(node_name, node_namespace, no_demangle, writers=False)
 
     def __services_of(self, name: str, namespace: str, received: str) -> NamesAndTypes:
         endpoints = self.__graph.endpoints_by_node(name, namespace, writers=False)
-        return names_and_types([e for e in endpoints if e.dds_topic.startswith(received)], ros_service)
+        return names_and_types([e for e in endpoints if e.topic_name.startswith(received)], ros_service)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Return services and types of a node's servers; NodeNameNonExistentError if there is no such node."""
@@ -64,33 +65,34 @@ class NodeGraph:
         """Return services and types of a node's clients; NodeNameNonExistentError if there is no such node."""
         return self.__services_of(node_name, node_namespace, "rr/")
 
-    def __all_endpoints(self) -> list[Endpoint]:
-        return self.__graph.endpoints(writers=True) + self.__graph.endpoints(writers=False)
+    def __all_names_and_types(self, demangle: Callable[[str], str | None] | None) -> NamesAndTypes:
+        endpoints = self.__graph.endpoints(writers=True) + self.__graph.endpoints(writers=False)
+        return names_and_types(endpoints, demangle)
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Return all topics and their types."""
-        return names_and_types(self.__all_endpoints(), None if no_demangle else ros_topic)
+        return self.__all_names_and_types(None if no_demangle else ros_topic)
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """Return all services and their types."""
-        return names_and_types(self.__all_endpoints(), ros_service)
+        return self.__all_names_and_types(ros_service)
 
     def get_node_names(self) -> list[str]:
         """Return the names of all nodes."""
-        return [node.name for node in self.__graph.nodes()]
+        return [node.node_name for _, node in self.__graph.nodes()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
         """Return the full names of all nodes."""
-        return [node.full_name for node in self.__graph.nodes()]
+        return [f"{node.node_namespace.rstrip('/')}/{node.node_name}" for _, node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
         """Return name and namespace of all nodes."""
-        return [(node.name, node.namespace) for node in self.__graph.nodes()]
+        return [(node.node_name, node.node_namespace) for _, node in self.__graph.nodes()]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         """Return name, namespace and enclave of all nodes."""
         graph = self.__graph
-        return [(node.name, node.namespace, graph.enclave(node.participant)) for node in graph.nodes()]
+        return [(node.node_name, node.node_namespace, graph.enclave(guid)) for guid, node in graph.nodes()]
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic."""
@@ -121,14 +123,15 @@ class NodeGraph:
     def __infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
         dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
         graph = self.__graph
+        kind = TopicEndpointTypeEnum.PUBLISHER if writers else TopicEndpointTypeEnum.SUBSCRIPTION
         return [
             TopicEndpointInfo(
-                node_name=node.name if node else "_NODE_NAME_UNKNOWN_",
-                node_namespace=node.namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-                topic_type=endpoint.dds_type if no_mangle else ros_type(endpoint.dds_type),
+                node_name=node.node_name if node else "_NODE_NAME_UNKNOWN_",
+                node_namespace=node.node_namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
+                topic_type=endpoint.type_name if no_mangle else ros_type(endpoint.type_name or ""),
                 topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
-                endpoint_type=TopicEndpointTypeEnum.PUBLISHER if writers else TopicEndpointTypeEnum.SUBSCRIPTION,
-                endpoint_gid=list(endpoint.guid),
+                endpoint_type=kind,
+                endpoint_gid=list(endpoint.key.bytes),
                 qos_profile=profile_from_dds(endpoint.qos),
             )
             for endpoint in graph.endpoints_of(dds_topic, writers=writers)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
 from rcl_interfaces import msg
+from rclpy.parameter_yaml import parse_file
 
 PARAMETER_SEPARATOR_STRING = "."
 
@@ -37,16 +37,9 @@ class Parameter:
 
         @classmethod
         def from_parameter_value(cls, parameter_value: Any) -> Parameter.Type:
-            """Return the type of a Python value."""
-            if parameter_value is None:
-                return cls.NOT_SET
-            if isinstance(parameter_value, _ARRAYS):
-                for type_, kind in _ARRAY_KINDS.items():
-                    if all(isinstance(item, kind) for item in parameter_value):
-                        return type_
-                raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
-            for type_, kind in _SCALAR_KINDS.items():
-                if isinstance(parameter_value, kind):
+            """Return the type of a Python value; an empty list counts as bytes, as in ROS 2."""
+            for type_ in cls:
+                if type_.check(parameter_value):
                     return type_
             raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
 
@@ -90,7 +83,6 @@ class Parameter:
         return msg.Parameter(name=self.name, value=self.get_parameter_value())
 
 
-# In the order in which a value is tried: a bool is an int too, and an empty list counts as bytes, as in ROS 2.
 _SCALAR_KINDS: dict[Parameter.Type, type] = {
     Parameter.Type.BOOL: bool,
     Parameter.Type.INTEGER: int,
@@ -104,7 +96,6 @@ _ARRAY_KINDS: dict[Parameter.Type, type] = {
 
 
 def _field(type_: Parameter.Type) -> str:
-    """Name of the field of a ParameterValue that holds a value of the type."""
     return f"{type_.name.lower()}_value"
 
 
@@ -138,10 +129,11 @@ def parameter_dict_from_yaml_file(
 
     With `use_wildcard` the section ``/**`` counts too, and yields to the others. `namespace` goes before every name.
     """
-    import yaml
-
-    with open(parameter_file, encoding="utf-8") as stream:
-        content = yaml.safe_load(stream)
+    content: dict[str, dict[str, Any]] = {}
+    try:
+        parse_file(parameter_file, content)
+    except ValueError as error:
+        raise RuntimeError(f"YAML file is not a valid ROS parameter file: {error}") from error
     keys = ["/**"] if use_wildcard and "/**" in content else []
     for node in target_nodes or ():
         if node not in content:
@@ -151,21 +143,6 @@ def parameter_dict_from_yaml_file(
         keys.extend(key for key in content if key != "/**")
     if not keys:
         raise RuntimeError("Param file does not contain selected parameters")
-    selected: dict[str, Any] = {}
-    for key in keys:
-        if not isinstance(content[key], dict) or "ros__parameters" not in content[key]:
-            raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {key}")
-        selected.update(content[key]["ros__parameters"])
-    return _unpack_parameter_dict(namespace, selected)
-
-
-def _unpack_parameter_dict(namespace: str, parameter_dict: Mapping[str, Any]) -> dict[str, msg.Parameter]:
-    """Flatten nested parameters to messages by full name."""
-    parameters: dict[str, msg.Parameter] = {}
-    for name, value in parameter_dict.items():
-        full_name = namespace + name
-        if isinstance(value, dict):
-            parameters.update(_unpack_parameter_dict(full_name + PARAMETER_SEPARATOR_STRING, value))
-        else:
-            parameters[full_name] = msg.Parameter(name=full_name, value=get_parameter_value(str(value)))
-    return parameters
+    # The file's empty lists are read as None.
+    values = {namespace + name: [] if value is None else value for key in keys for name, value in content[key].items()}
+    return {name: Parameter(name, value=value).to_parameter_msg() for name, value in values.items()}

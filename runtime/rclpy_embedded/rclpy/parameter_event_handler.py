@@ -25,24 +25,6 @@ class ParameterEventCallbackHandle:
     callback: Callable[[Any], None]
 
 
-class Callbacks:
-    """What is called with the events that come, the latest first."""
-
-    def __init__(self) -> None:
-        self.parameter_callbacks: list[ParameterCallbackHandle] = []
-        self.event_callbacks: list[ParameterEventCallbackHandle] = []
-
-    def event_callback(self, event: ParameterEvent) -> None:
-        """Call what was added for the parameters of an event, and for any event."""
-        # Copies: a callback or another thread may add and remove some meanwhile.
-        for handle in list(self.parameter_callbacks):
-            parameter = ParameterEventHandler.get_parameter_from_event(event, handle.parameter_name, handle.node_name)
-            if parameter is not None:
-                handle.callback(parameter)
-        for entry in list(self.event_callbacks):
-            entry.callback(event)
-
-
 def _remove(handles: list[Any], handle: Any) -> None:
     if handle not in handles:
         raise RuntimeError("Callback doesn't exist")
@@ -58,10 +40,20 @@ class ParameterEventHandler:
     def __init__(self, node: Any, qos_profile: QoSProfile = qos_profile_parameter_events, **options: Any) -> None:
         self.node = node
         self.qos_profile = qos_profile
-        self._callbacks = Callbacks()
-        callback = self._callbacks.event_callback
-        subscription = node.create_subscription(ParameterEvent, "/parameter_events", callback, qos_profile, **options)
-        self.parameter_event_subscription = subscription
+        self._parameter_callbacks: list[ParameterCallbackHandle] = []
+        self._event_callbacks: list[ParameterEventCallbackHandle] = []
+        self.parameter_event_subscription = node.create_subscription(
+            ParameterEvent, "/parameter_events", self._on_event, qos_profile, **options
+        )
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        # Copies: a callback or another thread may add and remove some meanwhile.
+        for handle in list(self._parameter_callbacks):
+            parameter = self.get_parameter_from_event(event, handle.parameter_name, handle.node_name)
+            if parameter is not None:
+                handle.callback(parameter)
+        for entry in list(self._event_callbacks):
+            entry.callback(event)
 
     def destroy(self) -> None:
         """Stop listening."""
@@ -88,23 +80,23 @@ class ParameterEventHandler:
         A relative `node_name` is in the namespace of the handler's node, an empty one is that node.
         """
         handle = ParameterCallbackHandle(parameter_name, self._resolve_path(node_name), callback)
-        self._callbacks.parameter_callbacks.insert(0, handle)
+        self._parameter_callbacks.insert(0, handle)
         return handle
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
         """Undo `add_parameter_callback`; RuntimeError if that was done before."""
-        _remove(self._callbacks.parameter_callbacks, handle)
+        _remove(self._parameter_callbacks, handle)
 
     def add_parameter_event_callback(self, callback: Callable[[Any], None]) -> ParameterEventCallbackHandle:
         """Call `callback` with every parameter event."""
         handle = ParameterEventCallbackHandle(callback)
-        self._callbacks.event_callbacks.insert(0, handle)
+        self._event_callbacks.insert(0, handle)
         return handle
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
         """Undo `add_parameter_event_callback`; RuntimeError if that was done before."""
-        _remove(self._callbacks.event_callbacks, handle)
+        _remove(self._event_callbacks, handle)
 
-    def _resolve_path(self, node_path: str | None = None) -> str:
+    def _resolve_path(self, node_path: str) -> str:
         path: str = node_path or self.node.get_fully_qualified_name()
         return path if path.startswith("/") else f"{self.node.get_namespace().rstrip('/')}/{path}"

@@ -66,8 +66,8 @@ class ParameterStore:
         """
         declared: list[Parameter] = []
         descriptors: dict[str, Any] = {}
-        for index, entry in enumerate(parameters):
-            name, value, descriptor = self._declaration(namespace, index, entry)
+        for entry in parameters:
+            name, value, descriptor = _declaration(namespace, entry)
             descriptors[name] = descriptor
             if name in self._parameter_overrides and not ignore_override:
                 value = self._parameter_overrides[name].value
@@ -83,50 +83,6 @@ class ParameterStore:
                     raise exceptions.InvalidParameterTypeException(parameter, expected)
                 raise exceptions.InvalidParameterValueException(parameter.name, parameter.value, result.reason)
         return [self._parameters[parameter.name] for parameter in declared]
-
-    def _declaration(self, namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
-        """Check one entry of `declare_parameters` and return full name, default and completed descriptor."""
-        place = f"at index {index} in parameters list"
-        if not 1 <= len(entry) <= 3:
-            raise TypeError(f"Invalid parameter tuple length {place}: {entry}; expecting length between 1 and 3")
-        name = entry[0]
-        if not isinstance(name, str):
-            raise TypeError(f"First element {name} {place} is not a str.")
-        name = f"{namespace}.{name}" if namespace else name
-        validate_parameter_name(name)
-        default = entry[1] if len(entry) > 1 else None
-        descriptor = entry[2] if len(entry) > 2 else msg.ParameterDescriptor()
-        if not isinstance(descriptor, msg.ParameterDescriptor):
-            raise TypeError(f"Third element {descriptor} {place} is not a ParameterDescriptor.")
-        if len(entry) == 1:
-            warnings.warn(
-                f"when declaring parameter named '{name}', "
-                "declaring a parameter only providing its name is deprecated. You have to either:\n"
-                '\t- Pass a name and a default value different to "PARAMETER NOT SET" (and optionally a descriptor).\n'
-                "\t- Pass a name and a parameter type.\n"
-                "\t- Pass a name and a descriptor with `dynamic_typing=True",
-                stacklevel=4,
-            )
-            descriptor.dynamic_typing = True
-        if isinstance(default, Parameter.Type):
-            if default is Parameter.Type.NOT_SET:
-                raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
-            if descriptor.dynamic_typing:
-                raise ValueError(
-                    f"When declaring parameter {{{name}}} passing a descriptor with"
-                    "`dynamic_typing=True` is not allowed when the parameter type is provided"
-                )
-            descriptor.type = default.value
-            return name, None, descriptor
-        if isinstance(default, msg.ParameterValue):
-            default = parameter_value_to_python(default)
-        if not descriptor.dynamic_typing:
-            descriptor.type = Parameter.Type.from_parameter_value(default).value
-            if default is None:
-                raise ValueError(
-                    "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
-                )
-        return name, default, descriptor
 
     def undeclare_parameter(self, name: str) -> None:
         """Forget a parameter."""
@@ -153,7 +109,7 @@ class ParameterStore:
 
     def get_parameter_types(self, names: list[str]) -> list[Any]:
         """Return the types of parameters; see `get_parameter_type`."""
-        return [self.get_parameter_type(name) for name in self._checked(names)]
+        return [self.get_parameter_type(name) for name in _checked_names(names)]
 
     def get_parameter(self, name: str) -> Parameter:
         """Return a parameter; ParameterUninitializedException if it has a type and no value yet."""
@@ -166,7 +122,7 @@ class ParameterStore:
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
         """Return parameters; see `get_parameter`."""
-        return [self.get_parameter(name) for name in self._checked(names)]
+        return [self.get_parameter(name) for name in _checked_names(names)]
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
         """Return a parameter, or the alternative (default: an unset Parameter) if it has no value."""
@@ -183,10 +139,8 @@ class ParameterStore:
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
         """Return the names below any of the prefixes (none: all) down to a depth (0: any) and their own prefixes."""
-        if not isinstance(prefixes, list):
-            raise TypeError("The prefixes argument must be a list")
-        if not all(isinstance(prefix, str) for prefix in prefixes):
-            raise TypeError("All prefixes must be instances of type str")
+        if not isinstance(prefixes, list) or not all(isinstance(prefix, str) for prefix in prefixes):
+            raise TypeError("The prefixes argument must be a list of str")
         if not isinstance(depth, int):
             raise TypeError("The depth must be instance of type int")
         if depth < 0:
@@ -202,12 +156,6 @@ class ParameterStore:
         parents = (name.rpartition(SEPARATOR)[0] for name in names)
         return msg.ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
 
-    @staticmethod
-    def _checked(names: list[str]) -> list[str]:
-        if not all(isinstance(name, str) for name in names):
-            raise TypeError("All names must be instances of type str")
-        return names
-
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         """Set parameters one after the other; a refused one does not stop the others, an undeclared one does."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
@@ -222,10 +170,7 @@ class ParameterStore:
             callbacks = list(self._pre_set_parameters_callbacks)
             parameter_list = [parameter for callback in callbacks for parameter in callback(parameter_list)]
             if not parameter_list:
-                return _result(
-                    "parameter list cannot be empty, this might be due to "
-                    "pre_set_parameters_callback modifying the original parameters list."
-                )
+                return _result("parameter list cannot be empty after the pre_set_parameters_callback changed it")
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._parameters]
@@ -328,6 +273,43 @@ class ParameterStore:
 
     def remove_post_set_parameters_callback(self, callback: _Callback) -> None:
         self._post_set_parameters_callbacks.remove(callback)
+
+
+def _declaration(namespace: str, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
+    """Check one entry of `declare_parameters` and return full name, default and completed descriptor."""
+    name, default, descriptor = (*entry, None, None, None)[:3]
+    descriptor = msg.ParameterDescriptor() if len(entry) < 3 else descriptor
+    if len(entry) > 3 or not isinstance(name, str) or not isinstance(descriptor, msg.ParameterDescriptor):
+        raise TypeError(f"{entry} does not declare a parameter: expected (name, default or type, descriptor)")
+    name = f"{namespace}.{name}" if namespace else name
+    validate_parameter_name(name)
+    if len(entry) == 1:
+        warnings.warn(
+            f"{name}: declaring a parameter only providing its name is deprecated: add a default value, a type or "
+            "a descriptor with dynamic_typing=True",
+            stacklevel=4,
+        )
+        descriptor.dynamic_typing = True
+    if isinstance(default, Parameter.Type):
+        if default is Parameter.Type.NOT_SET:
+            raise ValueError(f"Cannot declare parameter {name} as statically typed of type NOT_SET")
+        if descriptor.dynamic_typing:
+            raise ValueError(f"{name}: dynamic_typing=True is not allowed when the parameter type is provided")
+        descriptor.type = default.value
+        return name, None, descriptor
+    if isinstance(default, msg.ParameterValue):
+        default = parameter_value_to_python(default)
+    if not descriptor.dynamic_typing:
+        descriptor.type = Parameter.Type.from_parameter_value(default).value
+        if default is None:
+            raise ValueError("Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET")
+    return name, default, descriptor
+
+
+def _checked_names(names: list[str]) -> list[str]:
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError("All names must be instances of type str")
+    return names
 
 
 def _range_error(parameter: Parameter, descriptor: Any) -> str | None:

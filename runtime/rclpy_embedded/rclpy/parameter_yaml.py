@@ -22,16 +22,14 @@ _BOOLEANS = {
     for word in words
     for spelling in (word, word.capitalize(), word.upper())
 }
-_INTEGER = re.compile(r"([+-]?)(?:0[xX]([0-9a-fA-F]+)|0([0-7]*)|([1-9][0-9]*))")
+_INTEGER = re.compile(r"[+-]?(?:(?P<hexadecimal>0[xX][0-9a-fA-F]+)|(?P<octal>0[0-7]*)|[1-9][0-9]*)")
 _FLOAT = re.compile(r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|\.?inf|infinity|\.?nan)", re.IGNORECASE)
 
 
 def _integer(text: str) -> int | None:
     if not (match := _INTEGER.fullmatch(text)):
         return None
-    sign, hexadecimal, octal, decimal = match.groups()
-    value = int(hexadecimal, 16) if hexadecimal else int(decimal) if decimal else int(octal or "0", 8)
-    value = -value if sign == "-" else value
+    value = int(text, 16 if match["hexadecimal"] else 8 if match["octal"] else 10)
     return value if INT64_MIN <= value <= INT64_MAX else None
 
 

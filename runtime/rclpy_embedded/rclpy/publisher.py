@@ -5,8 +5,9 @@ from typing import Any
 from cyclonedds.core import DDSException
 from cyclonedds.internal import DDS
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.constants import INT64_MAX
 from rclpy.duration import Duration
-from rclpy.impl.dds import INFINITE_NS, matched
+from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
 from rclpy.qos import ReliabilityPolicy
@@ -72,7 +73,7 @@ class Publisher(TopicEndpoint):
         self._local_node.session.check("Failed to wait for all acknowledgements")
         if self.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
             return True
-        remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INFINITE_NS
+        remaining = timeout.nanoseconds if timeout.nanoseconds >= 0 else INT64_MAX
         while not _acked(self.handle, min(remaining, _LONGEST_WAIT_NS)):
             remaining -= _LONGEST_WAIT_NS
             if remaining <= 0:

@@ -109,20 +109,6 @@ DeadlineBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=INT64_MAX - 1)
 
 
-#: The policies and their defaults, in the order of ``str``.
-_DEFAULTS: dict[str, Any] = {
-    "history": HistoryPolicy.KEEP_LAST,
-    "depth": 10,
-    "reliability": ReliabilityPolicy.RELIABLE,
-    "durability": DurabilityPolicy.VOLATILE,
-    "lifespan": Duration(),
-    "deadline": Duration(),
-    "liveliness": LivelinessPolicy.SYSTEM_DEFAULT,
-    "liveliness_lease_duration": Duration(),
-    "avoid_ros_namespace_conventions": False,
-}
-
-
 class QoSProfile:
     """Quality of service of a publisher, subscription, client or service.
 
@@ -130,31 +116,31 @@ class QoSProfile:
     are not given; those of an enum can be given as numbers. A zero duration means unspecified.
     """
 
-    __slots__ = tuple(_DEFAULTS)
-
-    history: HistoryPolicy
-    depth: int
-    reliability: ReliabilityPolicy
-    durability: DurabilityPolicy
-    lifespan: Duration
-    deadline: Duration
-    liveliness: LivelinessPolicy
-    liveliness_lease_duration: Duration
-    avoid_ros_namespace_conventions: bool
+    history: HistoryPolicy = HistoryPolicy.KEEP_LAST
+    depth: int = 10
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    lifespan: Duration = Duration()
+    deadline: Duration = Duration()
+    liveliness: LivelinessPolicy = LivelinessPolicy.SYSTEM_DEFAULT
+    liveliness_lease_duration: Duration = Duration()
+    avoid_ros_namespace_conventions: bool = False
 
     def __init__(self, **kwargs: Any) -> None:
-        if not kwargs.keys() <= _DEFAULTS.keys():
+        if not kwargs.keys() <= QoSProfile.__annotations__.keys():
             raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
         if not kwargs.keys() & {"history", "depth"}:
             raise InvalidQoSProfileException("History and/or depth settings are required.")
         if kwargs.get("history") == HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
             raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
         # History first: the check of the depth looks at it.
-        for name, default in _DEFAULTS.items():
-            setattr(self, name, kwargs.get(name, default))
+        for name in sorted(kwargs, key=lambda name: name != "history"):
+            setattr(self, name, kwargs[name])
 
     def __setattr__(self, name: str, value: Any) -> None:
-        kind = type(_DEFAULTS.get(name, value))
+        if name not in QoSProfile.__annotations__:
+            raise AttributeError(f"there is no QoS policy '{name}'")
+        kind = type(getattr(QoSProfile, name))
         is_enum = issubclass(kind, QoSPolicyEnum)
         if not isinstance(value, (kind, int) if is_enum else kind):
             raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
@@ -168,7 +154,7 @@ class QoSProfile:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the policies by name."""
-        return {name: getattr(self, name) for name in _DEFAULTS}
+        return {name: getattr(self, name) for name in QoSProfile.__annotations__}
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -235,71 +221,34 @@ class QoSCompatibility(IntEnum):
     ERROR = 2
 
 
-#: Policy; what cannot serve what, and the error; the doubts if only the offer or only the request is known.
-_ENUM_RULES = (
-    (
-        "reliability",
-        ReliabilityPolicy.BEST_EFFORT,
-        ReliabilityPolicy.RELIABLE,
-        "Best effort publisher and reliable subscription",
-        "Best effort publisher, but subscription is",
-        "Reliable subscription, but publisher is",
-    ),
-    (
-        "durability",
-        DurabilityPolicy.VOLATILE,
-        DurabilityPolicy.TRANSIENT_LOCAL,
-        "Volatile publisher and transient local subscription",
-        "Volatile publisher, but subscription is",
-        "Transient local subscription, but publisher is",
-    ),
-    (
-        "liveliness",
-        LivelinessPolicy.AUTOMATIC,
-        LivelinessPolicy.MANUAL_BY_TOPIC,
-        "Publisher's liveliness is automatic and subscription's is manual by topic",
-        "Publisher's liveliness is automatic, but subscription's is",
-        "Subscription's liveliness is manual by topic, but publisher's is",
-    ),
-)
-#: Duration; the errors if only the request has one, and if the request is shorter than the offer.
-_DURATION_RULES = (
-    (
-        "deadline",
-        "Subscription has a deadline, but publisher does not",
-        "Subscription deadline is less than publisher deadline",
-    ),
-    (
-        "liveliness_lease_duration",
-        "Subscription has a liveliness lease duration, but publisher does not",
-        "Subscription liveliness lease duration is less than publisher",
-    ),
-)
-_UNKNOWN = ("system_default", "unknown")
+#: What an offer of the first value cannot serve: a request for the second one.
+WEAK_AND_STRICT = {
+    "reliability": (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
+    "durability": (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+    "liveliness": (LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC),
+}
+#: The policies that a subscription requests and a publisher offers.
+REQUESTED_POLICIES = (*WEAK_AND_STRICT, "deadline", "liveliness_lease_duration")
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
     """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
-    errors, doubts = [], []
-    for label, weak, strict, error, offer_known, request_known in _ENUM_RULES:
-        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
-        if offered == weak and requested == strict:
-            errors.append(error)
-        elif offered.short_key in _UNKNOWN and requested.short_key in _UNKNOWN:
-            doubts.append(f"Publisher {label} is {offered.short_key} and subscription {label} is {requested.short_key}")
-        elif offered.short_key in _UNKNOWN and requested == strict:
-            doubts.append(f"{request_known} {offered.short_key}")
-        elif requested.short_key in _UNKNOWN and offered == weak:
-            doubts.append(f"{offer_known} {requested.short_key}")
-    for label, missing, too_short in _DURATION_RULES:
-        offered, requested = getattr(publisher_qos, label), getattr(subscription_qos, label)
-        # Zero means unspecified.
-        if requested.nanoseconds and requested < offered:
-            errors.append(too_short)
-        elif requested.nanoseconds and not offered.nanoseconds:
-            errors.append(missing)
+    errors, doubts = "", ""
+    for name in REQUESTED_POLICIES:
+        offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)
+        text = f"{name} of publisher is {offered}, of subscription {requested};"
+        if isinstance(offered, Duration):
+            # Zero means unspecified.
+            if requested.nanoseconds and not 0 < offered.nanoseconds <= requested.nanoseconds:
+                errors += f"ERROR: {text}"
+            continue
+        weak, strict = WEAK_AND_STRICT[name]
+        text = f"{name} of publisher is {offered.short_key}, of subscription {requested.short_key};"
+        open_values = [value.short_key in ("system_default", "unknown") for value in (offered, requested)]
+        if (offered, requested) == (weak, strict):
+            errors += f"ERROR: {text}"
+        elif all(open_values) or (open_values[0] and requested == strict) or (open_values[1] and offered == weak):
+            doubts += f"WARNING: {text}"
     if errors:
-        return QoSCompatibility.ERROR, "".join(f"ERROR: {text};" for text in errors)
-    if doubts:
-        return QoSCompatibility.WARNING, "".join(f"WARNING: {text};" for text in doubts)
-    return QoSCompatibility.OK, ""
+        return QoSCompatibility.ERROR, errors
+    return (QoSCompatibility.WARNING, doubts) if doubts else (QoSCompatibility.OK, "")

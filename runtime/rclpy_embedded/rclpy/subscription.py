@@ -1,6 +1,5 @@
 """Subscriptions."""
 
-import inspect
 import time
 from collections.abc import Callable
 from enum import Enum
@@ -10,6 +9,7 @@ from rclpy.impl import faults
 from rclpy.impl.dds import matched
 from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
+from rclpy.utilities import takes
 
 
 class MessageInfo(TypedDict):
@@ -45,12 +45,9 @@ class Subscription(TopicEndpoint):
     @callback.setter
     def callback(self, value: Callable[..., Any]) -> None:
         for arguments, callback_type in enumerate(Subscription.CallbackType, 1):
-            try:
-                inspect.signature(value).bind(*range(arguments))
-            except TypeError:
-                continue
-            self._callback, self._callback_type = value, callback_type
-            return
+            if takes(value, arguments):
+                self._callback, self._callback_type = value, callback_type
+                return
         raise RuntimeError(
             "Subscription.__init__(): callback should be either be callable with one argument"
             "(to get only the message) or two (to get message and message info)"

@@ -96,7 +96,6 @@ class Future:
                 warnings.warn(f"Unhandled exception in done callback: {error}", stacklevel=2)
 
     def _set_executor(self, executor: Any) -> None:
-        """Let `executor` run the done callbacks."""
         self._executor: Callable[[], Any] = (lambda: None) if executor is None else weakref.ref(executor)
 
     def _add_waker(self, waker: Callable[[], None]) -> None:
@@ -141,7 +140,6 @@ class Task(Future):
         self._running = threading.Lock()
 
     def __call__(self) -> None:
-        """Run it, or resume the coroutine."""
         if self._done or not self._running.acquire(blocking=False):
             return
         try:

@@ -1,6 +1,5 @@
 """Timers and rates."""
 
-import inspect
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import ROSInterruptException
 from rclpy.impl.handle import Destroyable
 from rclpy.time import Time
+from rclpy.utilities import takes
 
 _ANY_JUMP = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1))
 
@@ -85,16 +85,7 @@ class Timer(Destroyable):
     @callback.setter
     def callback(self, value: Callable[..., Any] | None) -> None:
         self._callback = value
-        self._wants_info = False
-        if value is not None:
-            try:
-                signature = inspect.signature(value)
-            except (TypeError, ValueError):
-                return
-            try:
-                signature.bind()
-            except TypeError:
-                self._wants_info = True
+        self._wants_info = value is not None and not takes(value, 0)
 
     @property
     def timer_period_ns(self) -> int:
@@ -181,39 +172,35 @@ class Rate:
         self._timer = timer
         self._is_shutdown = False
         self._is_destroyed = False
-        self._event = threading.Event()
-        self._lock = threading.Lock()
+        self._condition = threading.Condition()
         self._num_sleepers = 0
-        self._timer.callback = self._event.set
+        self._timer.callback = self._wake
         context.on_shutdown(self._on_shutdown)
 
     def _on_shutdown(self) -> None:
         self._is_shutdown = True
         self.destroy()
 
+    def _wake(self) -> None:
+        with self._condition:
+            self._condition.notify_all()
+
     def destroy(self) -> None:
         """End it and wake all sleepers."""
         self._is_destroyed = True
-        self._event.set()
+        self._wake()
 
     def sleep(self) -> None:
         """Block until the timer fires. In a callback this would block the executor that runs the timer."""
-        if self._is_shutdown:
-            raise ROSInterruptException()
-        if self._is_destroyed:
-            raise RuntimeError("Rate cannot sleep because it has been destroyed")
-        if self._timer._handle is None:
-            self.destroy()
-            raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
-        with self._lock:
+        with self._condition:
+            if self._is_shutdown:
+                raise ROSInterruptException()
+            if self._is_destroyed:
+                raise RuntimeError("Rate cannot sleep because it has been destroyed")
+            if self._timer._handle is None:
+                raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
             self._num_sleepers += 1
-        try:
-            self._event.wait()
-        finally:
-            with self._lock:
-                self._num_sleepers -= 1
-                if self._num_sleepers == 0:
-                    self._event.clear()
+            self._condition.wait()
+            self._num_sleepers -= 1
         if self._is_shutdown:
-            self.destroy()
             raise ROSInterruptException()

@@ -2,26 +2,22 @@
 
 from typing import Any
 
-from rosidl_embedded.typesupport import service_type_support, type_support
-
 
 def check_is_valid_msg_type(msg_type: Any) -> None:
     """Raise RuntimeError if `msg_type` is a service, AttributeError if it is neither that nor a message."""
-    _check(msg_type, "message", type_support, "this might be a service or action")
+    _check(msg_type, "message", "__slots__", "this might be a service or action")
 
 
 def check_is_valid_srv_type(srv_type: Any) -> None:
     """Raise RuntimeError if `srv_type` is a message, AttributeError if it is neither that nor a service."""
-    _check(srv_type, "service", service_type_support, "this might be a message or action")
+    _check(srv_type, "service", "Request", "this might be a message or action")
 
 
-def _check(cls: Any, kind: str, support: Any, hint: str) -> None:
-    try:
-        support(cls)
-    except TypeError as error:
-        if hasattr(cls, "_TYPE_NAME"):
-            raise RuntimeError(f"The {kind} type provided is not valid ({cls}), {hint}") from None
+def _check(cls: Any, kind: str, attribute: str, hint: str) -> None:
+    if not hasattr(cls, "_TYPE_NAME"):
         raise AttributeError(
-            f"{error}. This might be a ROS 1 message type but it should be a ROS 2 message type. "
+            f"{cls!r} is not a {kind} class. This might be a ROS 1 message type but it should be a ROS 2 message type. "
             "Make sure to source your ROS 2 workspace after your ROS 1 workspace."
-        ) from None
+        )
+    if not hasattr(cls, attribute):
+        raise RuntimeError(f"The {kind} type provided is not valid ({cls}), {hint}")

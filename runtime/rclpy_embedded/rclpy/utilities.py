@@ -1,6 +1,8 @@
 """Helpers around the default context and the command line."""
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
@@ -46,3 +48,14 @@ def get_available_rmw_implementations() -> set[str]:
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
     """Convert seconds to nanoseconds; None and negative values mean no limit, which is -1."""
     return -1 if timeout_sec is None or timeout_sec < 0 else int(float(timeout_sec) * S_TO_NS)
+
+
+def takes(callback: Callable[..., Any], arguments: int) -> bool:
+    """Return whether a callback can be called with this number of arguments; so it is assumed where nothing tells."""
+    try:
+        inspect.signature(callback).bind(*range(arguments))
+    except TypeError:
+        return False
+    except ValueError:  # a function in C without a signature
+        return True
+    return True

@@ -1,4 +1,4 @@
-"""Generates CDR (XCDR1) encoders and decoders as Python source, one function per message type.
+"""Generates CDR (XCDR1) encoders and decoders as Python source, one function of each kind per message type.
 
 Nested messages are written in line, so that runs of fixed-size fields become one `struct.Struct` and most of the
 alignment is known when the code is generated. A position is known as ``offset % modulus``; only where the modulus is
@@ -10,7 +10,6 @@ that header. A prefix of 16 bytes (the header of ROS service calls) does not cha
 
 import struct
 from array import array
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from .checks import CHECK_FIELDS
 from .message import get_message
 
 HEADER_SIZE = 4
-_ZEROS = tuple(bytes(n) for n in range(9))
 
 
 def minimum_size(type_: d.AbstractType) -> int:
@@ -35,45 +33,49 @@ def minimum_size(type_: d.AbstractType) -> int:
     return 4
 
 
-class _Generator:
-    """What encoder and decoder have in common: lines, names, the run of fixed-size fields, and the alignment."""
+class Codec:
+    """Source of encoder and decoder of a message type, made in one walk, since both pass the same positions.
 
-    #: What stands for the only byte of an empty structure, and for the position.
-    filler: str
-    position: str
-    flush: Callable[[], None]
-    skip: Callable[[str], str]
-    nested: Callable[[d.NamespacedType, str], None]
-    string: Callable[[d.AbstractGenericString, str], None]
-    #: Makes a variable of several values ready: what they and their number are called.
-    open: Callable[[d.AbstractNestedType, str], tuple[str, str]]
-    block: Callable[[d.BasicType, str, str, bool], None]
-    each: Callable[[d.AbstractType, str, str], None]
+    ``encode(m, w, t)`` writes message `m` with `w` to a stream that begins with the 4 byte header; `t` tells the
+    position. ``decode(d, p)`` reads a message from bytes `d` at position `p` and returns it with the position after it.
+    It raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths are
+    compared with what is left of the data before anything is allocated. Variables have the same names in both.
+    """
 
-    def __init__(self) -> None:
-        self.names: dict[str, Any] = {"Z": _ZEROS, "encode_wide": encode_wide, "decode_wide": decode_wide}
-        self.names.update(new=object.__new__, array=array, frombuffer=np.frombuffer)
-        self.lines: list[str] = []
+    def __init__(self, type_name: str) -> None:
+        self.type_name = type_name
+        self.names: dict[str, Any] = {"Z": [bytes(n) for n in range(9)], "new": object.__new__, "array": array}
+        self.names.update(frombuffer=np.frombuffer, encode_wide=encode_wide, decode_wide=decode_wide, _=0)
+        self.encoder, self.decoder = ["def encode(m, w, t):"], ["def decode(d, p):"]
         self.depth = 1
         self.modulus, self.offset = 8, 0
+        # Fixed-size values that one struct takes: its format and the variables.
         self.format = ""
         self.run: list[str] = []
         self.count = 0
+        type_ = d.namespaced(type_name)
+        self.create("m", type_)
+        self.fields(type_, "m")
+        self.flush()
+        self.decode("return m, p")
 
-    def line(self, text: str) -> None:
-        self.lines.append("    " * self.depth + text)
+    def compile(self, function: str) -> Any:
+        """Return ``encode`` or ``decode``."""
+        source = "\n".join(self.encoder if function == "encode" else self.decoder)
+        exec(compile(source, f"<CDR of {self.type_name}>", "exec"), self.names)
+        return self.names[function]
 
-    def refuse(self, condition: str, text: str) -> None:
-        self.line(f"if {condition}: raise ValueError({text!r})")
+    def encode(self, *lines: str) -> None:
+        self.encoder += ["    " * self.depth + line for line in lines]
+
+    def decode(self, *lines: str) -> None:
+        self.decoder += ["    " * self.depth + line for line in lines]
 
     def name(self, prefix: str) -> str:
         self.count += 1
         return f"{prefix}{self.count}"
 
     def constant(self, prefix: str, value: Any) -> str:
-        for known, item in self.names.items():
-            if item is value:
-                return known
         name = self.name(prefix)
         self.names[name] = value
         return name
@@ -84,248 +86,156 @@ class _Generator:
     def advance(self, size: int) -> None:
         self.offset = (self.offset + size) % self.modulus
 
+    def skip_at_runtime(self, size: int, condition: str = "") -> None:
+        """Bring the position to a multiple of `size` by what is known when the code runs."""
+        self.encode(f"{condition}w(Z[{HEADER_SIZE} - t() & {size - 1}])")
+        self.decode(f"{condition}p += {HEADER_SIZE} - p & {size - 1}")
+
     def align(self, size: int) -> None:
-        """Bring the position to a multiple of `size`, where need be by what is known when the code runs."""
         self.flush()
         if self.modulus < size:
-            self.line(self.skip(self.padding(size)))
+            self.skip_at_runtime(size)
             self.known(size)
         elif padding := -self.offset % size:
-            self.line(self.skip(str(padding)))
+            self.encode(f"w(Z[{padding}])")
+            self.decode(f"p += {padding}")
             self.advance(padding)
 
-    def padding(self, size: int) -> str:
-        return f"{HEADER_SIZE} - {self.position} & {size - 1}"
-
-    def scalar(self, code: str, size: int, text: str) -> None:
-        """Add one fixed-size value to the run."""
+    def scalar(self, code: str, size: int, variable: str) -> None:
         if size > self.modulus:
             self.align(size)
         padding = -self.offset % size
         self.format += "x" * padding + code
-        self.run.append(text)
+        self.run.append(variable)
         self.advance(padding + size)
 
-    def take_run(self) -> tuple[struct.Struct, str]:
-        """Take the values of the run and what packs them."""
-        taken = struct.Struct("<" + self.format), ", ".join(self.run)
-        self.format, self.run = "", []
-        return taken
+    def flush(self) -> None:
+        """Pack and unpack the values of the run."""
+        if self.run:
+            packer, variables = struct.Struct("<" + self.format), ", ".join(self.run)
+            self.encode(f"w({self.constant('pack', packer.pack)}({variables}))")
+            self.decode(f"{variables}, = {self.constant('unpack', packer.unpack_from)}(d, p)", f"p += {packer.size}")
+            self.format, self.run = "", []
 
-    def loop(self, head: str, body: Callable[[], None]) -> None:
-        """Emit a loop whose body starts, each time, at the first of the alignments that its end preserves."""
-        entries = [(modulus, self.offset % modulus) for modulus in (8, 4) if modulus <= self.modulus]
-        self.line(head)
-        self.depth += 1
-        start = len(self.lines)
-        for modulus, offset in (*entries, (1, 0)):
-            del self.lines[start:]
-            self.known(modulus, offset)
-            body()
-            self.flush()
-            if self.modulus % modulus == 0 and self.offset % modulus == offset:
-                break
-        self.depth -= 1
-        self.known(modulus, offset)
-
-    def fields(self, type_: d.NamespacedType, target: str) -> None:
+    def fields(self, type_: d.NamespacedType, variable: str) -> None:
         fields = catalogue.structure(type_.type_name).fields
         for field in fields:
-            self.value(field.type, f"{target}._{field.name}")
-        if not fields:
-            self.scalar("B", 1, self.filler)
+            self.value(field.type, f"{variable}._{field.name}")
+        if not fields:  # one byte, always 0
+            self.scalar("B", 1, "_")
 
-    def value(self, type_: d.AbstractType, target: str) -> None:
+    def value(self, type_: d.AbstractType, variable: str) -> None:
         match type_:
             case d.BasicType():
-                self.scalar(type_.traits.code, type_.traits.size, target)
+                self.scalar(type_.traits.code, type_.traits.size, variable)
             case d.NamespacedType():
-                self.nested(type_, target)
+                local = self.name("m")
+                self.encode(f"{local} = {variable}")
+                self.create(local, type_)
+                self.decode(f"{variable} = {local}")
+                self.fields(type_, local)
             case d.AbstractGenericString():
-                self.string(type_, target)
+                self.string(type_, variable)
             case d.AbstractNestedType():
-                self.several(type_, target)
+                self.several(type_, variable)
 
-    def several(self, type_: d.AbstractNestedType, target: str) -> None:
-        element, is_array = type_.value_type, isinstance(type_, d.Array)
-        values, count = self.open(type_, target)
-        if not is_array:
+    def create(self, variable: str, type_: d.NamespacedType) -> None:
+        self.decode(f"{variable} = new({self.constant('C', get_message(type_.type_name))})")
+        self.decode(f"{variable}._check_fields = {CHECK_FIELDS}")
+
+    def string(self, type_: d.AbstractGenericString, variable: str) -> None:
+        local, count = self.name("s"), self.name("n")
+        is_wide = isinstance(type_, d.AbstractWString)
+        # A narrow string is counted and written with its terminating zero.
+        self.encode(f"{local} = " + (f"encode_wide({variable})" if is_wide else f"({variable} + '\\0').encode()"))
+        self.encode(f"{count} = len({local})" + (" // 4" if is_wide else ""))
+        self.scalar("I", 4, count)
+        self.flush()
+        self.encode(f"w({local})")
+        if is_wide:
+            self.decode(f"e = p + {count} * 4", _refusal("e > len(d)", "string goes beyond the end"))
+            self.decode(f"{variable} = decode_wide(d[p:e])")
+        else:
+            # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
+            # is the last byte of the length.
+            self.decode(f"e = p + {count}", _refusal("d[e - 1]", "string is not terminated"))
+            self.decode(f"{variable} = d[p:e - 1].decode()")
+        self.decode("p = e")
+        self.known(4 if is_wide else 1)
+        if type_.maximum_size is not None:
+            self.decode(_refusal(f"len({variable}) > {type_.maximum_size}", "string is longer than its bound"))
+
+    def several(self, type_: d.AbstractNestedType, variable: str) -> None:
+        element, field = type_.value_type, variable.rpartition("._")[2]
+        values, count = self.name("a"), self.name("n")
+        self.encode(f"{values} = {variable}", f"{count} = len({values})")
+        if isinstance(type_, d.Array):
+            self.encode(_refusal(f"{count} != {type_.size}", f"{field} must have {type_.size} values"))
+            self.decode(f"{count} = {type_.size}")
+        else:
             self.scalar("I", 4, count)
         self.flush()
         if isinstance(type_, d.BoundedSequence):
-            self.refuse(f"{count} > {type_.maximum_size}", f"{_field(target)} is longer than its bound")
+            refusal = _refusal(f"{count} > {type_.maximum_size}", f"{field} is longer than its bound")
+            self.encode(refusal)
+            self.decode(refusal)
+        too_long = _refusal(f"{count} * {minimum_size(element)} > len(d) - p", f"{field} goes beyond the end")
         if not isinstance(element, d.BasicType):
+            self.decode(too_long, f"{variable} = {values} = []")
             self.each(element, values, count)
             return
         size = element.traits.size
-        if is_array:
+        if isinstance(type_, d.Array):
             self.align(size)
         elif size > 4 and (self.modulus < size or self.offset % size):
-            self.line(f"if {count}: {self.skip(self.padding(size))}")
-        self.block(element, values, count, is_array)
+            self.skip_at_runtime(size, f"if {count}: ")
+        self.decode(too_long)
+        self.block(element, values, count, isinstance(type_, d.Array))
+        self.decode(f"{variable} = {values}")
         if isinstance(type_, d.Array):
             self.advance(size * type_.size)
         else:
             self.known(min(size, 4))
 
-    def compile(self, head: str, label: str) -> Any:
-        exec(compile("\n".join((head, *self.lines)), f"<{label}>", "exec"), self.names)
-        return self.names["run"]
-
-
-def _field(target: str) -> str:
-    return target.rpartition("._")[2]
-
-
-class _Encoder(_Generator):
-    """Source of ``run(m, w, t)``, which writes message `m` to a stream with `w`; `t` tells the position."""
-
-    filler = "0"
-    position = "t()"
-
-    def write(self, text: str) -> None:
-        self.line(f"w({text})")
-
-    def flush(self) -> None:
-        if self.run:
-            packer, values = self.take_run()
-            self.write(f"{self.constant('pack', packer.pack)}({values})")
-
-    def skip(self, size: str) -> str:
-        return f"w(Z[{size}])"
-
-    def nested(self, type_: d.NamespacedType, target: str) -> None:
-        local = self.name("m")
-        self.line(f"{local} = {target}")
-        self.fields(type_, local)
-
-    def string(self, type_: d.AbstractGenericString, target: str) -> None:
-        local, is_wide = self.name("s"), isinstance(type_, d.AbstractWString)
-        # A narrow string is counted and written with its terminating zero.
-        encoded = f"encode_wide({target})" if is_wide else f"({target} + '\\0').encode()"
-        self.line(f"{local} = {encoded}")
-        self.scalar("I", 4, f"len({local}) // 4" if is_wide else f"len({local})")
-        self.flush()
-        self.write(local)
-        self.known(4 if is_wide else 1)
-
-    def open(self, type_: d.AbstractNestedType, target: str) -> tuple[str, str]:
-        local = self.name("a")
-        self.line(f"{local} = {target}")
-        if isinstance(type_, d.Array):
-            self.refuse(f"len({local}) != {type_.size}", f"{_field(target)} must have {type_.size} values")
-        return local, f"len({local})"
-
     def each(self, element: d.AbstractType, values: str, count: str) -> None:
+        """Add a loop whose body starts, each time, at the first of the alignments that its end preserves."""
         item = self.name("i")
-        self.loop(f"for {item} in {values}:", lambda: self.value(element, item))
-
-    def block(self, element: d.BasicType, values: str, count: str, is_array: bool) -> None:
-        kinds = {"octet": f"b''.join({values})", "boolean": f"bytes(map(bool, {values}))"}
-        self.write(kinds.get(element.typename, f"{values}.tobytes()" if is_array else values))
-
-
-class _Decoder(_Generator):
-    """Source of ``run(d, p)``, which reads a message from bytes `d` at position `p`: (message, position after it)."""
-
-    filler = "_"
-    position = "p"
-
-    def flush(self) -> None:
-        if self.run:
-            packer, targets = self.take_run()
-            self.line(f"{targets}, = {self.constant('unpack', packer.unpack_from)}(d, p)")
-            self.line(f"p += {packer.size}")
-
-    def skip(self, size: str) -> str:
-        return f"p += {size}"
-
-    def nested(self, type_: d.NamespacedType, target: str) -> None:
-        local = self.name("m") if "." in target else target
-        self.line(f"{local} = new({self.constant('C', get_message(type_.type_name))})")
-        self.line(f"{local}._check_fields = {CHECK_FIELDS}")
-        if local != target:
-            self.line(f"{target} = {local}")
-        self.fields(type_, local)
-
-    def string(self, type_: d.AbstractGenericString, target: str) -> None:
-        local = self.name("n")
-        self.scalar("I", 4, local)
-        self.flush()
-        if isinstance(type_, d.AbstractWString):
-            self.line(f"e = p + {local} * 4")
-            self.refuse("e > len(d)", "string goes beyond the end")
-            self.line(f"{target} = decode_wide(d[p:e])")
-            self.known(4)
-        else:
-            # An empty string of length zero, without its terminator, is accepted as other readers do: then d[e - 1]
-            # is the last byte of the length.
-            self.line(f"e = p + {local}")
-            self.refuse("d[e - 1]", "string is not terminated")
-            self.line(f"{target} = d[p:e - 1].decode()")
-            self.known(1)
-        self.line("p = e")
-        if type_.maximum_size is not None:
-            self.refuse(f"len({target}) > {type_.maximum_size}", "string is longer than its bound")
-
-    def open(self, type_: d.AbstractNestedType, target: str) -> tuple[str, str]:
-        return target, str(type_.size) if isinstance(type_, d.Array) else self.name("n")
-
-    def each(self, element: d.AbstractType, values: str, count: str) -> None:
-        self.refuse(f"{count} * {minimum_size(element)} > len(d) - p", f"{_field(values)} goes beyond the end")
-        local, item = self.name("a"), self.name("i")
-        self.line(f"{values} = {local} = []")
-
-        def read() -> None:
+        entries = [(modulus, self.offset % modulus) for modulus in (8, 4) if modulus <= self.modulus]
+        self.encode(f"for {item} in {values}:")
+        self.decode(f"for _ in range({count}):")
+        self.depth += 1
+        starts = len(self.encoder), len(self.decoder)
+        for modulus, offset in (*entries, (1, 0)):
+            del self.encoder[starts[0] :], self.decoder[starts[1] :]
+            self.known(modulus, offset)
             self.value(element, item)
             self.flush()
-            self.line(f"{local}.append({item})")
-
-        self.loop(f"for _ in range({count}):", read)
+            if self.modulus % modulus == 0 and self.offset % modulus == offset:
+                break
+        self.decode(f"{values}.append({item})")
+        self.depth -= 1
+        self.known(modulus, offset)
 
     def block(self, element: d.BasicType, values: str, count: str, is_array: bool) -> None:
         code, size = element.traits[:2]
-        self.line(f"e = p + {count} * {size}")
-        if is_array and element.is_number:
-            self.line(f"{values} = frombuffer(d, {code!r}, {count}, p).copy()")
-            self.line("p = e")
-            return
-        self.refuse("e > len(d)", f"{_field(values)} goes beyond the end")
-        if element.typename == "boolean":
-            self.line(f"{values} = [b != 0 for b in d[p:e]]")
-        elif element.typename == "octet":
-            self.line(f"{values} = [d[i:i + 1] for i in range(p, e)]")
+        self.decode(f"e = p + {count} * {size}")
+        if element.typename == "octet":
+            self.encode(f"w(b''.join({values}))")
+            self.decode(f"{values} = [d[i:i + 1] for i in range(p, e)]")
+        elif element.typename == "boolean":
+            self.encode(f"w(bytes(map(bool, {values})))")
+            self.decode(f"{values} = [b != 0 for b in d[p:e]]")
+        elif is_array:
+            self.encode(f"w({values}.tobytes())")
+            self.decode(f"{values} = frombuffer(d, {code!r}, {count}, p).copy()")
         else:
-            local = self.name("a")
-            self.line(f"{values} = {local} = array({code!r})")
-            self.line(f"{local}.frombytes(memoryview(d)[p:e])")
-        self.line("p = e")
+            self.encode(f"w({values})")
+            self.decode(f"{values} = array({code!r})", f"{values}.frombytes(memoryview(d)[p:e])")
+        self.decode("p = e")
 
 
-def make_encoder(type_name: str) -> Callable[[Any, Callable[[Any], int], Callable[[], int]], None]:
-    """Make the function that writes a message: ``encoder(message, write, tell)`` of a stream.
-
-    The stream begins with the 4 byte header.
-    """
-    generator = _Encoder()
-    generator.fields(d.namespaced(type_name), "m")
-    generator.flush()
-    run: Callable[..., None] = generator.compile("def run(m, w, t):", f"encode {type_name}")
-    return run
-
-
-def make_decoder(type_name: str) -> Callable[[bytes, int], tuple[Any, int]]:
-    """Make the function that reads a message from a buffer: ``decoder(data, position) -> (message, end)``.
-
-    The function raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths
-    are compared with what is left of the data before anything is allocated.
-    """
-    generator = _Decoder()
-    generator.nested(d.namespaced(type_name), "m")
-    generator.flush()
-    generator.line("return m, p")
-    decoder: Callable[[bytes, int], tuple[Any, int]] = generator.compile("def run(d, p):", f"decode {type_name}")
-    return decoder
+def _refusal(condition: str, text: str) -> str:
+    return f"if {condition}: raise ValueError({text!r})"
 
 
 def encode_wide(text: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Checks of values assigned to message fields, with rosidl's assertion texts, and conversion into packed containers."""
+"""Checks of values assigned to message fields, and conversion of several numbers into packed containers."""
 
 from __future__ import annotations
 
@@ -6,151 +6,116 @@ import math
 import os
 from array import array
 from collections import UserList
-from collections.abc import Sequence, Set
-from typing import Any, NoReturn
+from collections.abc import Callable, Sequence, Set
+from typing import Any
 
 from . import definition as d
 
 CHECK_FIELDS: bool = __debug__ and os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") != "0"
-
-# rosidl's limits; the one of float is a little below the largest float32.
-_LIMITS = {"float": 3.402823466e38, "double": 1.7976931348623157e308}
-
-
-def python_type(type_: d.AbstractType) -> str:
-    """Name of the Python class of single values, as rosidl's messages of errors have it."""
-    if isinstance(type_, d.NamespacedType):
-        return type_.name
-    return type_.traits.python if isinstance(type_, d.BasicType) else "str"
+#: What may be assigned to several values, besides str, which is no sequence here.
+SEQUENCES: Any = (Sequence, Set, UserList, memoryview, array)
+#: rosidl's limit, a little below the largest float32.
+_LARGEST_FLOAT32 = 3.402823466e38
 
 
-def check_source(name: str, type_: d.AbstractType, class_name: str) -> list[tuple[str, str]]:
-    """Conditions on a single ``value`` as Python source, each with the text of the error if it is false.
-
-    The source calls the class of the value `class_name`.
-    """
-    label = f"The '{name}' field must be"
+def expected(type_: d.AbstractType) -> str:
+    """Say what a field of the type holds, for error messages."""
     match type_:
+        case d.Array(element, size):
+            return f"{size} values, each {expected(element)}"
+        case d.BoundedSequence(element, bound):
+            return f"a sequence of at most {bound} values, each {expected(element)}"
+        case d.AbstractNestedType(element):
+            return f"a sequence, each value {expected(element)}"
         case d.NamespacedType():
-            return [(f"isinstance(value, {class_name})", f"{label} a sub message of type '{type_.name}'")]
+            return f"a {type_.type_name}"
         case d.AbstractGenericString(maximum_size=int(bound)):
-            condition = f"isinstance(value, str) and len(value) <= {bound}"
-            return [(condition, f"{label} string value not longer than {bound}")]
+            return f"a str of at most {bound} characters"
         case d.BasicType("octet"):
-            condition = "isinstance(value, (bytes, bytearray)) and len(value) == 1"
-            return [(condition, f"{label} of type 'bytes' or 'ByteString' with length 1")]
-    checks = [(f"isinstance(value, {class_name})", f"{label} of type '{class_name}'")]
-    match type_:
+            return "a bytes of length 1"
         case d.BasicType("float"):
-            limit = _LIMITS["float"]
-            checks.append((f"not abs(value) > {limit} or ISINF(value)", f"{label} a float in [{-limit}, {limit}]"))
+            return f"a float in [{-_LARGEST_FLOAT32}, {_LARGEST_FLOAT32}]"
+        case d.BasicType(typename) if typename in d.INTEGER_RANGES:
+            return "an int in [{}, {}]".format(*d.INTEGER_RANGES[typename])
+    return f"a {d.python_type(type_)}"
+
+
+def condition(type_: d.AbstractType, class_name: str) -> str:
+    """Return Python source that tells whether ``value`` fits a field; `class_name` is that of single values."""
+    match type_:
+        case d.AbstractNestedType(element):
+            # The inner ``value`` is one of the values.
+            every = f"all([{condition(element, class_name)} for value in value])"
+            return f"isinstance(value, SEQUENCES) and not isinstance(value, str){_length(type_)} and {every}"
+        case d.AbstractGenericString(maximum_size=int(bound)):
+            return f"isinstance(value, str) and len(value) <= {bound}"
+        case d.BasicType("octet"):
+            return "isinstance(value, (bytes, bytearray)) and len(value) == 1"
+        case d.BasicType("float"):
+            return f"isinstance(value, float) and (not abs(value) > {_LARGEST_FLOAT32} or ISINF(value))"
         case d.BasicType(typename) if typename in d.INTEGER_RANGES:
             low, high = d.INTEGER_RANGES[typename]
-            checks.append((f"{low} <= value <= {high}", f"{label} an {_integer_range(typename)}"))
-    return checks
+            return f"isinstance(value, int) and {low} <= value <= {high}"
+    return f"isinstance(value, {class_name})"
 
 
-def _integer_range(typename: str) -> str:
-    low, high = d.INTEGER_RANGES[typename]
-    return f"{'integer' if low else 'unsigned integer'} in [{low}, {high}]"
-
-
-def _refuse(name: str, type_: d.AbstractNestedType) -> NoReturn:
-    """Raise the error about an array or sequence."""
-    text = f"The '{name}' field must be a set or sequence"
+def _length(type_: d.AbstractNestedType) -> str:
     match type_:
         case d.Array(size=size):
-            text += f" with length {size}"
+            return f" and len(value) == {size}"
         case d.BoundedSequence(maximum_size=bound):
-            text += f" with length <= {bound}"
-    each = f" and each value of type '{python_type(type_.value_type)}'"
-    match type_.value_type:
-        case d.AbstractGenericString(maximum_size=int(bound)):
-            each = f" and each string value not longer than {bound}" + each
-        case d.BasicType("float" | "double" as typename):
-            each += f" and each {typename} in [{-_LIMITS[typename]:f}, {_LIMITS[typename]:f}]"
-        case d.BasicType(typename) if typename in d.INTEGER_RANGES:
-            each += f" and each {_integer_range(typename)}"
-    raise AssertionError(text + each)
+            return f" and len(value) <= {bound}"
+    return ""
 
 
-def _has_length(value: Any, type_: d.AbstractNestedType) -> bool:
-    if isinstance(type_, d.Array):
-        return len(value) == type_.size
-    return not isinstance(type_, d.BoundedSequence) or len(value) <= type_.maximum_size
+def packed_sequence(value: Any, type_: d.AbstractSequence, code: str, text: str, check: bool) -> array[Any]:
+    """Convert what was assigned to a sequence of numbers into an `array.array` of the type code.
 
-
-def checked_list(value: Any, name: str, type_: d.AbstractNestedType, item_class: type, check: bool) -> Any:
-    """Return what was assigned to several values other than numbers; raises like `packed_sequence`."""
-    if check:
-        fits = isinstance(value, Sequence | Set | UserList) and not isinstance(value, str) and _has_length(value, type_)
-        if not fits or not all([isinstance(item, item_class) for item in value]):
-            _refuse(name, type_)
-        match type_.value_type:
-            case d.AbstractGenericString(maximum_size=int(bound)) if any([len(item) > bound for item in value]):
-                _refuse(name, type_)
-            case d.BasicType("octet") if any([len(item) != 1 for item in value]):
-                _refuse(name, type_)
-    return value
-
-
-def packed_sequence(value: Any, name: str, type_: d.AbstractNestedType, code: str, check: bool) -> array[Any]:
-    """Convert what was assigned to a sequence of numbers into an `array.array`.
-
-    AssertionError if `check` is set and an element or the length does not fit.
+    If `check` is set and it does not fit, AssertionError with the text.
     """
-    if value.__class__ is array:
-        if check:
-            assert value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'"
-            if isinstance(type_, d.BoundedSequence):
-                text = f"The '{name}' array.array() must have a size <= {type_.maximum_size}"
-                assert len(value) <= type_.maximum_size, text
-        return value if value.typecode == code else array(code, value)
-    if check and not _fits(value, type_, code):
-        _refuse(name, type_)
-    if hasattr(value, "dtype"):
-        if value.dtype == code and value.dtype.isnative:
-            packed = array(code)
-            packed.frombytes(value.tobytes())
-            return packed
-        value = value.tolist()
-    elif isinstance(value, bytes | bytearray | memoryview) and code != "B":
-        value = list(value)
-    try:
-        return array(code, value)
-    except (OverflowError, TypeError):
-        if check:
-            _refuse(name, type_)
-        raise
+    if value.__class__ is not array:
+        value = _converted(value, code, text, check, lambda: _to_array(value, code))
+    if check and (value.typecode != code or len(value) > getattr(type_, "maximum_size", math.inf)):
+        raise AssertionError(text)
+    return value if value.typecode == code else array(code, value)
 
 
-def packed_array(value: Any, name: str, type_: d.Array, code: str, check: bool) -> Any:
+def packed_array(value: Any, type_: d.Array, code: str, text: str, check: bool) -> Any:
     """Convert what was assigned to a fixed array of numbers into a numpy array; raises like `packed_sequence`."""
     import numpy as np
 
-    dtype = np.dtype(code)
-    if isinstance(value, np.ndarray):
-        if check:
-            assert value.dtype == dtype, f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype.name}'"
-            assert value.shape == (type_.size,), f"The '{name}' numpy.ndarray() must have a size of {type_.size}"
-        return value if value.dtype == dtype else value.astype(dtype)
-    if check and not _fits(value, type_, code):
-        _refuse(name, type_)
+    if not isinstance(value, np.ndarray):
+        value = _converted(value, code, text, check, lambda: np.array(list(value), code))
+    if check and (value.dtype != code or value.shape != (type_.size,)):
+        raise AssertionError(text)
+    return value.astype(code, copy=False)
+
+
+def _converted(value: Any, code: str, text: str, check: bool, convert: Callable[[], Any]) -> Any:
+    if check and not _are_numbers(value, code):
+        raise AssertionError(text)
     try:
-        return np.array(list(value), dtype=dtype)
+        return convert()
     except (OverflowError, TypeError, ValueError):
         if check:
-            _refuse(name, type_)
+            raise AssertionError(text) from None
         raise
 
 
-def _fits(value: Any, type_: d.AbstractNestedType, code: str) -> bool:
-    """Tell whether length and type of numbers are right; ranges of integers show in the conversion."""
+def _to_array(value: Any, code: str) -> array[Any]:
     if hasattr(value, "dtype"):
-        fits = getattr(value, "ndim", 0) == 1 and value.dtype.kind in ("iufb" if code in "fd" else "iub")
-    else:
-        fits = isinstance(value, Sequence | Set | UserList | memoryview | array) and not isinstance(value, str)
-        fits = fits and (code not in "fd" or all([isinstance(item, float) for item in value]))
-    if not fits or not _has_length(value, type_):
+        value = value.tobytes() if value.dtype == code and value.dtype.isnative else value.tolist()
+    elif isinstance(value, bytes | bytearray) and code != "B":
+        value = list(value)
+    return array(code, value)
+
+
+def _are_numbers(value: Any, code: str) -> bool:
+    """Tell whether numbers are of the right kind; ranges of integers show in the conversion."""
+    if hasattr(value, "dtype"):
+        return getattr(value, "ndim", 0) == 1 and value.dtype.kind in ("iufb" if code in "fd" else "iub")
+    if not isinstance(value, SEQUENCES) or isinstance(value, str):
         return False
-    return code != "f" or all(not abs(item) > _LIMITS["float"] or math.isinf(item) for item in value)
+    if code in "fd" and not all([isinstance(item, float) for item in value]):
+        return False
+    return code != "f" or all(not abs(item) > _LARGEST_FLOAT32 or math.isinf(item) for item in value)

@@ -168,6 +168,11 @@ def element_type(type_: AbstractType) -> AbstractType:
     return type_.value_type if isinstance(type_, AbstractNestedType) else type_
 
 
+def python_type(type_: AbstractType) -> str:
+    """Name of the Python class of a basic type or string."""
+    return type_.traits.python if isinstance(type_, BasicType) else "str"
+
+
 def namespaced(type_name: str) -> NamespacedType:
     """Make the type of ``'std_msgs/msg/Header'``."""
     *namespaces, name = type_name.split("/")

@@ -52,7 +52,6 @@ class InterfaceFinder:
         """Let Python create the module."""
 
     def exec_module(self, module: ModuleType) -> None:
-        """Fill a module of messages or services."""
         package, _, kind = module.__name__.partition(".")
         if not kind:
             return

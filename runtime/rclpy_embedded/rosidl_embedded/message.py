@@ -2,7 +2,7 @@
 
 The source of a class is generated and compiled when the class is first asked for.
 
-Fields are checked when they are assigned, with the assertions of rosidl. ``ROS_PYTHON_CHECK_FIELDS=0``, ``python -O``
+Fields are checked when they are assigned. ``ROS_PYTHON_CHECK_FIELDS=0``, ``python -O``
 or ``check_fields=False`` at construction turn this off.
 """
 
@@ -18,7 +18,7 @@ from typing import Any, NoReturn, cast
 
 from . import catalogue
 from . import definition as d
-from .checks import CHECK_FIELDS, check_source, checked_list, packed_array, packed_sequence, python_type
+from .checks import CHECK_FIELDS, SEQUENCES, condition, expected, packed_array, packed_sequence
 
 _lock = RLock()
 _classes: dict[str, type] = {}
@@ -148,7 +148,7 @@ def _functions(definition: d.Structure) -> dict[str, Any]:
         "ISINF": math.isinf,
         "RANGE": range,
         "ARRAY": array,
-        "CHECKED_LIST": checked_list,
+        "SEQUENCES": SEQUENCES,
         "PACKED_SEQUENCE": packed_sequence,
         "PACKED_ARRAY": packed_array,
         "REJECT": _reject,
@@ -177,7 +177,7 @@ def _class_name(type_: d.AbstractType, namespace: dict[str, Any]) -> str:
     """What the generated source calls the class of single values; that of a nested message gets into the namespace."""
     element = d.element_type(type_)
     if not isinstance(element, d.NamespacedType):
-        return python_type(element)
+        return d.python_type(element)
     name = element.type_name.replace("/", "__")
     namespace[name] = get_message(element.type_name)
     return name
@@ -208,15 +208,12 @@ def _construction(field: d.Member, class_name: str, namespace: dict[str, Any]) -
 
 
 def _assignment(field: d.Member, class_name: str) -> list[str]:
-    """Source of the body of a setter."""
     name, type_ = field.name, field.type
-    if isinstance(type_, d.AbstractNestedType):
-        element, convert, kind = type_.value_type, "CHECKED_LIST", class_name
-        if isinstance(element, d.BasicType) and element.is_number:
+    text = f"The '{name}' field must be {expected(type_)}"
+    match type_:
+        case d.AbstractNestedType(d.BasicType(is_number=True) as element):
             convert = "PACKED_ARRAY" if isinstance(type_, d.Array) else "PACKED_SEQUENCE"
-            kind = repr(element.traits.code)
-        return [f"    self._{name} = {convert}(value, '{name}', TYPES['{name}'], {kind}, self._check_fields)"]
-    lines = ["    if self._check_fields:"]
-    for condition, text in check_source(name, type_, class_name):
-        lines.append(f"        assert {condition}, {text!r}")
-    return [*lines, f"    self._{name} = value"]
+            arguments = f"value, TYPES['{name}'], '{element.traits.code}', {text!r}, self._check_fields"
+            return [f"    self._{name} = {convert}({arguments})"]
+    check = f"    if self._check_fields: assert {condition(type_, class_name)}, {text!r}"
+    return [check, f"    self._{name} = value"]

@@ -16,7 +16,10 @@ BASIC_TYPES = {
     "float32": "float",
     "float64": "double",
 }
-_TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(<=(?P<string>\d+))?(\[(?P<bounded><=)?(?P<size>\d*)\])?")
+_TYPE = re.compile(
+    r"(?P<base>string|wstring|(?P<structure>[A-Za-z][\w/]*))(?(structure)|(<=(?P<bound>[1-9]\d*))?)"
+    r"(?P<several>\[((?P<limit><=)?(?P<size>[1-9]\d*))?\])?"
+)
 _STRING_ITEM = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|[^,]+?)\s*(?:,|$)""")
 _FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
 _CONSTANT_NAME = re.compile(r"[A-Z](_?[A-Z0-9])*")
@@ -30,21 +33,13 @@ def parse_type(text: str, package: str) -> d.AbstractType:
     """
     match = _TYPE.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is not a type")
-    base, string_bound = match["base"], match["string"]
-    if string_bound is not None and (base not in ("string", "wstring") or int(string_bound) < 1):
-        raise ValueError(f"{text!r} is not a type: only strings are bounded by <=N, with N > 0")
-    element = _element_type(base, int(string_bound or 0), package)
-    if match["size"] is None:
+        raise ValueError(f"{text!r} is not a type, such as 'float64', 'float64[3]', 'string<=10[]' or 'pkg/Name[<=5]'")
+    element = _element_type(match["base"], int(match["bound"] or 0), package)
+    if match["several"] is None:
         return element
-    if not match["size"]:
-        if match["bounded"]:
-            raise ValueError(f"{text!r} is not a type: the bound is missing")
+    if match["size"] is None:
         return d.UnboundedSequence(element)
-    size = int(match["size"])
-    if size < 1:
-        raise ValueError(f"{text!r} is not a type: the size must be positive")
-    return d.BoundedSequence(element, size) if match["bounded"] else d.Array(element, size)
+    return (d.BoundedSequence if match["limit"] else d.Array)(element, int(match["size"]))
 
 
 def _element_type(base: str, bound: int, package: str) -> d.AbstractType:
@@ -88,7 +83,6 @@ def parse_value(text: str, type_: d.AbstractType) -> Any:
 
 
 def _basic_value(value: Any, typename: str) -> Any:
-    """Convert a literal into what a field of the basic type holds."""
     if typename == "boolean" and value in (True, False):
         return bool(value)
     if typename in ("float", "double") and isinstance(value, int | float):

@@ -1,12 +1,11 @@
 """Message and service classes for a middleware: names, type hashes, serialization."""
 
 import struct
-from collections.abc import Callable
 from functools import cache, cached_property
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any
 
-from .cdr import HEADER_SIZE, make_decoder, make_encoder
+from .cdr import HEADER_SIZE, Codec
 from .description import interface_definition as interface_definition
 from .description import type_hash as type_hash
 from .message import get_message as get_message
@@ -41,21 +40,22 @@ class TypeSupport:
         return type_hash(self.type_name)
 
     @cached_property
-    def _encode(self) -> Callable[..., None]:
-        return make_encoder(self.type_name)
+    def _codec(self) -> Codec:
+        return Codec(self.type_name)
 
     @cached_property
-    def _decode(self) -> Callable[[bytes, int], tuple[Any, int]]:
-        return make_decoder(self.type_name)
+    def _encode(self) -> Any:
+        return self._codec.compile("encode")
 
-    def serialize(self, msg: Any) -> bytes:
-        """Encode a message: 4 byte encapsulation header and CDR, not padded; see `serialize_with_prefix`."""
-        return self.serialize_with_prefix(b"", msg)
+    @cached_property
+    def _decode(self) -> Any:
+        return self._codec.compile("decode")
 
-    def serialize_with_prefix(self, prefix: bytes, msg: Any) -> bytes:
-        """Encode a message whose CDR body begins with `prefix`, a multiple of 8 bytes (header of service calls).
+    def serialize(self, msg: Any, prefix: bytes = b"") -> bytes:
+        """Encode a message: 4 byte encapsulation header and CDR, not padded.
 
-        Raises SerializationError if a field holds a value of a wrong type or length.
+        The CDR body begins with `prefix`, a multiple of 8 bytes (header of service calls). Raises SerializationError if
+        a field holds a value of a wrong type or length.
         """
         if msg.__class__ is not self.cls and not isinstance(msg, self.cls):
             raise SerializationError(f"expected a message of type {self.type_name}, not {type(msg).__name__}")
@@ -94,25 +94,9 @@ class TypeSupport:
         return data[HEADER_SIZE:start], msg
 
 
-class ServiceTypeSupport(NamedTuple):
-    """A service class, with the type support of request and response."""
-
-    cls: Any
-    request: TypeSupport
-    response: TypeSupport
-
-
 @cache
 def type_support(cls: Any) -> TypeSupport:
     """Type support of a message class; TypeError if `cls` is none of this package."""
     if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, "__slots__")):
         raise TypeError(f"{cls!r} is not a message class, such as the ones that 'pkg.msg' modules hold")
     return TypeSupport(cls)
-
-
-@cache
-def service_type_support(cls: Any) -> ServiceTypeSupport:
-    """Type support of a service class; TypeError if `cls` is none of this package."""
-    if not (hasattr(cls, "_TYPE_NAME") and hasattr(cls, "Request")):
-        raise TypeError(f"{cls!r} is not a service class, such as the ones that 'pkg.srv' modules hold")
-    return ServiceTypeSupport(cls, type_support(cls.Request), type_support(cls.Response))

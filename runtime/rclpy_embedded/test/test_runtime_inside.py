@@ -188,7 +188,8 @@ def test_discovery_does_not_pile_up_in_a_node_that_spins(
         last = changing.create_publisher(String, "last", 10)
 
         def announced() -> set[bytes]:
-            return {guid for nodes in graph._announced.values() for one in nodes for guid in one.writers}
+            nodes = [node for nodes in graph._announced.values() for node in nodes]
+            return {bytes(gid.data) for node in nodes for gid in node.writer_gid_seq}
 
         assert spinner.until(lambda: last.handle.guid.bytes in announced())
         spinner.rest(2)

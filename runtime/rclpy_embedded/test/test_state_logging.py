@@ -9,9 +9,10 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rcl_interfaces.msg import Log
 from rclpy.arguments import parse
 from rclpy.clock import ROSClock
-from rclpy.impl.logging_output import Console, LogRecord, system
+from rclpy.impl.logging_output import Console, system
 from rclpy.logging import (
     LoggingSeverity,
     clear_config,
@@ -25,7 +26,8 @@ from rclpy.logging import (
 from rclpy.time import Time
 
 LEVELS = st.sampled_from(list(LoggingSeverity))
-RECORD = LogRecord(LoggingSeverity.WARN, "a.b", "text {name}", "func", "/x/file.py", 7, 1_700_000_000_012_345_678)
+STAMP = Time(seconds=1_700_000_000, nanoseconds=12_345_678).to_msg()
+RECORD = Log(level=30, name="a.b", msg="text {name}", function="func", file="/x/file.py", line=7, stamp=STAMP)
 
 
 @pytest.fixture(autouse=True)
@@ -99,15 +101,15 @@ def test_options_are_checked() -> None:
         logger.info("x", throttle_duration_sec=1.0, throttle_time_source_type="steady")
     with pytest.raises(TypeError, match="a log message must be a str, got int"):
         logger.info(5)
-    for changes, text in (
-        ([{"throttle_duration_sec": 1.0}, {"throttle_duration_sec": 2.0}], "parameters cannot be changed"),
-        ([{"once": True}, {"skip_first": True}], "filters cannot be changed"),
-        ([{"name": "a"}, {"name": "b"}], "name cannot be changed"),
+    for changes in (
+        [{"throttle_duration_sec": 1.0}, {"throttle_duration_sec": 2.0}],
+        [{"once": True}, {"skip_first": True}],
+        [{"name": "a"}, {"name": "b"}],
     ):
-        with pytest.raises(ValueError, match=text):
+        with pytest.raises(ValueError, match="cannot be changed between calls"):
             for change in changes:
                 logger.info("x", **change)
-    with pytest.raises(ValueError, match="severity cannot be changed"):
+    with pytest.raises(ValueError, match="cannot be changed between calls"):
         for severity in (LoggingSeverity.INFO, LoggingSeverity.WARN):
             logger.log("x", severity)
     set_logger_level("options", LoggingSeverity.WARN)
@@ -183,7 +185,7 @@ def test_command_line() -> None:
 def test_rosout_gets_the_node_and_its_children() -> None:
     system.configure(parse([]))
     messages = []
-    system.rosout.attach("node", messages.append)
+    system.attach("node", messages.append)
     logger = get_logger("node")
     line = inspect.currentframe().f_lineno + 1
     logger.info("one")
@@ -205,7 +207,7 @@ def test_rosout_gets_the_node_and_its_children() -> None:
     del child
     get_logger("node.child").info("of nobody")
     grandchild.info("four")
-    system.rosout.detach("node", messages.append)
+    system.detach("node", messages.append)
     logger.info("five")
     assert [message.msg for message in messages[3:]] == ["four"]
 
@@ -218,28 +220,28 @@ def test_rosout_can_be_switched_off_and_does_not_recurse() -> None:
         logger.info("while publishing")
         raise RuntimeError("destroyed meanwhile")
 
-    system.rosout.attach("loop", publish)
+    system.attach("loop", publish)
     try:
         system.configure(parse(["--ros-args", "--disable-rosout-logs"]))
         logger.info("not published")
         system.configure(parse([]))
         logger.info("published")
     finally:
-        system.rosout.detach("loop", publish)
+        system.detach("loop", publish)
     assert [message.msg for message in messages] == ["published"]
 
 
 def test_two_nodes_of_one_name_share_a_publisher(capfd: pytest.CaptureFixture[str]) -> None:
     system.configure(parse([]))
     one, two = [], []
-    system.rosout.attach("twin", one.append)
-    system.rosout.attach("twin", two.append)
+    system.attach("twin", one.append)
+    system.attach("twin", two.append)
     assert "Publisher already registered for node name: 'twin'" in capfd.readouterr().err
     logger = get_logger("twin")
     logger.info("a")
-    system.rosout.detach("twin", one.append)
+    system.detach("twin", one.append)
     logger.info("b")
-    system.rosout.detach("twin", two.append)
+    system.detach("twin", two.append)
     assert ([message.msg for message in one], [message.msg for message in two]) == (["a"], ["b"])
 
 

@@ -72,6 +72,11 @@ def test_wrong_arguments_are_refused(kwargs: dict[str, object]) -> None:
         QoSProfile(**kwargs)
 
 
+def test_there_are_no_other_policies() -> None:
+    with pytest.raises(AttributeError):
+        QoSProfile(depth=1).reliabilty = ReliabilityPolicy.RELIABLE  # type: ignore[attr-defined]
+
+
 def test_numbers_become_policies_and_unknown_numbers_are_refused() -> None:
     assert QoSProfile(depth=1, reliability=2).reliability is ReliabilityPolicy.BEST_EFFORT
     with pytest.raises(ValueError):
@@ -135,7 +140,7 @@ def test_what_is_left_to_the_system_is_a_doubt() -> None:
         qos_profile_system_default, QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC)
     )
     assert verdict is QoSCompatibility.WARNING
-    assert reason == "WARNING: Reliable subscription, but publisher is system_default;"
+    assert reason == "WARNING: reliability of publisher is system_default, of subscription reliable;"
     verdict, reason = qos_check_compatible(qos_profile_system_default, qos_profile_system_default)
     assert verdict is QoSCompatibility.WARNING
     assert reason.count("WARNING: ") == 3

@@ -116,7 +116,7 @@ def test_default_message_of_every_type(package: str) -> None:
         message = support.cls()
         data = support.serialize(message)
         assert support.deserialize(data) == message, type_name
-        prefixed = support.serialize_with_prefix(prefix, message)
+        prefixed = support.serialize(message, prefix)
         assert support.deserialize_with_prefix(prefixed, 16) == (prefix, message), type_name
 
 
@@ -128,7 +128,7 @@ def test_round_trip(message: Any) -> None:
     decoded = support.deserialize(data)
     assert decoded == message
     assert support.serialize(decoded) == data
-    prefixed = support.serialize_with_prefix(bytes(16), message)
+    prefixed = support.serialize(message, bytes(16))
     assert prefixed[20:] == data[4:]
 
 

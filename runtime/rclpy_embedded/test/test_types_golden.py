@@ -10,7 +10,7 @@ from typing import Any
 from rosidl_embedded import catalogue
 from rosidl_embedded.definition import AbstractNestedType, BasicType, NamespacedType
 from rosidl_embedded.description import type_description
-from rosidl_embedded.typesupport import get_message, get_service, service_type_support, type_hash, type_support
+from rosidl_embedded.typesupport import get_message, get_service, type_hash, type_support
 
 DATA = Path(__file__).parent / "data"
 GOLDEN = json.loads((DATA / "golden_cdr.json").read_text())
@@ -45,8 +45,8 @@ def support_of_topic(topic: str) -> tuple[Any, int]:
     if topic == "rt/parameter_events":
         return type_support(get_message("rcl_interfaces/msg/ParameterEvent")), 0
     name = "rcl_interfaces/srv/SetParameters" if "set_parameters" in topic else "std_srvs/srv/Trigger"
-    service = service_type_support(get_service(name))
-    return service.request if topic.startswith("rq/") else service.response, SERVICE_HEADER_SIZE
+    service = get_service(name)
+    return type_support(service.Request if topic.startswith("rq/") else service.Response), SERVICE_HEADER_SIZE
 
 
 def test_messages_encode_to_the_golden_bytes_and_decode_back() -> None:
@@ -71,7 +71,7 @@ def test_captured_samples_decode_and_encode_identically() -> None:
         captured = bytes.fromhex(sample["bytes"])
         prefix, message = support.deserialize_with_prefix(captured, size)
         assert len(prefix) == size, where
-        encoded = support.serialize_with_prefix(prefix, message)
+        encoded = support.serialize(message, prefix)
         assert (encoded + bytes(-len(encoded) % 4)).hex() == sample["bytes"], where
 
 
@@ -92,9 +92,9 @@ def test_captured_discovery_names_the_node() -> None:
 
 
 def test_names_on_the_wire() -> None:
-    support = service_type_support(get_service("std_srvs/srv/Trigger"))
-    assert support.request.dds_name == "std_srvs::srv::dds_::Trigger_Request_"
-    assert support.response.type_hash == GOLDEN["type_hashes"]["std_srvs/srv/Trigger_Response"]
+    service = get_service("std_srvs/srv/Trigger")
+    assert type_support(service.Request).dds_name == "std_srvs::srv::dds_::Trigger_Request_"
+    assert type_support(service.Response).type_hash == GOLDEN["type_hashes"]["std_srvs/srv/Trigger_Response"]
     assert type_support(get_message("std_msgs/String")).dds_name == "std_msgs::msg::dds_::String_"
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes
+from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
-from fsw_analysis.verify import recorded_controllers, verify
+from fsw_analysis.replay import replay
 from fsw_scenario.controllers import described_in, maker, name_of
 from fsw_scenario.scenario import ScenarioError
 
@@ -51,24 +51,26 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     if not arguments.tolerance >= 0.0:
         raise CommandError(f"--tolerance {arguments.tolerance:g}: is not 0 or more")
-    recorded = recorded_controllers(arguments.bag)
+    messages = read_messages(arguments.bag)
+    recorded = list(messages.controllers("proposal"))
     names = [name_of(label) for label in arguments.controller or ()]
     if not recorded or not set(names) <= set(recorded):
         raise CommandError(f"{arguments.bag}: no proposals of {', '.join(names) or 'any controller'} in this bag")
-    code, replayed = 0, 0
+    code, any_replayed = 0, False
     for name in dict.fromkeys(names or recorded):
         try:
-            make, parameters = maker(name), described_in(name)
+            make, described = maker(name), described_in(name)
         except ScenarioError as error:
             print_notes([f"{name} is left out: {error}"])
             code = code or _LEFT_OUT
             continue
-        result = verify(arguments.bag, name, make, parameters, arguments.tolerance)
-        print_notes(result.notes)
+        replayed = replay(messages, name, make, described)
+        result = replayed.against_own(name, arguments.tolerance)
+        print_notes(replayed.notes)
         print("\n".join(result.lines()), flush=True)
         if result.beyond and code != 1:
-            code = 1 if result.comparable else _NOT_COMPARABLE
-        replayed += 1
-    if not replayed:
+            code = 1 if replayed.comparable else _NOT_COMPARABLE
+        any_replayed = True
+    if not any_replayed:
         raise CommandError(f"{arguments.bag}: nothing could be replayed")
     return code

@@ -15,6 +15,7 @@ from fsw.progress import ProgressBar
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_scenario.scenario import ScenarioError
@@ -58,6 +59,14 @@ def read_weld(bag: Path) -> WeldSignals:
     return signals
 
 
+def read_messages(bag: Path) -> WeldMessages:
+    """Messages of the weld in a bag; what is wrong with it is reported on stderr."""
+    with ProgressBar(f"reading {bag}") as bar:
+        messages = WeldMessages(bag, bar)
+    print_notes(messages.problems)
+    return messages
+
+
 def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:
     """Welds by the labels that distinguish them, each cut to the length of its scenario."""
     return {label: cut_to_scenario(read_weld(bag)) for label, bag in zip(labels(bags), bags, strict=True)}
@@ -66,7 +75,7 @@ def welds_of(bags: list[Path]) -> dict[str, WeldSignals]:
 def print_kpis(welds: dict[str, WeldSignals], file: Path | None) -> None:
     """Print figures of merit, with those of the phases, and write them as JSON where a file is given."""
     results = [kpi.compute(signals, label) for label, signals in welds.items()]
-    print(kpi_table.text(results), end="")
+    print(kpi_table.markdown(results), end="")
     phases = [
         phase_kpi.compute(signals, label, phase_kpi.recorded_spans(signals)) if signals.phases else []
         for label, signals in welds.items()

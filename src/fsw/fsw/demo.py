@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fsw.errors import CommandError, exit_code
+from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import new_folder, write_phases
+from fsw.simulate import write_phases
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
@@ -131,7 +132,7 @@ def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Pa
         bags.append(graph.bag)
     results = [kpi.compute(run.signals, run.label) for run in runs]
     print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
-    print(kpi_table.text(results))
+    print(kpi_table.markdown(results))
     pages = draw(runs, scenario.figures, place)
     return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
 

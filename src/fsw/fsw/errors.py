@@ -10,7 +10,9 @@ from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_model import ModelParameterError
+from fsw_control.schema import InputError
+from fsw_identification.weld_data import IdentificationError
+from fsw_model import ModelParameterError, OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
 from fsw_scenario.scenario import ScenarioError
@@ -20,12 +22,15 @@ class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
 
 
-_TOLD = (
+_SHOWN = (
     CommandError,
     CampaignError,
+    IdentificationError,
+    InputError,
     ScenarioError,
     ParameterError,
     ModelParameterError,
+    OperatingPointError,
     BagError,
     KpiError,
     LaunchError,
@@ -34,12 +39,12 @@ _TOLD = (
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """Carry out a command; 0 done, 1 not possible (told in one line), 130 interrupted."""
+    """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
     try:
         code = action()
         sys.stdout.flush()
         return code
-    except _TOLD as error:
+    except _SHOWN as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -8,9 +8,8 @@ from typing import Any
 
 from fsw.errors import CommandError
 from fsw.operate import add_graph_command, add_number
-from fsw_control import units
+from fsw_control import ranges, units
 from fsw_control.contract import BUILT_IN_SOURCES
-from fsw_scenario import ranges
 
 _MODES = ("auto", *BUILT_IN_SOURCES)
 

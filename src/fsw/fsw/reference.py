@@ -8,8 +8,7 @@ from typing import Any
 
 from fsw.errors import CommandError
 from fsw.operate import add_graph_command, add_number
-from fsw_control import units
-from fsw_scenario import ranges
+from fsw_control import ranges, units
 
 
 def add_command(commands: Any) -> None:

@@ -1,20 +1,20 @@
 """Every command finds a controller of a user's own, and nothing that it does is a traceback."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
 from fsw.demo import _controllers, parser
 from fsw.main import main
-from fsw_analysis.verify import TickDifference, Verification
+from fsw_analysis.replay import Comparison, TickDifference
 from fsw_campaign import definition
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_weld
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.scenario import ScenarioError
-from fsw_scenario.shadow_run import ShadowRun
 from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]
@@ -30,7 +30,6 @@ def test_every_command_takes_it(tmp_path, capsys):
     assert chosen == {"depth_only": {}, "decentral": {"tuning": "tight"}}
     nodes = WeldGraph(scenario_file.load("quick"), tmp_path, tuple(chosen), parameters=chosen).parameter_file(tmp_path)
     assert nodes["fsw_decentral"]["ros__parameters"]["tuning"] == "tight" and "fsw_depth_only" in nodes
-    assert ShadowRun(tmp_path, tmp_path / "shadow", EXAMPLE).name == "depth_only"
 
 
 @pytest.mark.parametrize("step", ["raise RuntimeError('boom')", "return 3", "return Proposal(applied, healthy='?')"])
@@ -61,18 +60,24 @@ def test_parameters_of_a_shadow_are_checked(weld_bag, tmp_path, capsys):
     assert "did you mean tuning" in capsys.readouterr().err and not (tmp_path / "out").exists()
 
 
+def bag_with(monkeypatch, names, differences=(), not_comparable=()):
+    """`bag verify` finds these controllers; those of `differences` differ."""
+
+    def replay(messages, name, *_):
+        different = [TickDifference(0, 0.1, 1.0, 1.0, 1.0)] if name in differences else []
+        compared = Comparison(name, 1, different)
+        return SimpleNamespace(notes=[], comparable=name not in not_comparable, against_own=lambda *_: compared)
+
+    messages = SimpleNamespace(controllers=lambda _: names)
+    monkeypatch.setattr("fsw.bag_verify.read_messages", lambda _: messages)
+    monkeypatch.setattr("fsw.bag_verify.replay", replay)
+
+
 def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
-    monkeypatch.setattr("fsw.bag_verify.recorded_controllers", lambda _: ["stranger", "decentral"])
-    seen = []
-
-    def verify(bag, name, *_):
-        seen.append(name)
-        return Verification(name, 1)
-
-    monkeypatch.setattr("fsw.bag_verify.verify", verify)
+    bag_with(monkeypatch, ["stranger", "decentral"])
     assert main(["bag", "verify", str(weld_bag)]) == 3
     captured = capsys.readouterr()
-    assert seen == ["decentral"] and "stranger is left out" in captured.err and "reproduced" in captured.out
+    assert "stranger is left out" in captured.err and captured.out.startswith("decentral: all 1 proposals reproduced")
 
 
 @pytest.mark.parametrize(
@@ -80,19 +85,14 @@ def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
 )
 def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypatch, found, code):
     """By controller: 0 equal, 1 different, 3 unknown here, 4 different but its state at the beginning is unknown."""
-    names = [f"{'stranger' if one == 3 else 'decentral'}{number}" for number, one in enumerate(found)]
-    codes = dict(zip(names, found, strict=True))
-    different = [TickDifference(0, 0.1, 1.0, 1.0, 1.0)]
-
-    def verify(bag, name, *_):
-        return Verification(name, 1, different if codes[name] else [], comparable=codes[name] != 4)
+    names = {f"{'stranger' if one == 3 else 'decentral'}{number}": one for number, one in enumerate(found)}
 
     def maker(name):
-        if codes[name] == 3:
+        if names[name] == 3:
             raise ScenarioError("unknown")
 
-    monkeypatch.setattr("fsw.bag_verify.recorded_controllers", lambda _: names)
+    different, not_comparable = ([name for name, one in names.items() if one in kinds] for kinds in ((1, 4), (4,)))
+    bag_with(monkeypatch, list(names), different, not_comparable)
     monkeypatch.setattr("fsw.bag_verify.maker", maker)
     monkeypatch.setattr("fsw.bag_verify.described_in", lambda _: None)
-    monkeypatch.setattr("fsw.bag_verify.verify", verify)
     assert main(["bag", "verify", str(weld_bag)]) == code

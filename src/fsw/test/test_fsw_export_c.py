@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from fsw.main import main
-from fsw_nmpc import kernel_build
+from fsw_control.c_library import compiler
 from fsw_test_support.c_targets import TARGETS, build, check_vectors, largest_difference, stack_bytes
 
 CONTROLLERS = ("nmpc", "decentral")
@@ -61,7 +61,7 @@ def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
     sources = [str(folder / "main.c"), *map(str, (folder / "src").glob("*.c"))]
     program = str(tmp_path / "example")
     flags = ["-std=c99", "-O1", "-I", str(folder), "-I", str(folder / "src")]
-    subprocess.run([*kernel_build.compiler(), *flags, *sources, "-o", program, "-lm"], check=True)
+    subprocess.run([*compiler(), *flags, *sources, "-o", program, "-lm"], check=True)
     ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=False)
     assert ran.returncode == 1
     assert "line 8: force_kn is" in ran.stderr
@@ -75,8 +75,7 @@ def test_stack_has_a_bound(exported, controller, tmp_path):
     if missing := TARGETS["gcc"].missing():
         pytest.skip(missing)
     build(exported[controller], TARGETS["gcc"], tmp_path, "-DFSW_STACK_USAGE=1")
-    prefix = {"nmpc": "fsw_controller", "decentral": "fsw_decentral"}[controller]
-    assert 0 < stack_bytes(tmp_path, f"{prefix}_step") < 32_768
+    assert 0 < stack_bytes(tmp_path, f"fsw_{controller}_step") < 32_768
     report = "\n".join(path.read_text() for path in tmp_path.rglob("*.ci"))
     assert "bytes (dynamic)" not in report
 
@@ -89,7 +88,7 @@ def test_nothing_but_the_listed_library_functions(exported, controller, tmp_path
     objects = []
     for source in (folder / "src").glob("*.c"):
         objects.append(str(tmp_path / f"{source.stem}.o"))
-        command = [*kernel_build.compiler(), "-std=c99", "-O2", "-I", str(folder / "src"), "-c", str(source)]
+        command = [*compiler(), "-std=c99", "-O2", "-I", str(folder / "src"), "-c", str(source)]
         subprocess.run([*command, "-o", objects[-1]], check=True)
     listed = subprocess.run(["nm", *objects], capture_output=True, text=True, check=True).stdout
     outside = set(re.findall(r"^ +U (\w+)$", listed, re.MULTILINE)) - set(
@@ -163,11 +162,11 @@ def test_both_in_one_program_in_cpp(exported, tmp_path):
     folders = [exported[name] / "src" for name in CONTROLLERS]
     (tmp_path / "both.cpp").write_text(
         '#include "fsw_nmpc_tables.h"\n#include "fsw_decentral_tables.h"\n#include <cstring>\n'
-        "static fsw_controller a;\nstatic fsw_decentral b;\nint main() {\n"
-        "  if (fsw_controller_init(&a, &fsw_nmpc_model, &fsw_nmpc_tuning)) return 1;\n"
-        "  if (fsw_decentral_init(&b, &fsw_decentral_gains)) return 2;\n"
-        "  fsw_input in;\n  fsw_output out;\n  fsw_input_clear(&in);\n  fsw_controller_step(&a, &in, &out);\n"
-        "  return out.healthy || std::strlen(fsw_controller_id()) != 16 || std::strlen(fsw_decentral_id()) != 16;\n}\n"
+        "static fsw_nmpc a;\nstatic fsw_decentral b;\nint main() {\n"
+        "  if (fsw_nmpc_init(&a, &fsw_nmpc_exported_model, &fsw_nmpc_exported_tuning)) return 1;\n"
+        "  if (fsw_decentral_init(&b, &fsw_decentral_exported_tuning)) return 2;\n"
+        "  fsw_nmpc_input in;\n  fsw_nmpc_output out;\n  fsw_nmpc_input_clear(&in);\n  fsw_nmpc_step(&a, &in, &out);\n"
+        "  return out.healthy || std::strlen(fsw_nmpc_id()) != 16 || std::strlen(fsw_decentral_id()) != 16;\n}\n"
     )
     objects = []
     for source in [path for folder in folders for path in folder.glob("*.c")]:
@@ -184,7 +183,7 @@ def test_both_in_one_program_in_cpp(exported, tmp_path):
 def test_fast_math_is_refused(exported, controller):
     folder = exported[controller] / "src"
     source = {"nmpc": "controller.c", "decentral": "decentral.c"}[controller]
-    command = [*kernel_build.compiler(), "-std=c99", "-ffast-math", "-fsyntax-only", str(folder / source)]
+    command = [*compiler(), "-std=c99", "-ffast-math", "-fsyntax-only", str(folder / source)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode != 0
     assert "NaN is an argument" in ran.stderr

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.columns import Kind
-from fsw_analysis.messages import Table
+from fsw_analysis.messages import Kind, Table
 from fsw_analysis.weld_signals import FloatArray, WeldEvent
 
 STATE: dict[str, Kind] = {

@@ -1,4 +1,4 @@
-"""Figures of merit as tables for people and as JSON for programs."""
+"""Figures of merit as tables in markdown and as JSON."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ROWS: dict[str, tuple[str, str, float]] = {
 
 
 def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
-    table = [["", "unit", *(str(run["label"]) for run in runs), *(["difference"] if len(runs) == 2 else [])]]
+    cells = [["", "unit", *(str(run["label"]) for run in runs), *(["difference"] if len(runs) == 2 else [])]]
     solve_times = dict.fromkeys(key for run in runs for key in run if key.startswith("solve_time_"))
     rows = ROWS | {key: (key.removesuffix("_ms").replace("_", " "), "ms", 1.0) for key in solve_times}
     for key, (meaning, unit, factor) in rows.items():
@@ -40,8 +40,8 @@ def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
         row = [meaning, unit, *("-" if value is None else f"{value * factor:.4g}" for value in values)]
         if len(runs) == 2:
             row.append(_difference(values[0], values[1], factor))
-        table.append(row)
-    return table
+        cells.append(row)
+    return cells
 
 
 def _difference(first: float | None, second: float | None, factor: float) -> str:
@@ -52,23 +52,20 @@ def _difference(first: float | None, second: float | None, factor: float) -> str
     return f"{100.0 * (second - first) / abs(first):+.1f} %"
 
 
-def text(runs: Sequence[dict[str, Any]]) -> str:
-    """Table for the terminal: one row per figure of merit, one column per run (two runs: and their difference)."""
-    table = _cells(runs)
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = []
-    for row in table:
-        words = [cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True)]
-        numbers = [cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True)]
-        lines.append("  ".join([*words, *numbers]))
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]]) + "\n"
-
-
 def markdown(runs: Sequence[dict[str, Any]]) -> str:
-    """The same table in markdown."""
-    header, *rows = _cells(runs)
-    marks = ["---", "---", *["---:"] * (len(header) - 2)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in [header, marks, *rows]) + "\n"
+    """Table with a row per figure of merit and a column per run; of two runs also their difference."""
+    return table(_cells(runs), words=2)
+
+
+def table(rows: Sequence[Sequence[str]], words: int) -> str:
+    """Rows, the first of which is the head, as a table in markdown; numbers, behind ``words`` columns, flush right."""
+    widths = [max(3, *map(len, column)) for column in zip(*rows, strict=True)]
+    rule = ["-" * width if i < words else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
+    lines = []
+    for row in (rows[0], rule, *rows[1:]):
+        cells = [f"{cell:{'<' if i < words else '>'}{widths[i]}}" for i, cell in enumerate(row)]
+        lines.append(f"| {' | '.join(cells)} |\n")
+    return "".join(lines)
 
 
 def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:

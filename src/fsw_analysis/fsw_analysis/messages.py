@@ -4,25 +4,38 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from numbers import Real
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
-from fsw_analysis.columns import Column, Kind, MessageColumns
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 
+Kind = Literal["number", "text", "numbers", "texts"]
+#: per kind float64 (n,), and object (n,) of str, of float64 arrays and of lists of str
+Column = npt.NDArray[Any]
+
+#: what a field of a kind is once decoded, and what stands for it where the type has no such field
+_KINDS: dict[Kind, tuple[type, Any]] = {
+    "number": (Real, np.nan),
+    "text": (str, ""),
+    "numbers": (np.ndarray, np.empty(0)),
+    "texts": (list, []),
+}
 #: topic and field of each of `fsw_control.contract.SENSORS`
 SENSOR_FIELDS = {
     "depth": ("/fsw/depth", "depth"),
     "torque": ("/fsw/spindle_torque", "torque"),
     "thermocouple": ("/fsw/thermocouple", "temperature"),
 }
-_STAMP: dict[str, Kind] = {"header.stamp.sec": "number", "header.stamp.nanosec": "number"}
 #: what a weld cannot do without one of, with its namespace before it
 _OF_A_WELD = re.compile(r"(.*)/fsw/(?:depth|spindle_torque|thermocouple|plant/truth|command)")
 
@@ -36,23 +49,18 @@ class Table:
         Times of each message [ns]; the stamp is 0 where the type has none.
     """
 
-    def __init__(self, times: IntArray, columns: dict[str, Column]) -> None:
-        self.log_ns, self.publish_ns = times.T
+    def __init__(self, times: list[tuple[int, int]], stamps: list[int], columns: dict[str, Column]) -> None:
+        self.log_ns, self.publish_ns = np.array(times, np.uint64).reshape(-1, 2).astype(np.int64).T
+        self.stamp_ns: IntArray = np.array(stamps, np.int64)
         self._columns = columns
-        self.stamp_ns = self.time_ns(*_STAMP) if columns.keys() >= _STAMP.keys() else np.zeros_like(self.log_ns)
 
     def __len__(self) -> int:
         """Number of messages."""
         return int(self.log_ns.size)
 
     def column(self, path: str) -> Column:
-        """Values of a field, as in `MessageColumns.extract`."""
+        """Values of a field."""
         return self._columns[path]
-
-    def time_ns(self, seconds: str, nanoseconds: str) -> IntArray:
-        """Time in two fields [ns]; 0 where the type has none."""
-        whole, rest = (np.nan_to_num(self._columns[path]).astype(np.int64) for path in (seconds, nanoseconds))
-        return whole * NANOSECONDS + rest
 
 
 class WeldMessages:
@@ -67,6 +75,8 @@ class WeldMessages:
 
     Attributes
     ----------
+    path : Path
+        The bag.
     namespace : str
         In which the weld ran; empty or e.g. ``/hall/cell1``.
     topics : dict of str to RecordedTopic
@@ -82,6 +92,7 @@ class WeldMessages:
     """
 
     def __init__(self, path: Path | str, progress: Callable[[float], None] | None = None) -> None:
+        self.path = Path(path)
         raw: dict[str, list[tuple[int, int, bytes]]] = {}
         with BagReader(path) as reader:
             for record in reader.records(progress=progress):
@@ -91,6 +102,7 @@ class WeldMessages:
             topics = reader.topics()
             self.attachments = {one.name: one.data for one in reader.attachments()}
             self.problems = list(reader.problems)
+        self._definitions = Definitions()
         if not raw:
             raise BagError("; ".join([f"{path}: the bag holds no messages", *self.problems]))
         spaces = {match[1] for name in raw if (match := _OF_A_WELD.fullmatch(name))}
@@ -102,32 +114,65 @@ class WeldMessages:
         self.raw = {name.removeprefix(self.namespace): messages for name, messages in raw.items()}
 
     def controllers(self, what: str) -> dict[str, str]:
-        """Topics on which controllers tell something (``proposal`` or ``status``), by the controller's name."""
+        """Topics of the controllers' messages of one kind (``proposal`` or ``status``), by the controller's name."""
         topic = re.compile(rf"/fsw/([^/]+)/{what}")
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 
-    def table(self, name: str, wanted: Mapping[str, Kind]) -> Table:
-        """Columns of a topic; empty when the bag has none of its messages, or none that can be read."""
+    def decoded(self, name: str) -> list[tuple[int, int, Any]]:
+        """Log time, publish time and message of all messages of a topic but the damaged ones; see `problems`."""
         topic, raw = self.topics.get(name), self.raw.get(name)
-        nothing = {path: np.empty(0, float if kind == "number" else object) for path, kind in wanted.items()}
-        empty = Table(np.empty((0, 2), np.int64), nothing)
         if topic is None or not raw:
-            return empty
+            return []
+        messages: list[tuple[int, int, Any]] = []
         try:
             if topic.encoding != "cdr" or not topic.definition:
                 raise BagError(f"the bag holds no definition of {topic.type_name or 'its type'}; left out")
-            columns = MessageColumns(topic.type_name, topic.definition)
+            self._definitions.typestore(topic.type_name, topic.definition)
         except BagError as error:
             self.problems.append(f"{name}: {error}")
-            return empty
-        missing = [path for path in wanted if not columns.has(path)]
+            return []
+        for log_ns, publish_ns, data in raw:
+            try:
+                message = self._definitions.decode(topic.type_name, topic.definition, data)
+            except BagError:
+                continue
+            messages.append((log_ns, publish_ns, message))
+        if damaged := len(raw) - len(messages):
+            self.problems.append(f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out")
+        return messages
+
+    def table(self, name: str, wanted: Mapping[str, Kind]) -> Table:
+        """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.
+
+        NaN or empty values stand for a field that its type does not have.
+        """
+        rows = self.decoded(name)
+        messages = [one[2] for one in rows]
+        columns: dict[str, Column] = {}
+        missing = []
+        for path, kind in wanted.items():
+            of_kind, nothing = _KINDS[kind]
+            try:
+                values = list(map(attrgetter(path), messages))
+            except AttributeError:
+                values = []
+            if messages and not (values and isinstance(values[0], of_kind)):
+                missing.append(path)
+                values = [nothing] * len(messages)
+            columns[path] = np.fromiter(values, float if kind == "number" else object, len(messages))
         if missing:
+            topic = self.topics[name]
             self.problems.append(f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}")
-        data, good = columns.extract([one[2] for one in raw], {**wanted, **_STAMP})
-        if not good.all():
-            self.problems.append(f"{topic.name}: {int((~good).sum())} of {good.size} messages are damaged and left out")
-        times = np.array([one[:2] for one in raw], dtype=np.uint64).astype(np.int64)
-        return Table(times[good], {path: values[good] for path, values in data.items()})
+        return Table([one[:2] for one in rows], list(map(stamp_of, messages)), columns)
+
+
+def stamp_of(message: Any) -> int:
+    """Stamp of a decoded message [ns]; 0 where its type has none."""
+    try:
+        stamp = message.header.stamp
+        return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    except AttributeError:
+        return 0
 
 
 def recorded_parameters(attachments: Mapping[str, bytes], namespace: str, controller: str) -> dict[str, Any]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
+from fsw_analysis.kpi_table import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
 #: name, begin and end [s] of a phase
@@ -95,25 +97,18 @@ def recorded_spans(signals: WeldSignals) -> list[Span]:
 
 def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     """Table of all phases and the published figures; welds in the same phases are side by side."""
-    lines = [
-        "Errors against the programme: mean, σ, min, max.",
-        "",
-        "| phase | run | temperature error [°C] | depth error [µm] | mean power [kW] |",
-        "|---|---|---|---|---:|",
-    ]
+    cells = [("phase", "run", "temperature error [°C]", "depth error [µm]", "mean power [kW]")]
     alike = len({tuple(one.phase for one in run) for run in runs}) == 1
-    for rows in zip(*runs, strict=True) if alike else runs:
-        for one in rows:
-            power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
-            cells = (one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power)
-            lines.append(f"| {' | '.join(cells)} |")
-            in_force = (one.in_force_temperature_c, one.in_force_depth_mm)
-            if in_force != (one.temperature_c, one.depth_mm):
-                cells = ("", "against what was in force", _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1), "")
-                lines.append(f"| {' | '.join(cells)} |")
+    for one in chain(*(zip(*runs, strict=True) if alike else runs)):
+        power = "-" if one.power_kw is None else f"{one.power_kw:.1f}"
+        cells.append((one.phase, one.run, _words(one.temperature_c, 1.0, 2), _words(one.depth_mm, 1e3, 1), power))
+        in_force = (one.in_force_temperature_c, one.in_force_depth_mm)
+        if in_force != (one.temperature_c, one.depth_mm):
+            errors = _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1)
+            cells.append(("", "against the set-points in force", *errors, ""))
     for name, (cycles, error) in PUBLISHED.items():
-        lines.append(f"| published, {cycles} real weld{'s'[: cycles > 1]} | {name} | {_words(error, 1.0, 1)} | - | - |")
-    return "\n".join(lines) + "\n"
+        cells.append((f"published, {cycles} real weld{'s'[: cycles > 1]}", name, _words(error, 1.0, 1), "-", "-"))
+    return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4)}"
 
 
 def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fsw_analysis import events
-from fsw_analysis.columns import Column, Kind
-from fsw_analysis.messages import SENSOR_FIELDS, Table, WeldMessages
+from fsw_analysis.messages import SENSOR_FIELDS, Column, Kind, Table, WeldMessages
 from fsw_analysis.set_points import HELD, SENT, read_set_points, timeline
 from fsw_analysis.weld_signals import (
     MM,
@@ -115,34 +114,19 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     command = messages.table("/fsw/command", {**_wanted(ProposalSignals), "source": "text"})
     drives = messages.table("/fsw/drives", _wanted(DriveSignals))
     state = messages.table("/fsw/supervisor/state", events.STATE)
-    progress_told = messages.table("/fsw/weld_progress", events.PROGRESS)
-    actions = messages.table("/fsw/operator_action", events.ACTION)
-    sources = [one for one in sensors.values() if one] or [one for one in (truth, command) if one]
-    if not sources:
-        needed = [topic for topic, _ in SENSOR_FIELDS.values()]
-        complaint = (
-            f"{path}: not the bag of a weld: no readable message on {', '.join(needed)}, "
-            f"/fsw/plant/truth or /fsw/command; it has {', '.join(sorted(messages.raw)[:8])}"
-        )
-        raise BagError("; ".join([complaint, *messages.problems]))
-    ticks = _Ticks(sources)
-
-    def sensed(name: str) -> FloatArray:
-        table = sensors[name]
-        return ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True)
-
-    reference_depth_mm, reference_temperature_c = _references(messages, ticks)
-    # where no programme is played, the set-points in force stand for its own
-    planned = [ticks.held(progress_told, path, np.nan) for path in ("depth", "temperature")]
-    known = planned[0] > 0.0
+    ticks = _Ticks(_sources(messages, list(sensors.values()), [truth, command]))
+    depth, torque, temperature = (
+        ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True) for name, table in sensors.items()
+    )
     applied = ticks.group(ProposalSignals, command)
-    return WeldSignals(
-        path=Path(path),
+    reference_depth_mm, reference_temperature_c = _references(messages, ticks)
+    weld = WeldSignals(
+        path=messages.path,
         stamp_ns=ticks.stamp_ns,
         time_s=ticks.time_s,
-        depth_mm=sensed("depth") * MM,
-        torque_nm=sensed("torque"),
-        temperature_c=sensed("thermocouple"),
+        depth_mm=depth * MM,
+        torque_nm=torque,
+        temperature_c=temperature,
         reference_depth_mm=reference_depth_mm,
         reference_temperature_c=reference_temperature_c,
         force_kn=applied.force_kn,
@@ -160,17 +144,37 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         counts={name: len(raw) for name, raw in messages.raw.items()},
         namespace=messages.namespace,
         problems=messages.problems,
-        programme_depth_mm=np.where(known, planned[0] * MM, reference_depth_mm),
-        programme_temperature_c=np.where(known, planned[1], reference_temperature_c),
-        phases=events.phases(ticks.times_s(progress_told), progress_told),
-        events=sorted(
-            [
-                *events.of_state(ticks.times_s(state), state),
-                *events.of_progress(ticks.times_s(progress_told), progress_told),
-                *events.of_actions(ticks.times_s(actions), actions),
-            ]
-        ),
+        events=list(events.of_state(ticks.times_s(state), state)),
     )
+    _add_course(weld, messages, ticks)
+    return weld
+
+
+def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:
+    """The tables whose stamps are the ticks: those of the sensors, without any what else has a message per tick."""
+    sources = [one for one in sensors if one] or [one for one in others if one]
+    if not sources:
+        needed = [topic for topic, _ in SENSOR_FIELDS.values()]
+        complaint = (
+            f"{messages.path}: not the bag of a weld: no readable message on {', '.join(needed)}, "
+            f"/fsw/plant/truth or /fsw/command; it has {', '.join(sorted(messages.raw)[:8])}"
+        )
+        raise BagError("; ".join([complaint, *messages.problems]))
+    return sources
+
+
+def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
+    """Add the programme that was played, its phases, and what operators did."""
+    progress = messages.table("/fsw/weld_progress", events.PROGRESS)
+    actions = messages.table("/fsw/operator_action", events.ACTION)
+    times_s = ticks.times_s(progress)
+    weld.phases = events.phases(times_s, progress)
+    weld.events += [*events.of_progress(times_s, progress), *events.of_actions(ticks.times_s(actions), actions)]
+    weld.events.sort()
+    depth, temperature = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature"))
+    # where no programme is played, the set-points in force stand for its own
+    weld.programme_depth_mm = np.where(depth > 0.0, depth * MM, weld.reference_depth_mm)
+    weld.programme_temperature_c = np.where(depth > 0.0, temperature, weld.reference_temperature_c)
 
 
 def _wanted(kind: type[Any]) -> dict[str, Kind]:
@@ -196,9 +200,9 @@ def _proposals(messages: WeldMessages, ticks: _Ticks) -> dict[str, ProposalSigna
 
 
 def _statuses(messages: WeldMessages, ticks: _Ticks) -> dict[str, StatusSignals]:
+    wanted: dict[str, Kind] = {**_wanted(StatusSignals), "disturbance_names": "texts", "disturbances": "numbers"}
     statuses: dict[str, StatusSignals] = {}
     for name, topic in messages.controllers("status").items():
-        wanted = {**_wanted(StatusSignals), "disturbance_names": "texts", "disturbances": "numbers"}
         if table := messages.table(topic, wanted):
             statuses[name] = ticks.group(StatusSignals, table)
             statuses[name].disturbances = _disturbances(ticks, table)

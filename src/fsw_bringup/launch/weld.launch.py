@@ -209,7 +209,6 @@ def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, 
     if speed is not None:
         parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
     parameters["fsw_recorder"]["ros__parameters"].pop("output")
-    parameters["fsw_scenario"]["ros__parameters"]["progress"] = False
     return parameters
 
 

@@ -20,7 +20,8 @@ from fsw_campaign.distributions import SAMPLERS, Distribution, draw, values, wel
 from fsw_campaign.errors import CampaignError
 from fsw_control.contract import Controller
 from fsw_control.ranges import Range
-from fsw_plant.event_schema import DURATION_S, Place
+from fsw_plant.event_schema import DURATION_S
+from fsw_plant.place import Place
 from fsw_scenario import scenario_file
 from fsw_scenario.controllers import make_all, name_of, short, source_of
 from fsw_scenario.scenario import Scenario, ScenarioError

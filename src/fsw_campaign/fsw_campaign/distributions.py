@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_plant.event_schema import Place
+from fsw_plant.place import Place
 
 SAMPLERS = ("latin_hypercube", "sobol")
 KINDS = ("uniform", "loguniform", "normal", "choice")

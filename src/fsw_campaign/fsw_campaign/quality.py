@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fsw_campaign.errors import CampaignError
 from fsw_control.ranges import Range
-from fsw_plant.event_schema import Place
+from fsw_plant.place import Place
 
 _SHIPPED = Path(__file__).with_name("quality.yaml")
 _NUMBER = Range(-1e12, 1e12, "")

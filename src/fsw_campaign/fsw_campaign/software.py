@@ -15,7 +15,7 @@ _PACKAGES = ("fsw_control", "fsw_decentral", "fsw_model", "fsw_nmpc", "fsw_plant
 _MODULES = {
     "fsw_analysis": ("changes", "kpi", "weld_signals"),
     "fsw_scenario": (
-        *("closed_loop", "controllers", "offline_supervisor", "open_loop", "ranges", "scenario", "scenario_file"),
+        *("closed_loop", "controllers", "offline_supervisor", "open_loop", "scenario", "scenario_file"),
         *("timeline", "weld_programme", "weld_programme_file"),
     ),
     "fsw_campaign": ("definition", "distributions", "welds"),
@@ -50,8 +50,8 @@ def digest() -> str:
 @lru_cache(maxsize=1)
 def versions() -> str:
     """Versions of packages, and digests of the controllers' C sources and of the Python code around them."""
-    from fsw_decentral.kernel_build import LIBRARY as DECENTRAL
-    from fsw_nmpc.kernel_build import LIBRARY as NMPC
+    from fsw_decentral.library import KERNEL as DECENTRAL
+    from fsw_nmpc.library import KERNEL as NMPC
 
     try:
         own = version("fsw-control")

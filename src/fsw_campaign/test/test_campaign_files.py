@@ -17,7 +17,7 @@ from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E4
 from fsw_campaign.errors import CampaignError  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
-from fsw_plant.event_schema import Place  # noqa: E402
+from fsw_plant.place import Place  # noqa: E402
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 

@@ -1,4 +1,4 @@
-"""Builds the C library of a package, when a C compiler is there.
+"""The C library of a package: built when a C compiler is there, and read from its header by cffi.
 
 The library goes into the user's cache, under a name made from sources, flags and processor; so it is built once, is
 never stale and is never taken by another kind of machine that shares the home folder. A package may also bring a
@@ -12,12 +12,15 @@ import ctypes
 import hashlib
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -49,6 +52,13 @@ def _processor() -> str:
     return platform.machine() + "".join(dict.fromkeys(lines))
 
 
+def _declarations(header: Path) -> str:
+    """A header as cffi takes it: included headers in place, of the preprocessor's lines only integer constants."""
+    text = re.sub(r'#include "(.+)"', lambda found: _declarations(header.parent / found[1]), header.read_text("utf-8"))
+    text = re.sub(r"#ifdef __cplusplus.*?#endif", "", text, flags=re.DOTALL)
+    return re.sub(r"^#(?!define \w+ +\d+ *(/\*.*)?$).*", "", text, flags=re.MULTILINE)
+
+
 @dataclass(frozen=True)
 class CLibrary:
     """The C library of a package.
@@ -56,21 +66,46 @@ class CLibrary:
     Attributes
     ----------
     package : str
-        Name of the package, and of its folder in the user's cache.
+        Name of the package, of its folder in the user's cache, and of the header; all functions' names start with it.
+        ``<package>_id`` returns the digest of the sources; in capitals, the macro by which the build hands it in.
     folder : Path
         Where the sources and headers are, in the package's folder.
-    identify : str
-        C function that returns the digest of the sources; in capitals, the macro by which the build hands it in.
     """
 
     package: str
     folder: Path
-    identify: str
+
+    @cached_property
+    def ffi(self) -> Any:
+        """The header as cffi has read it."""
+        from cffi import FFI  # setup.py does without
+
+        ffi = FFI()
+        ffi.cdef(_declarations(self.folder / f"{self.package}.h"))
+        return ffi
+
+    @cached_property
+    def lib(self) -> Any:
+        """The functions and constants of the loaded library, built now if need be; raises as :meth:`ensure`."""
+        return self.ffi.dlopen(str(self.ensure()))
+
+    def new(self, kind: str, **fields: Any) -> Any:
+        """Pointer to a new struct of the header, which it owns; fields that are not given are 0."""
+        return self.ffi.new(f"{kind} *", fields)
+
+    def enum(self, kind: str, prefix: str) -> Any:
+        """An enumeration of the header as an ``IntEnum``; its names begin with ``prefix``, which is left out."""
+        names = sorted(self.ffi.typeof(kind).elements.items())
+        return IntEnum(kind, {name.removeprefix(prefix): value for value, name in names})
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Names of the C files."""
         return tuple(sorted(path.name for path in self.folder.glob("*.c")))
+
+    @property
+    def _macro(self) -> str:
+        return f"{self.package}_id".upper()
 
     def source_id(self) -> str:
         """Digest of the sources, which a library carries to show where it is from."""
@@ -89,7 +124,7 @@ class CLibrary:
     def is_usable(self, library: Path) -> bool:
         """Whether a library can be loaded and was made from these sources."""
         try:
-            identify = getattr(ctypes.CDLL(str(library)), self.identify)
+            identify = getattr(ctypes.CDLL(str(library)), f"{self.package}_id")
         except (OSError, AttributeError):
             return False
         identify.restype = ctypes.c_char_p
@@ -159,7 +194,7 @@ class CLibrary:
 
     def _compile(self, command: list[str], target: Path) -> str | None:
         """Compile into ``target``; returns None, or the compiler's words if it fails."""
-        identity = f'-D{self.identify.upper()}="{self.source_id()}"'
+        identity = f'-D{self._macro}="{self.source_id()}"'
         files = [str(self.folder / name) for name in self.sources]
         try:
             run = subprocess.run(
@@ -176,21 +211,70 @@ class CLibrary:
     def extension(self) -> dict[str, Any]:
         """Arguments of setuptools' ``Extension``, for a package that brings the library with it.
 
-        The library is loaded with ctypes. Its build may fail there: then it is built at the first start.
+        The library is loaded with cffi. Its build may fail there: then it is built at the first start.
         """
         return {
             "name": f"{self.package}._kernel",
             "sources": [os.path.relpath(self.folder / name) for name in self.sources],
-            "define_macros": [(self.identify.upper(), f'"{self.source_id()}"')],
+            "define_macros": [(self._macro, f'"{self.source_id()}"')],
             "extra_compile_args": list(PORTABLE),
             "optional": True,
         }
 
-    def main(self) -> int:
-        """Build the library ahead and print where it is; returns the exit code."""
-        try:
-            print(self.build())
-        except RuntimeError as error:
-            print(error, file=sys.stderr)
-            return 1
-        return 0
+
+class CController:
+    """One controller of a loaded library ``fsw_NAME``: its memory, and the functions that every controller has.
+
+    Parameters
+    ----------
+    library : CLibrary
+    lib : Any
+        The loaded library, by default ``library.lib``.
+    refusal : str
+        What is wrong where the library refuses a tuning.
+    data : Any
+        Arguments of ``fsw_NAME_init``.
+
+    Attributes
+    ----------
+    state : Any
+        The controller's memory, a ``fsw_NAME *``.
+    input, output : Any
+        Arguments of :meth:`step`.
+
+    Raises
+    ------
+    RuntimeError, OSError
+        If the library cannot be built or loaded.
+    ValueError
+        If it refuses the data.
+    """
+
+    def __init__(self, library: CLibrary, lib: Any, refusal: str, *data: Any) -> None:
+        name, self._refusal = library.package, refusal
+        self.lib = lib = lib or library.lib
+        self.state, self.input, self.output = (library.new(f"{name}{part}") for part in ("", "_input", "_output"))
+        init, self._configure, self._reset, self._step = (
+            getattr(lib, f"{name}_{verb}") for verb in ("init", "configure", "reset", "step")
+        )
+        if init(self.state, *data):
+            raise ValueError(refusal)
+
+    def configure(self, tuning: Any) -> None:
+        """Take another tuning; the proposals do not jump.
+
+        Raises
+        ------
+        ValueError
+            If the tuning is not usable; the controller goes on with the one before.
+        """
+        if self._configure(self.state, tuning):
+            raise ValueError(self._refusal)
+
+    def reset(self, force_kn: float, speed_rpm: float) -> None:
+        """Forget the past."""
+        self._reset(self.state, force_kn, speed_rpm)
+
+    def step(self) -> None:
+        """One tick: ``input`` to ``output``."""
+        self._step(self.state, self.input, self.output)

@@ -8,14 +8,39 @@ from typing import NamedTuple
 
 from fsw_control.contract import SENSORS, Command
 
-#: Distance of a stamp from the newest one that counts as a jump of time.
-JUMP_NS = 1_000_000_000
-#: After a stall the samples of two neighbouring ticks come mixed, as the executor happens to read its topics.
-_PENDING_TICKS = 2
-#: A tick whose deadline this process has missed is given this share of its patience, once, to read what has come.
-_PUT_OFF_SHARE = 1.0 / 3.0
-#: Drive samples kept for their tick; more than a queue holds after a stall.
-_KEPT_DRIVES = 16
+
+class JoinRules(NamedTuple):
+    """The rules by which samples of several topics become ticks, in a node and in a replay of a bag.
+
+    Of several samples of one sensor with one stamp the first counts. A tick is complete when it has a sample of every
+    sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
+
+    Attributes
+    ----------
+    jump_ns : int
+        Distance from the newest accepted stamp beyond which a stamp is an outlier: a jump of time, or a broken clock.
+    agreeing : int
+        Sources with the same outlier that make it a jump of time; a single one does where nothing else comes.
+    pending_ticks : int
+        Incomplete ticks that are kept: after a stall the samples of neighbouring ticks come mixed.
+    extension : float
+        Share of its patience that a tick is given, once, when this process itself has missed its deadline.
+    kept_drives : int
+        Samples of the drives that are kept for their tick; more than a queue holds after a stall.
+    unanswered : int
+        Ticks without a command after which commands are not waited for.
+    """
+
+    jump_ns: int = 1_000_000_000
+    agreeing: int = 2
+    pending_ticks: int = 2
+    extension: float = 1.0 / 3.0
+    kept_drives: int = 16
+    unanswered: int = 3
+
+
+RULES = JoinRules()
+JUMP_NS = RULES.jump_ns
 
 
 @dataclass(slots=True)
@@ -33,8 +58,8 @@ class SampleSet:
         Force and speed that act, as the drives report them; None where their sample did not come.
     restarted : bool
         Whether time jumped before this tick, so that the past must be forgotten.
-    put_off : bool
-        Whether its deadline was put off, once.
+    extended : bool
+        Whether its deadline was extended, once.
     """
 
     stamp_ns: int
@@ -42,10 +67,10 @@ class SampleSet:
     values: dict[str, float] = field(default_factory=dict)
     drives: Command | None = None
     restarted: bool = False
-    put_off: bool = False
+    extended: bool = False
 
 
-class Believed(NamedTuple):
+class AcceptedSamples(NamedTuple):
     """Samples of one stamp by source, and whether time has jumped to it."""
 
     samples: dict[str, float]
@@ -53,16 +78,16 @@ class Believed(NamedTuple):
 
 
 class StampFilter:
-    """Which stamps are believed.
+    """Which stamps are accepted.
 
-    A stamp far from the newest one (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not
-    believed until a second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken
-    clock cannot stop the others.
+    An outlier (the clock jumped, the plant was restarted, or one sensor's clock is broken) is not accepted until a
+    second source confirms it or nothing else has come for ``silence_s``. So one sensor with a broken clock cannot stop
+    the others.
 
     Attributes
     ----------
     newest_ns : int or None
-        Newest stamp believed; None before the first.
+        Newest accepted stamp; None before the first.
     jumps : int
         Jumps of time since the start.
     """
@@ -71,25 +96,25 @@ class StampFilter:
         self.newest_ns: int | None = None
         self.jumps = 0
         self._silence_s = silence_s
-        self._heard_s = float("-inf")
-        self._strange: dict[str, tuple[int, float]] = {}
+        self._accepted_s = float("-inf")
+        self._outliers: dict[str, tuple[int, float]] = {}
 
-    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> Believed | None:
-        """Take a sample that came at ``now_s`` on a steady clock; return what is believed because of it, or None."""
-        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= JUMP_NS:
-            self._heard_s = now_s
+    def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> AcceptedSamples | None:
+        """Take a sample that came at ``now_s`` on a steady clock; return what is accepted because of it, or None."""
+        if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= RULES.jump_ns:
+            self._accepted_s = now_s
             if self.newest_ns is None or stamp_ns > self.newest_ns:
                 self.newest_ns = stamp_ns
-                self._strange.clear()
-            return Believed({source: value}, jumped=False)
-        self._strange[source] = (stamp_ns, value)
-        agreeing = {name: entry[1] for name, entry in self._strange.items() if entry[0] == stamp_ns}
-        if len(agreeing) < 2 and now_s - self._heard_s < self._silence_s:
+                self._outliers.clear()
+            return AcceptedSamples({source: value}, jumped=False)
+        self._outliers[source] = (stamp_ns, value)
+        agreeing = {name: entry[1] for name, entry in self._outliers.items() if entry[0] == stamp_ns}
+        if len(agreeing) < RULES.agreeing and now_s - self._accepted_s < self._silence_s:
             return None
-        self.newest_ns, self._heard_s = stamp_ns, now_s
+        self.newest_ns, self._accepted_s = stamp_ns, now_s
         self.jumps += 1
-        self._strange.clear()
-        return Believed(agreeing, jumped=True)
+        self._outliers.clear()
+        return AcceptedSamples(agreeing, jumped=True)
 
 
 class MessageSynchronizer:
@@ -105,7 +130,7 @@ class MessageSynchronizer:
     Attributes
     ----------
     stamps : StampFilter
-        Decides which stamps are believed.
+        Decides which stamps are accepted.
     counts : dict of str to dict of str to int
         By sensor, its samples ``late``, ``duplicate`` and ``missing`` since start.
     missed : frozenset of str
@@ -144,10 +169,10 @@ class MessageSynchronizer:
 
     def add(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
         """Take a sample that came at ``now_s`` on a steady clock; return the ticks that it completes, oldest first."""
-        believed = self.stamps.offer(sensor, stamp_ns, value, now_s)
-        if believed is None or believed.jumped:
+        accepted = self.stamps.offer(sensor, stamp_ns, value, now_s)
+        if accepted is None or accepted.jumped:
             self.counts[sensor]["late"] += 1
-            return [] if believed is None else self._jump(stamp_ns, believed.samples, now_s)
+            return [] if accepted is None else self._jump(stamp_ns, accepted.samples, now_s)
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             again = stamp_ns == self._last_ns and sensor not in self.missed
             self.counts[sensor]["duplicate" if again else "late"] += 1
@@ -165,22 +190,22 @@ class MessageSynchronizer:
         """Take a sample of the drives; return the ticks that it completes."""
         self._drives_come = True
         self._drives[stamp_ns] = acting
-        if len(self._drives) > _KEPT_DRIVES:
+        if len(self._drives) > RULES.kept_drives:
             del self._drives[next(iter(self._drives))]
         return self._release()
 
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
         """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return what that releases.
 
-        When the call itself is late by more than that, this process could not run: what is in the queues is heard
+        When the call itself is late by more than that, this process could not run: what is in the queues is read
         first, once.
         """
         if not self._pending:
             return []
         tick = self._pending[0]
         due_s = tick.begun_s + patience_s
-        if now_s > due_s + patience_s and not tick.put_off:
-            tick.begun_s, tick.put_off = now_s - (1.0 - _PUT_OFF_SHARE) * patience_s, True
+        if now_s > due_s + patience_s and not tick.extended:
+            tick.begun_s, tick.extended = now_s - (1.0 - RULES.extension) * patience_s, True
         elif now_s >= due_s:
             return [self._pop(), *self._release()]
         return []
@@ -188,7 +213,7 @@ class MessageSynchronizer:
     def _accept(self, sensor: str, stamp_ns: int, value: float, now_s: float) -> list[SampleSet]:
         tick = next((tick for tick in self._pending if tick.stamp_ns == stamp_ns), None)
         if tick is None:
-            if len(self._pending) == _PENDING_TICKS and stamp_ns < self._pending[0].stamp_ns:
+            if len(self._pending) == RULES.pending_ticks and stamp_ns < self._pending[0].stamp_ns:
                 self.counts[sensor]["late"] += 1
                 return []
             tick = SampleSet(stamp_ns, now_s)
@@ -207,7 +232,7 @@ class MessageSynchronizer:
     def _waits(self) -> bool:
         """Whether the oldest tick may still become complete."""
         newer = self._pending[1:]
-        if len(newer) >= _PENDING_TICKS:
+        if len(newer) >= RULES.pending_ticks:
             return False
         lacking = self.lacking
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
@@ -230,7 +255,7 @@ class MessageSynchronizer:
             missed.append("command")
             self._unanswered += 1
             # Nobody commands (a bag is replayed, or the arbiter is gone): do not wait at every tick.
-            self._awaits_command = self._unanswered < 3
+            self._awaits_command = self._unanswered < RULES.unanswered
         tick.drives = self._drives.pop(tick.stamp_ns, None)
         self._drives_come = tick.drives is not None
         if self._await_drives and not self._drives_come:

@@ -121,7 +121,7 @@ def reference_message(value: Reference, time_ns: int, issued_ns: int | None = No
 
 
 def issued_ns(message: WeldReference) -> int:
-    """When the reference that a message repeats was issued; 0: not given."""
+    """When the reference that a message repeats was issued; 0: unknown."""
     text = message.header.frame_id
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 20 else 0
 

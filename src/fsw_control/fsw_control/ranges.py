@@ -1,13 +1,16 @@
 """Allowed ranges of set-points and of commands by hand, for everyone who takes them from a person or a file."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import Any
 
 from fsw_control import weld
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Closed interval with its unit."""
+    """Closed interval with its unit; in ``Annotated[float, RANGE]`` of a model it is checked and in the JSON Schema."""
 
     low: float
     high: float
@@ -23,6 +26,22 @@ class Range:
         # a file may hold an int that no float can
         shown = f"{value:g}" if isinstance(value, float) or abs(value) < 1e300 else "a huge number"
         return f"{shown} is outside {self}"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import PydanticCustomError, core_schema  # whoever only needs the numbers does without
+
+        def check(value: Any) -> Any:
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise PydanticCustomError("problem", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"})
+            if complaint := self.complaint(value):
+                raise PydanticCustomError("problem", "{text}", {"text": f"= {complaint}"})
+            return value
+
+        return core_schema.no_info_before_validator_function(check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        found: dict[str, Any] = handler(schema) | {"minimum": self.low, "maximum": self.high}
+        return found | ({"unit": self.unit} if self.unit else {})
 
 
 #: set-points, chosen about the paper's operating point

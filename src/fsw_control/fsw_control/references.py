@@ -14,7 +14,7 @@ from fsw_control.weld import TICK_S
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
 #: the same in real time, where nothing is sent that far: the longest ramp takes 200 s
 AHEAD_REAL_NS = 600 * NANOSECONDS
-#: a publication time is believed when it is no further from the receiver's clock
+#: a publication time is accepted when it is no further from the receiver's clock
 OWN_CLOCK_NS = 5 * NANOSECONDS
 #: most coming set-points that a controller is given
 MOST_COMING = 8
@@ -27,7 +27,7 @@ class _Issued(NamedTuple):
     """A reference that waits for its time; the order is that of issue."""
 
     issued_ns: int
-    values: tuple[float, float]  #: decide between two that were heard in different order and have one place
+    values: tuple[float, float]  #: decide between two of the same place, received in either order
     number: int
     stamp_ns: int
     reference: Reference
@@ -46,9 +46,9 @@ class ReferenceQueue:
       that, is what the middleware repeats to late joiners, sender by sender in any order: it has its place by its
       publication time, and is refused where those in force, or to be in force when it would begin, are newer.
     - **Who follows a set-point states it** with its place in the order; between listeners the last place holds, so
-      that all follow the same one, also when two senders were heard in different order.
+      that all follow the same one, also when messages of two senders arrive in different order.
 
-    Every refusal is told, but for what was published long before the receiver began, and is heard as it begins.
+    Every refusal is reported, except of what was published long before the receiver began and arrives as it begins.
     Publication times are of the computers' clocks in simulated time, too, so that the rule is the same there; stamps
     are of the clock of the measurements.
 
@@ -89,8 +89,8 @@ class ReferenceQueue:
         """Note that the receiver begins to listen, on its computer's clock."""
         self._joined_ns = now_ns
 
-    def hear(self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = "") -> bool:
-        """Take a reference as it was sent; returns whether it is accepted, and tells where not.
+    def receive(self, stamp_ns: int, reference: Reference, published_ns: int, now_ns: int, mark: str = "") -> bool:
+        """Take a reference as it was sent; returns whether it is accepted, and reports where not.
 
         Parameters
         ----------
@@ -107,9 +107,9 @@ class ReferenceQueue:
         joined_ns, ahead_ns = self._joined_ns, published_ns - now_ns
         if ahead_ns > OWN_CLOCK_NS:
             why = f"it was published {ahead_ns / NANOSECONDS:.0f} s ahead of this computer's clock"
-            return self._tell(reference, f"{why}; set the sender's clock, or call fsw/set_reference")
+            return self._reject(reference, f"{why}; set the sender's clock, or call fsw/set_reference")
         if self._tick_ns is not None and stamp_ns > self._tick_ns + self._horizon_ns:
-            return self._tell(reference, self._too_far(stamp_ns, self._tick_ns))
+            return self._reject(reference, self._too_far(stamp_ns, self._tick_ns))
         if published_ns >= joined_ns + OWN_CLOCK_NS and ahead_ns >= -OWN_CLOCK_NS:
             self.add(stamp_ns, reference, max(published_ns, self._newest_ns + 1), mark)
             return True
@@ -119,7 +119,7 @@ class ReferenceQueue:
         # What is repeated to one that has just begun is no news, but it may come from a clock that is slow.
         if ahead_ns >= -OWN_CLOCK_NS or now_ns > joined_ns + OWN_CLOCK_NS:
             why = f"it was published {-ahead_ns / NANOSECONDS:.0f} s ago by this computer's clock, and others are newer"
-            self._tell(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
+            self._reject(reference, f"{why}; send it again, set the sender's clock, or call fsw/set_reference")
         return False
 
     def add(self, stamp_ns: int, reference: Reference, issued_ns: int | None = None, mark: str = "") -> None:
@@ -142,7 +142,7 @@ class ReferenceQueue:
         self._tick_ns = tick_ns
         for one in [one for one in self._waiting if one.stamp_ns > tick_ns + self._horizon_ns]:
             self._waiting.remove(one)
-            self._tell(one.reference, self._too_far(one.stamp_ns, tick_ns))
+            self._reject(one.reference, self._too_far(one.stamp_ns, tick_ns))
         for index in range(len(self._waiting) - 1, -1, -1):
             one = self._waiting[index]
             if one.stamp_ns <= tick_ns:
@@ -168,8 +168,8 @@ class ReferenceQueue:
             "send it with stamp 0 to hold at once"
         )
 
-    def _tell(self, reference: Reference, why: str) -> bool:
-        """Tell a refusal; returns False."""
+    def _reject(self, reference: Reference, why: str) -> bool:
+        """Report a refusal; returns False."""
         self.refuse(f"set-points {reference.depth_mm:.4g} mm, {reference.temperature_c:.5g} degC refused: {why}")
         return False
 
@@ -177,7 +177,7 @@ class ReferenceQueue:
 class ReferencePlan:
     """Set-points that are known beforehand: in order, the time in ns from which each will hold, and the reference.
 
-    A plan is believed only as long as it comes true: while the set-points in force are not those that it has for the
+    A plan counts only as long as it comes true: while the set-points in force are not those that it has for the
     present, because an operator has set others or the plan is of another weld, there are no coming ones.
     """
 

@@ -25,7 +25,7 @@ from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
 
-#: an accepted set-point is in force within this time, or the sender is told that it is not
+#: an accepted set-point is in force within this time, or the answer says that it is not
 _ANSWER_S = 2.0
 #: a ramp begins so much after the last tick, so that none of it comes late
 _LEAD_NS = 500_000_000
@@ -38,7 +38,7 @@ def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None
 
 
 def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | None:
-    """Content of a message; None, with the refusal told by ``queue``, if it cannot be taken."""
+    """Content of a message; None, with the refusal reported by ``queue``, if it cannot be taken."""
     try:
         return convert.reference(message)
     except ValueError as error:
@@ -46,8 +46,8 @@ def _converted(queue: ReferenceQueue, message: WeldReference) -> Reference | Non
         return None
 
 
-def subscribe_sent(node: Node, queue: ReferenceQueue, heard: Callable[[str], object] = lambda _: None) -> None:
-    """Put the set-points that are sent into ``queue``, which tells what it refuses; ``heard`` gets each one's mark."""
+def subscribe_sent(node: Node, queue: ReferenceQueue, received: Callable[[str], object] = lambda _: None) -> None:
+    """Put the set-points that are sent into ``queue``; ``received`` gets the mark of each."""
     queue.join(time.time_ns())
 
     def on_sent(message: WeldReference, info: Any) -> None:
@@ -55,8 +55,8 @@ def subscribe_sent(node: Node, queue: ReferenceQueue, heard: Callable[[str], obj
         if reference is None:
             return
         stamp_ns, mark = convert.stamp_ns(message.header.stamp), message.header.frame_id
-        queue.hear(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
-        heard(mark)
+        queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
+        received(mark)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
 
@@ -88,14 +88,14 @@ class StatedReference:
     def __init__(self, node: Node, topic: str) -> None:
         self._node = node
         self._publisher = node.create_publisher(WeldReference, topic, LATEST)
-        self._told: tuple[Reference, int] | None = None
+        self._stated: tuple[Reference, int] | None = None
         self._tick_ns = -1
 
     def update(self, tick_ns: int, reference: Reference | None, issued_ns: int) -> None:
         """State what holds at a tick (None: nothing yet) and when it was issued, if it is new or time went back."""
         went_back, self._tick_ns = tick_ns < self._tick_ns, tick_ns
-        if reference is not None and (went_back or (reference, issued_ns) != self._told):
-            self._told = (reference, issued_ns)
+        if reference is not None and (went_back or (reference, issued_ns) != self._stated):
+            self._stated = (reference, issued_ns)
             self._publisher.publish(convert.reference_message(reference, tick_ns, issued_ns))
 
     def close(self) -> None:
@@ -105,13 +105,13 @@ class StatedReference:
 
 @dataclass(eq=False, slots=True)
 class _Asked:
-    """A request whose set-points are on their way to this node; ``heard_ns`` is the tick at which they came."""
+    """A request whose set-points are on their way to this node; ``received_ns`` is the tick at which they came."""
 
     mark: str
     response: SetReference.Response
     answered: Future
     due_s: float
-    heard_ns: int | None = None
+    received_ns: int | None = None
 
 
 class KeptReference:
@@ -138,10 +138,10 @@ class KeptReference:
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal = ""
-        subscribe_sent(node, self._queue, self._on_heard)
+        subscribe_sent(node, self._queue, self._on_received)
         _subscribe_stated(node, self._queue, "fsw/supervisor/reference")
 
-    def hear(self, controller: str) -> None:
+    def listen_to(self, controller: str) -> None:
         """Listen to which set-points a controller follows."""
         self._controllers.append(controller)
         _subscribe_stated(self._node, self._queue, f"fsw/{controller}/reference")
@@ -178,14 +178,14 @@ class KeptReference:
         """Answer requests that are in force or overdue; to be called several times a second."""
         for one in [*self._asked]:
             in_force = self._queue.mark == one.mark
-            overtaken = one.heard_ns not in (None, self._tick_ns) and not in_force
+            overtaken = one.received_ns not in (None, self._tick_ns) and not in_force
             if not in_force and not overtaken and now_s < one.due_s:
                 continue
             response = one.response
             if overtaken:
                 response.ok = False
                 response.message = "refused: other set-points were received after them; look, and send them again"
-            elif one.heard_ns is None:
+            elif one.received_ns is None:
                 response.ok = False
                 response.message = f"refused: not confirmed within {_ANSWER_S:g} s; look which set-points are in force"
             elif not in_force:
@@ -193,10 +193,10 @@ class KeptReference:
             self._asked.remove(one)
             one.answered.set_result(True)
 
-    def _on_heard(self, mark: str) -> None:
+    def _on_received(self, mark: str) -> None:
         for one in self._asked:
-            if one.mark == mark and one.heard_ns is None:
-                one.heard_ns = self._tick_ns
+            if one.mark == mark and one.received_ns is None:
+                one.received_ns = self._tick_ns
 
     def report(self) -> Report:
         """Line of diagnostics: what was refused since the last one."""

@@ -38,3 +38,17 @@ def w_from_kw(value_kw: float) -> float:
 
 def kw_from_w(value_w: float) -> float:
     return value_w * 1e-3
+
+
+_TO_SI = {"mm": m_from_mm, "kN": n_from_kn, "rpm": rad_s_from_rpm}
+_FROM_SI = {"mm": mm_from_m, "kN": kn_from_n, "rpm": rpm_from_rad_s}
+
+
+def to_si(value: float, unit: str) -> float:
+    """A value in one of the units inside, as on the wire."""
+    return _TO_SI.get(unit, float)(value)
+
+
+def from_si(value: float, unit: str) -> float:
+    """A value from the wire in one of the units inside."""
+    return _FROM_SI.get(unit, float)(value)

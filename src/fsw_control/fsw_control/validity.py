@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from fsw_control.contract import SENSORS, Command, Measurement
 from fsw_control.parameters import defaults, load
 
-#: probability at which a run of equal samples is no longer believed to be chance
+#: probability at which a run of equal samples is no longer taken for chance
 _CHANCE = 1e-9
 #: relative difference of samples that are equal but for rounding, as a simulation without noise has them
 _ROUNDING = 1e-9
@@ -18,7 +18,7 @@ _ROUNDING = 1e-9
 _NOISY = 0.25
 #: samples before which no sensor is judged to be frozen
 _LEARNT = 20
-#: largest share of equal neighbours that is reckoned with
+#: largest share of equal neighbours that is assumed
 _LARGEST_SHARE = 0.95
 #: standard deviations added to that share, because it was estimated from few samples
 _DEVIATIONS = 3.0

@@ -1,4 +1,4 @@
-"""Reads YAML as people write it: ``1e300`` is a number, and whatever is wrong is one kind of error."""
+"""Reads YAML as people write it: ``1e300`` is a number, no key is given twice, and all errors are of one kind."""
 
 from __future__ import annotations
 
@@ -8,18 +8,31 @@ from typing import Any
 import yaml
 
 
-class NumberLoader(yaml.SafeLoader):
-    """Safe loader for which ``1e5`` is a number, as in YAML 1.2 and ROS; YAML 1.1 takes it for text."""
+class _Loader(yaml.SafeLoader):
+    """Safe loader for which ``1e5`` is a number, as in YAML 1.2 and ROS, and which refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str | int | float | bool | None):
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
 
 
-NumberLoader.add_implicit_resolver(
+_Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)[eE][-+]?[0-9]+$"),
     list("-+.0123456789"),
 )
 
 
-def load_yaml(text: str, loader: type[yaml.SafeLoader] = NumberLoader) -> Any:
+def load_yaml(text: str) -> Any:
     """Content of YAML text.
 
     Raises
@@ -28,6 +41,6 @@ def load_yaml(text: str, loader: type[yaml.SafeLoader] = NumberLoader) -> Any:
         It is not valid, also where a date is none or lists are nested too deep.
     """
     try:
-        return yaml.load(text, Loader=loader)
+        return yaml.load(text, Loader=_Loader)
     except (ValueError, RecursionError) as error:
         raise yaml.YAMLError(str(error) or "nested too deep") from None

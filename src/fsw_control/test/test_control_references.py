@@ -54,7 +54,7 @@ class Listener:
         """Take one that a sender, whose clock is ahead by ``clock_s``, published ``late_s`` ago."""
         stamp_ns = 0 if stamp_s is None else WALL + round(stamp_s * SECOND)
         published_ns = WALL + round((at_s - late_s + clock_s) * SECOND)
-        return self.queue.hear(stamp_ns, reference, published_ns, WALL + round(at_s * SECOND))
+        return self.queue.receive(stamp_ns, reference, published_ns, WALL + round(at_s * SECOND))
 
     def holds(self, at_s):
         return self.queue.at(WALL + round(at_s * SECOND))
@@ -297,17 +297,17 @@ def test_the_widest_clocks_and_stamps_that_are_believed(ahead_ns, accepted):
     queue = ReferenceQueue(AHEAD_REAL_NS, told.append)
     queue.join(WALL - 100 * SECOND)
     queue.at(WALL)
-    assert queue.hear(0, REFERENCE, WALL + OWN_CLOCK_NS + ahead_ns, WALL) == accepted
-    assert queue.hear(WALL + AHEAD_REAL_NS + ahead_ns, OTHER, WALL, WALL) == accepted
+    assert queue.receive(0, REFERENCE, WALL + OWN_CLOCK_NS + ahead_ns, WALL) == accepted
+    assert queue.receive(WALL + AHEAD_REAL_NS + ahead_ns, OTHER, WALL, WALL) == accepted
     assert len(told) == (0 if accepted else 2)
 
 
 def test_the_oldest_that_was_just_sent_is_the_last_received():
     queue = ReferenceQueue()
     queue.join(WALL - 100 * SECOND)
-    assert queue.hear(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
-    assert queue.hear(0, OTHER, WALL - OWN_CLOCK_NS, WALL) and queue.at(WALL) == OTHER
-    assert not queue.hear(0, THIRD, WALL - OWN_CLOCK_NS - 1, WALL) and queue.at(WALL) == OTHER
+    assert queue.receive(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
+    assert queue.receive(0, OTHER, WALL - OWN_CLOCK_NS, WALL) and queue.at(WALL) == OTHER
+    assert not queue.receive(0, THIRD, WALL - OWN_CLOCK_NS - 1, WALL) and queue.at(WALL) == OTHER
 
 
 @pytest.mark.parametrize(("after_ns", "holds"), [(-1, OTHER), (0, THIRD)])
@@ -315,19 +315,19 @@ def test_shortly_after_the_start_the_order_is_that_of_publication(after_ns, hold
     queue = ReferenceQueue()
     queue.join(WALL)
     now = WALL + OWN_CLOCK_NS + 10
-    assert queue.hear(0, OTHER, WALL + OWN_CLOCK_NS + after_ns, now) and queue.at(now) == OTHER
-    queue.hear(0, THIRD, WALL + OWN_CLOCK_NS + min(2 * after_ns, 0), now)
+    assert queue.receive(0, OTHER, WALL + OWN_CLOCK_NS + after_ns, now) and queue.at(now) == OTHER
+    queue.receive(0, THIRD, WALL + OWN_CLOCK_NS + min(2 * after_ns, 0), now)
     assert queue.at(now) == holds
 
 
 def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
     told: list[str] = []
     queue = ReferenceQueue(refuse=told.append)
-    assert queue.hear(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
-    assert not queue.hear(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)
-    assert queue.hear(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), "a repetition of the one that holds"
+    assert queue.receive(0, REFERENCE, WALL, WALL) and queue.at(WALL) == REFERENCE
+    assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS)
+    assert queue.receive(0, REFERENCE, WALL, WALL + OWN_CLOCK_NS), "a repetition of the one that holds"
     assert (told, queue.at(WALL)) == ([], REFERENCE)
-    assert not queue.hear(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS + 1)
+    assert not queue.receive(0, OTHER, WALL - 1, WALL + OWN_CLOCK_NS + 1)
     assert len(told) == 1
 
 
@@ -335,9 +335,9 @@ def test_the_first_one_begins_it_all_and_what_is_older_is_dropped_in_silence():
 def test_a_mark_goes_with_its_set_point(late_s):
     queue = ReferenceQueue()
     queue.join(WALL - 100 * SECOND)
-    queue.hear(0, REFERENCE, WALL - late_s * SECOND, WALL, "page 3")
+    queue.receive(0, REFERENCE, WALL - late_s * SECOND, WALL, "page 3")
     assert (queue.at(WALL), queue.mark) == (REFERENCE, "page 3")
-    queue.hear(0, OTHER, WALL + SECOND, WALL + SECOND)
+    queue.receive(0, OTHER, WALL + SECOND, WALL + SECOND)
     assert (queue.at(WALL + SECOND), queue.mark) == (OTHER, "")
 
 

@@ -26,7 +26,7 @@ class Graph(Spinner):
         self.nodes = [rclpy.create_node(name) for name in ("supervisor", "controller", "operator")]
         supervisor, self.controller, operator = self.nodes
         self.kept = KeptReference(supervisor)
-        self.kept.hear("echo")
+        self.kept.listen_to("echo")
         self.kept.open()
         self.follows = reference_queue(self.controller)
         subscribe_references(self.controller, self.follows)
@@ -59,8 +59,8 @@ class Graph(Spinner):
             if ticking:
                 self.tick()
             else:
-                heard = any(one.heard_ns is not None for one in self.kept._asked)
-                self.kept.look(1e12 if heard else 0.0)
+                received = any(one.received_ns is not None for one in self.kept._asked)
+                self.kept.look(1e12 if received else 0.0)
             return future.done()
 
         self.until(answered)

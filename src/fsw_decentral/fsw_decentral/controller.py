@@ -10,7 +10,7 @@ from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load, problem
 from fsw_decentral.gains import Gains
-from fsw_decentral.library import LIMITS, Library, Reason, TuningStruct, check
+from fsw_decentral.library import KERNEL, LIMITS, Reason, check, make
 
 
 class DecentralController:
@@ -34,7 +34,7 @@ class DecentralController:
     gains : Gains
         In use.
     limits : Limits
-    library : Library
+    library : fsw_control.c_library.CController
 
     Raises
     ------
@@ -50,7 +50,7 @@ class DecentralController:
         self._values = defaults(load(*self.parameters)) | dict(values or {})
         try:
             self.gains, self.limits, tuning = _usable(self._values)
-            self.library = Library(tuning)
+            self.library = make(tuning)
         except (RuntimeError, OSError) as error:
             raise ValueError(f"decentral: {error}") from None
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
@@ -72,24 +72,24 @@ class DecentralController:
 
     def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
         """Return the proposal that answers ``measurement``; see ``fsw_control.Controller``."""
-        m, given, told = measurement, self.library.input, self.library.output
-        given.depth_mm, given.torque_nm, given.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
-        given.depth_valid, given.torque_valid = m.depth_valid, m.torque_valid
-        given.temperature_valid = m.temperature_valid
-        given.applied_force_kn, given.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        given.reference_depth_mm, given.reference_temperature_c = reference.depth_mm, reference.temperature_c
-        given.dt_s = dt_s
+        m, inputs, outputs = measurement, self.library.input, self.library.output
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
+        inputs.depth_valid, inputs.torque_valid = m.depth_valid, m.torque_valid
+        inputs.temperature_valid = m.temperature_valid
+        inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
+        inputs.reference_depth_mm, inputs.reference_temperature_c = reference.depth_mm, reference.temperature_c
+        inputs.dt_s = dt_s
         self.library.step()
-        touched = told.active_limits
+        touched = outputs.active_limits
         diagnosis = Diagnosis(
-            told.depth_mm,
-            told.temperature_c,
-            told.torque_nm,
-            active_limits=tuple(name for bit, name in enumerate(LIMITS) if touched >> bit & 1) if touched else (),
-            bad_cycles=told.bad_cycles,
+            outputs.depth_mm,
+            outputs.temperature_c,
+            outputs.torque_nm,
+            active_limits=tuple(name for bit, name in LIMITS.items() if touched & bit) if touched else (),
+            bad_cycles=outputs.bad_cycles,
         )
-        reason = self._reason(told.reason) if told.reason else ""
-        return Proposal(Command(told.force_kn, told.speed_rpm), bool(told.healthy), reason, diagnosis)
+        reason = self._reason(outputs.reason) if outputs.reason else ""
+        return Proposal(Command(outputs.force_kn, outputs.speed_rpm), bool(outputs.healthy), reason, diagnosis)
 
     def _reason(self, reason: int) -> str:
         if reason == Reason.NO_DEPTH:
@@ -102,10 +102,11 @@ class DecentralController:
         return f"no valid {sensor} for more than {self._values['blind_limit']:g} s"
 
 
-def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, TuningStruct]:
+def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:
     """Gains, limits and all that the library is given; raises ValueError where it would refuse them."""
     gains, limits = Gains.of(values), Limits.of(values)
-    tuning = TuningStruct(
+    tuning = KERNEL.new(
+        "fsw_decentral_tuning",
         **asdict(gains),
         **asdict(limits),
         friction=tuple(values[f"friction.{name}"] for name in ("constant", "linear", "quadratic")),

@@ -11,7 +11,7 @@ from fsw_control import Command, Controller, Limits, Measurement, Reference, c_l
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
-from fsw_decentral.library import load
+from fsw_decentral.library import KERNEL
 from fsw_model import ProcessModel
 
 NOMINAL = Command(FORCE_KN, SPEED_RPM)
@@ -276,7 +276,7 @@ def test_a_pause_counts_as_one_second_at_most_and_a_time_that_cannot_be_as_one_t
 def test_without_a_compiler_one_line_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(c_library, "compiler", lambda: None)
-    load.cache_clear()
+    monkeypatch.delitem(KERNEL.__dict__, "lib", raising=False)
     with pytest.raises(ValueError, match="decentral: no C compiler found: install one, set CC, or 'pip install"):
         DecentralController()
 

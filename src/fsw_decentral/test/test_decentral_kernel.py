@@ -1,29 +1,13 @@
 """The C library by itself: strict C99, sanitizers, layout of its structs."""
 
-import ctypes
-import re
 import shutil
 import subprocess
 
 import pytest
 
 from fsw_decentral import DecentralController
-from fsw_decentral.kernel_build import LIBRARY
-from fsw_decentral.library import (
-    LIMITS,
-    ControllerStruct,
-    Input,
-    Library,
-    LoopStruct,
-    Output,
-    PowerStruct,
-    Reason,
-    TuningStruct,
-    load,
-)
-from fsw_test_support.c_code import SANITIZE, STRICT, compile_c, has_sanitizers, layout_in_c, layout_in_python
-
-HEADER = LIBRARY.folder / "fsw_decentral.h"
+from fsw_decentral.library import KERNEL, make
+from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 
 DRIVER = r"""
 #include <math.h>
@@ -104,8 +88,8 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path):
     if not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")
     (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")
-    sources = [str(tmp_path / "driver.c"), *(str(LIBRARY.folder / name) for name in LIBRARY.sources)]
-    options = ["-std=c99", *SANITIZE, "-DTICKS=200000", "-I", str(LIBRARY.folder)]
+    sources = [str(tmp_path / "driver.c"), *(str(KERNEL.folder / name) for name in KERNEL.sources)]
+    options = ["-std=c99", *SANITIZE, "-DTICKS=200000", "-I", str(KERNEL.folder)]
     built = compile_c([*options, *sources, "-o", str(tmp_path / "driver"), "-lm"])
     assert built.returncode == 0, built.stderr
     ran = subprocess.run([str(tmp_path / "driver")], capture_output=True, text=True, check=False, timeout=100)
@@ -114,54 +98,46 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-@pytest.mark.parametrize("source", LIBRARY.sources)
+@pytest.mark.parametrize("source", KERNEL.sources)
 def test_strict_c99_without_a_warning(source, compiler, tmp_path):
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    done = compile_c([*STRICT, "-Wvla", "-c", str(LIBRARY.folder / source), "-o", str(tmp_path / "o")], [compiler])
+    done = compile_c([*STRICT, "-Wvla", "-c", str(KERNEL.folder / source), "-o", str(tmp_path / "o")], [compiler])
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
 def test_structs_are_those_of_the_header(tmp_path):
-    structs = {
-        "fsw_decentral_tuning": TuningStruct,
-        "fsw_decentral_input": Input,
-        "fsw_decentral_output": Output,
-        "fsw_decentral_loop": LoopStruct,
-        "fsw_decentral_power": PowerStruct,
-        "fsw_decentral": ControllerStruct,
-    }
-    assert layout_in_python(structs) == layout_in_c(HEADER, structs, tmp_path)
-    assert load().fsw_decentral_bytes() == ctypes.sizeof(ControllerStruct)
+    check_layout(KERNEL, tmp_path)
+    assert KERNEL.lib.fsw_decentral_bytes() == KERNEL.ffi.sizeof("fsw_decentral")
 
 
-def test_reasons_and_limits_are_those_of_the_header():
-    reasons, limits = re.findall(r"enum \{(.*?)\}", HEADER.read_text(encoding="utf-8"), re.DOTALL)
-    assert re.findall(r"FSW_DECENTRAL_(\w+)", reasons) == [reason.name for reason in Reason]
-    bits = [(name.lower(), int(bit)) for name, bit in re.findall(r"FSW_DECENTRAL_(\w+) = (\d+)", limits)]
-    assert bits == [(name, 1 << k) for k, name in enumerate(LIMITS)]
+def copy_of(tuning):
+    """A tuning of its own."""
+    copied = KERNEL.new("fsw_decentral_tuning")
+    copied[0] = tuning
+    return copied
 
 
 def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
-    good = DecentralController().library.state.tuning
-    library = Library(good)
-    for field, _ in TuningStruct._fields_:
-        bad = TuningStruct.from_buffer_copy(good)
+    good = copy_of(DecentralController().library.state.tuning)
+    library, before = make(good), bytes(KERNEL.ffi.buffer(good))
+    for field, _ in KERNEL.ffi.typeof("fsw_decentral_tuning").fields:
+        bad = copy_of(good[0])
         if field == "friction":
             bad.friction[2] = float("nan")
         else:
             setattr(bad, field, float("inf"))
-        for take in (library.configure, Library):
+        for take in (library.configure, make):
             with pytest.raises(ValueError, match="must be finite and in their ranges"):
                 take(bad)
-        assert bytes(library.state.tuning) == bytes(good), field
+        assert bytes(KERNEL.ffi.buffer(library.state))[: len(before)] == before, field
 
 
 @pytest.mark.parametrize(("low", "high"), [("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm")])
 def test_the_kernel_itself_refuses_bounds_without_room_between(low, high):
     library = DecentralController().library
-    tuning = TuningStruct.from_buffer_copy(library.state.tuning)
+    tuning = copy_of(library.state.tuning)
     library.configure(tuning)
     setattr(tuning, low, getattr(tuning, high))
     with pytest.raises(ValueError, match="limits"):

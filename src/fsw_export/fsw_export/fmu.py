@@ -7,17 +7,16 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from fsw_control.c_library import PORTABLE, compiler
-from fsw_export.c_folder import ExportError
+from fsw_export.choice import Choice
+from fsw_export.errors import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
-from fsw_export.fmu_description import FOLDER, Content, declarations, model_description
+from fsw_export.fmu_description import Content, declarations, model_description, source
 from fsw_export.fmu_plant import plant
-from fsw_model import ModelParameters, nominal
 
 # for any processor of its kind
 FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
@@ -25,35 +24,21 @@ FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 _LONGEST_BUILD_S = 600.0
-Maker = Callable[[Mapping[str, Any], ModelParameters], Content]
 #: what can be exported, by name
-UNITS: dict[str, Maker] = {
-    "plant": lambda values, model: plant(values),
-    "nmpc": lambda values, model: nmpc(values),
-    "decentral": decentral,
-}
+UNITS: dict[str, Callable[[Choice], Content]] = {"plant": plant, "nmpc": nmpc, "decentral": decentral}
 
 
-def make(unit: str, values: Mapping[str, Any] | None = None, model: ModelParameters | None = None) -> Content:
+def make(choice: Choice) -> Content:
     """Variables and sources of a unit.
-
-    Parameters
-    ----------
-    unit : str
-        One of ``UNITS``.
-    values : mapping of str to Any, optional
-        Parameters of the plant or of the controller's node, by name.
-    model : ModelParameters, optional
-        Of the process, for a controller that knows its operating point only; the nominal ones by default.
 
     Raises
     ------
     ExportError, ValueError
         If the unit is not known, or a value or a file cannot be used.
     """
-    if unit not in UNITS:
-        raise ExportError(f"cannot export {unit!r}; known: {', '.join(UNITS)}")
-    return UNITS[unit](values or {}, model or nominal())
+    if choice.unit not in UNITS:
+        raise ExportError(f"cannot export {choice.unit!r}; known: {', '.join(UNITS)}")
+    return UNITS[choice.unit](choice)
 
 
 def check_file(out: Path, replace: bool = False) -> None:
@@ -115,9 +100,8 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
 
 def _sources(content: Content) -> tuple[dict[str, str], str]:
     """All C files by name, and the guid made from them."""
-    shared = {name: (FOLDER / name).read_text(encoding="utf-8") for name in ("fmu.c", "fmu.h")}
     headers = _fmpy() / "c-code"
-    sources = {**content.sources, **shared}
+    sources = {**content.sources, "fmu.c": source("fmu.c"), "fmu.h": source("fmu.h")}
     sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
     unnamed = sources | declarations(content, "")
     digest = hashlib.sha256(repr([content.variables, sorted(unnamed.items())]).encode()).hexdigest()

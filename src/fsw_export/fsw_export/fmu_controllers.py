@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from math import inf
-from typing import Any
 
 from fsw_control.parameters import load, validate
 from fsw_decentral import DecentralController
 from fsw_decentral.gains import Gains
-from fsw_export.c_library import ControllerSources, decentral_sources, nmpc_sources
-from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, sources
+from fsw_export.choice import Choice
+from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, source
 from fsw_export.signals import Signal
-from fsw_model import ModelParameters, ProcessModel
+from fsw_export.sources import ControllerSources, sources_of
+from fsw_export.templates import render
+from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
 
 #: parameters of the decentralized controller's node, and where they are in the library's tuning
@@ -44,66 +45,45 @@ _OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
 _KNOWN = Signal("change_valid", "bool", "", "whether the next set-point is known: the change_... signals", "n_changes")
 
 
-def nmpc(values: Mapping[str, Any]) -> Content:
-    """The NMPC, given parameters by their name in ``nmpc.yaml``.
+def nmpc(choice: Choice) -> Content:
+    """The NMPC; its parameters are those of ``nmpc.yaml``.
 
     Raises
     ------
-    ValueError
+    ExportError, ValueError
         If a parameter is unknown or out of range, a file cannot be used, or the solver is not the library's own.
     """
     specs = load("fsw_nmpc", "nmpc.yaml")
-    chosen = validate(specs, values)
-    controller = NmpcController(chosen)
-    if controller.solver is not None:
-        raise ValueError("solver: only rti, the library's own, can be exported")
-    parameters = [parameter(specs[name], chosen[name]) for name in _NMPC]
-    library = nmpc_sources(controller.library, controller.settings)
-    return _content(library, parameters, controller.settings.model, sources("fmu_nmpc.c"))
+    values = validate(specs, choice.parameters)
+    sources = sources_of(NmpcController(values))
+    return _content(sources, [parameter(specs[name], values[name]) for name in _NMPC], choice, source("tune_nmpc.h"))
 
 
-def decentral(values: Mapping[str, Any], model: ModelParameters) -> Content:
-    """The decentralized controller, given parameters by their name in ``decentral.yaml``; the tuning becomes gains.
+def decentral(choice: Choice) -> Content:
+    """The decentralized controller; its parameters are those of ``decentral.yaml``, but the tuning becomes gains.
 
     Raises
     ------
-    ValueError
+    ExportError, ValueError
         If a parameter is unknown or out of range.
     """
     specs = load("fsw_decentral", "decentral.yaml")
-    chosen = validate(specs, values)
-    controller = DecentralController(chosen)
-    chosen |= asdict(controller.gains)
+    values = validate(specs, choice.parameters)
+    controller = DecentralController(values)
+    values |= asdict(controller.gains)
     parameters = []
     for name, spec in specs.items():
         if name in _DECENTRAL:
             low, high = spec.range or (-inf, inf)
             allowed = (max(low, 0.0), high) if hasattr(controller.gains, name) else (low, high)
             text = spec.description.partition("; negative:")[0]
-            parameters.append(parameter(replace(spec, range=allowed, description=text), chosen[name]))
-    lines = [f"  tuning->{member} = real->{name.replace('.', '_')};" for name, member in _DECENTRAL.items()]
-    code = "\n".join(
-        [
-            "/* Generated from the table of parameters of fsw_export. */",
-            '#include "fmu_controller.h"',
-            "",
-            "int controller_tune(controller_tuning *tuning, const fmu_reals *real, const fmu_integers *integer,",
-            "                    char *message) {",
-            "  (void)integer, (void)message;",
-            *lines,
-            "  return 0;",
-            "}",
-            "",
-        ]
-    )
-    return _content(decentral_sources(controller.library), parameters, model, {"fmu_decentral.c": code})
+            parameters.append(parameter(replace(spec, range=allowed, description=text), values[name]))
+    return _content(sources_of(controller), parameters, choice, render("tune_decentral.h", fields=_DECENTRAL))
 
 
-def _content(
-    library: ControllerSources, parameters: list[Variable], model: ModelParameters, tune: Mapping[str, str]
-) -> Content:
-    """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C file of its parameters."""
-    start = ProcessModel(model).equilibrium()
+def _content(library: ControllerSources, parameters: list[Variable], choice: Choice, tune: str) -> Content:
+    """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C code of its parameters."""
+    start = ProcessModel(choice.model).equilibrium()
     at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
     at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
     own = {variable.name: variable for variable in parameters}
@@ -135,10 +115,13 @@ def _content(
             fixed=True,
         ),
     ]
-    header = f"fmu_{library.name}.h"
-    shared = sources("fmu_controller.c", "fmu_controller.h", header)
-    code = {**library.files(), **shared, **tune, "signals.h": _signals(inputs, library.outputs)}
-    return Content(f"fsw_{library.name}", _text(library.title), tuple(variables), header, code)
+    code = library.files() | {
+        "fmu_controller.c": source("fmu_controller.c"),
+        "fmu_unit.h": render("fmu_unit.h", prefix=library.prefix, has_model="model" in library.structs),
+        "signals.h": render("signals.h", inputs=inputs, outputs=library.outputs),
+        "tune.h": tune,
+    }
+    return Content(f"fsw_{library.name}", _text(library.title), tuple(variables), code)
 
 
 def _text(source: Signal | str) -> str:
@@ -155,29 +138,3 @@ def _input(signal: Signal, at: Mapping[str, float]) -> Variable:
     if signal.kind == "bool":
         return flag(signal.name, _text(signal), signal is not _KNOWN)
     return given(signal.name, _text(signal), signal.unit, at.get(quantity, 0.0))
-
-
-def _signals(inputs: Iterable[Signal], outputs: Iterable[Signal]) -> str:
-    """``signals.h``: from the FMU's variables to the library's input, and from its output to the variables."""
-
-    def variable(signal: Signal) -> str:
-        return f"{_TYPE[signal.kind].lower()}->{signal.name}"
-
-    def value(signal: Signal) -> str:
-        return f"boolean->drives_valid ? {variable(signal)} : NAN" if signal.name[:7] == "acting_" else variable(signal)
-
-    arguments = "fmu_reals *real, {0}fmu_integers *integer, {0}fmu_booleans *boolean) {{"
-    return "\n".join(
-        [
-            "/* Generated from the table of signals of fsw_export. */",
-            "static void give_input(controller_input *in, const " + arguments.format("const "),
-            "  (void)integer;",
-            *(f"  in->{signal.in_c} = {value(signal)};" for signal in inputs),
-            "}",
-            "",
-            "static void show_output(const controller_output *out, " + arguments.format(""),
-            *(f"  {variable(signal)} = out->{signal.in_c};" for signal in outputs),
-            "}",
-            "",
-        ]
-    )

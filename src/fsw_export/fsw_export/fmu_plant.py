@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 
 from fsw_control import weld
 from fsw_control.parameters import validate
-from fsw_export.fmu_description import Content, Variable, given, parameter, shown, sources
+from fsw_export.choice import Choice
+from fsw_export.fmu_description import Content, Variable, given, parameter, shown, source
+from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
 from fsw_plant import PlantEmulator, config
 
@@ -29,25 +29,19 @@ _TUNABLE = (
 )
 
 
-def plant(values: Mapping[str, Any]) -> Content:
-    """The plant.
-
-    Parameters
-    ----------
-    values : mapping of str to Any
-        Parameters by their name in ``plant.yaml``: start values of the FMU's own, ``model_file``, and factors
-        ``model.*`` on model parameters.
+def plant(choice: Choice) -> Content:
+    """The plant; its parameters are those of ``plant.yaml``: the FMU's own, ``model_file``, and factors ``model.*``.
 
     Raises
     ------
-    ValueError
+    ExportError, ValueError
         If a parameter is unknown or out of range, the file cannot be used, or there is no equilibrium to start from
         within the drives' limits.
     """
     own = (*_FIXED, *_TUNABLE, "model_file")
     specs = {name: spec for name, spec in config.specs().items() if name in own or name.startswith("model.")}
-    validate(specs, values)
-    chosen = config.PlantConfig.from_values(values)
+    validate(specs, choice.parameters)
+    chosen = config.PlantConfig.from_values(choice.parameters)
     PlantEmulator(chosen)  # checks the start
     process = ProcessModel(chosen.model)
     start = process.equilibrium()
@@ -74,8 +68,7 @@ def plant(values: Mapping[str, Any]) -> Content:
         "fsw_plant",
         "Friction stir welding process with its drives; no noise",
         tuple(variables),
-        "fmu_plant.h",
-        {**sources("fmu_plant.c", "fmu_plant.h"), **process_code(process)},
+        {"fmu_plant.c": source("fmu_plant.c"), "fmu_unit.h": source("fmu_unit_plant.h"), **process_code(process)},
     )
 
 
@@ -105,10 +98,5 @@ def process_code(process: ProcessModel) -> dict[str, str]:
     for function in functions:
         for size in ("arg", "res", "iw", "w"):
             numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(function, f"sz_{size}")()
-    lines = ["/* Generated from the model's parameters by fsw_export. */", "#ifndef PROCESS_H", "#define PROCESS_H", ""]
-    lines += [f"#define {name} {number!r}" for name, number in numbers.items()] + [""]
-    lines += [
-        f"int {function.name()}(const double **arg, double **res, int *iw, double *w, int mem);"
-        for function in functions
-    ]
-    return {"process.c": text, "process.h": "\n".join([*lines, "", "#endif", ""])}
+    header = render("process.h", numbers=numbers, functions=[function.name() for function in functions])
+    return {"process.c": text, "process.h": header}

@@ -79,7 +79,10 @@ NMPC_OUTPUTS = (
     Signal("reason", "int", "", _NMPC_REASONS),
     Signal("blind", "int", "", "sensors missing for too long: 1 depth + 2 torque + 4 temperature"),
     Signal(
-        "fate", "int", "", "of the solve: 0 solved, 1 iteration cap, 2 not finite, 3 too fast, 4 out of bounds, 5 none"
+        "solve_status",
+        "int",
+        "",
+        "0 solved, 1 iteration cap, 2 not finite, 3 too fast, 4 outside bounds, 5 none",
     ),
     Signal("iterations", "int", "", "iterations of the solver"),
     Signal("estimated_depth_mm", "real", "mm", "what the depth sensor should show", "depth_mm"),

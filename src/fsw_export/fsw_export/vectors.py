@@ -4,33 +4,30 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf, nan
-from typing import Any, Protocol
+from typing import Any
 
+from fsw_control.c_library import CController
+from fsw_control.parameters import ParameterError
+from fsw_export.choice import Choice
+from fsw_export.errors import ExportError
 from fsw_export.signals import Signal
+from fsw_export.sources import ControllerSources, sources_of
+from fsw_export.templates import render
+from fsw_model import OperatingPointError
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make
+from fsw_scenario.scenario_file import parse
 
 #: share of the inputs that are wrong in the vectors with faults, and what they are then
 _SHARE = 0.03
 _WRONG_REALS = (nan, inf, -inf, -1e300, 1e6, 0.0, -1.0)
 _WRONG_INTS = (0, 1, -7)
 _WRONG_TIMES = (0.0, -1.0, nan, 0.05, 0.3, 2.0, 5.0)
+#: least share of healthy proposals in the weld, which has sensor faults
+_HEALTHY_SHARE = 0.95
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
-
-
-class CLibrary(Protocol):
-    """A loaded controller library."""
-
-    input: Any
-    output: Any
-
-    def step(self) -> None:
-        """One tick: ``input`` to ``output``."""
-        ...
-
-    def reset(self, force_kn: float, speed_rpm: float) -> None:
-        """Forget the past."""
-        ...
 
 
 class VectorRecorder:
@@ -38,7 +35,7 @@ class VectorRecorder:
 
     Parameters
     ----------
-    library : CLibrary
+    library : CController
         Its ``step`` is replaced meanwhile.
     inputs, outputs : sequence of Signal
 
@@ -48,7 +45,7 @@ class VectorRecorder:
         A row of values per step, in the order of the signals.
     """
 
-    def __init__(self, library: CLibrary, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
+    def __init__(self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]) -> None:
         self.library, self.inputs, self.outputs = library, inputs, outputs
         self.ticks: list[tuple[float, ...]] = []
         self.answers: list[tuple[float, ...]] = []
@@ -72,6 +69,38 @@ class VectorRecorder:
         """Number of answers that might be applied."""
         column = next(i for i, signal in enumerate(self.outputs) if signal.name == "healthy")
         return sum(bool(row[column]) for row in self.answers)
+
+
+def recorded(
+    choice: Choice, progress: Callable[[float], None] | None
+) -> tuple[ControllerSources, dict[str, VectorRecorder]]:
+    """Sources of a controller, and its test vectors from a simulated weld.
+
+    Raises
+    ------
+    ExportError
+        If the controller cannot be exported, or cannot hold its model.
+    """
+    controller: Any = make(choice.unit, choice.parameters)
+    sources, model = sources_of(controller), choice.model
+    text = render(
+        "vector_weld.yaml",
+        controller=choice.unit,
+        model_file=choice.model_file or "",
+        depth=model.operating_depth_mm,
+        temperature=model.operating_temperature_c,
+    )
+    with VectorRecorder(controller.library, sources.inputs, sources.outputs) as weld:
+        try:
+            ClosedLoop(parse(text, "the weld of the test vectors"), {controller.name: controller}).run(progress)
+        except (OperatingPointError, ParameterError) as error:
+            raise ExportError(f"cannot weld with this model: {error}") from None
+    if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
+        raise ExportError(
+            f"in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} proposals were healthy: "
+            "this controller cannot hold this model; check model and tuning"
+        )
+    return sources, {"weld": weld, "faults": with_faults(weld)}
 
 
 def with_faults(weld: VectorRecorder, ticks: int = 600) -> VectorRecorder:

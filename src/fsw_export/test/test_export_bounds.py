@@ -7,11 +7,12 @@ from math import inf, nan
 
 import pytest
 
+from fsw_control.c_library import compiler
 from fsw_decentral import DecentralController
-from fsw_export.c_folder import FLAGS, _fill
-from fsw_export.c_library import decentral_sources, nmpc_sources
+from fsw_export.c_folder import FLAGS, fill
+from fsw_export.sources import sources_of
 from fsw_export.vectors import csv_text
-from fsw_nmpc import NmpcController, kernel_build
+from fsw_nmpc import NmpcController
 from fsw_test_support.c_code import SANITIZE, has_sanitizers
 
 SANE = {"depth_mm": 2.66, "torque_nm": 1052.0, "temperature_c": 816.4, "reference_depth_mm": 2.7, "dt_s": 0.1}
@@ -37,19 +38,14 @@ def rows(signals, rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
 def test_whatever_comes_the_command_is_inside_the_bounds(name, tmp_path):
-    controller = NmpcController() if name == "nmpc" else DecentralController()
-    made = (
-        nmpc_sources(controller.library, controller.settings)
-        if name == "nmpc"
-        else decentral_sources(controller.library)
-    )
+    made = sources_of({"nmpc": NmpcController, "decentral": DecentralController}[name]())
     folder = tmp_path / "export"
-    _fill(folder, made, {})
+    fill(folder, made, {})
     ticks = tmp_path / "ticks.csv"
     ticks.write_text(csv_text(made.inputs, list(rows(made.inputs, random.Random(5)))), encoding="utf-8")
     files = [str(folder / "main.c"), *map(str, (folder / "src").glob("*.c"))]
     checks = SANITIZE if has_sanitizers(tmp_path) else ()
-    command = [*kernel_build.compiler(), *FLAGS, *checks, "-I", str(folder), "-I", str(folder / "src"), *files]
+    command = [*compiler(), *FLAGS, *checks, "-I", str(folder), "-I", str(folder / "src"), *files]
     subprocess.run([*command, "-o", str(tmp_path / "run"), "-lm"], check=True)
     ran = subprocess.run([str(tmp_path / "run"), str(ticks)], capture_output=True, text=True, check=True, timeout=100)
     told = list(csv.DictReader(ran.stdout.splitlines()))

@@ -14,6 +14,7 @@ import pytest
 
 from fsw_control import Command, units
 from fsw_export import fmu
+from fsw_export.choice import Choice
 from fsw_export.fmu_description import UNITS
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_test_support.c_code import STRICT, compile_c
@@ -27,7 +28,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """An FMU of each unit with nothing changed."""
     folder = tmp_path_factory.mktemp("fmus")
     for name in fmu.UNITS:
-        fmu.write(fmu.make(name), folder / f"{name}.fmu")
+        fmu.write(fmu.make(Choice(name)), folder / f"{name}.fmu")
     return {name: folder / f"{name}.fmu" for name in fmu.UNITS}
 
 
@@ -97,7 +98,7 @@ def test_units_are_those_of_the_project() -> None:
 )
 def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str, float]) -> None:
     """Also with a start, drives and a sensor that are set as the FMU's parameters, and with all disturbances."""
-    fmu.write(fmu.make("plant", values), tmp_path / "plant.fmu")
+    fmu.write(fmu.make(Choice("plant", values=values)), tmp_path / "plant.fmu")
     own = {"start.depth_mm": 2.8, "start.temperature_c": 820.0, "limits.force_rate_kn_per_s": 5.0}
     own |= {"sensors.torque_drop_nm_per_rpm": 0.5}
     emulator = PlantEmulator(PlantConfig.from_values({**values, **own, "noise": False}))
@@ -224,7 +225,7 @@ def test_its_sources_are_strict_c99(fmus: dict[str, Path], tmp_path: Path, name:
 @pytest.mark.timeout(400)
 def test_binary_for_another_platform(tmp_path: Path) -> None:
     """It can only be compiled here, not run."""
-    fmu.write(fmu.make("plant"), tmp_path / "plant.fmu", others=["win64"])
+    fmu.write(fmu.make(Choice("plant")), tmp_path / "plant.fmu", others=["win64"])
     with zipfile.ZipFile(tmp_path / "plant.fmu") as whole:
         library = whole.read("binaries/win64/fsw_plant.dll")
     assert library.startswith(b"MZ") and b"fmi2DoStep\0" in library
@@ -232,7 +233,7 @@ def test_binary_for_another_platform(tmp_path: Path) -> None:
 
 @pytest.mark.full
 def test_same_export_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:
-    fmu.write(fmu.make("nmpc"), tmp_path / "again.fmu")
+    fmu.write(fmu.make(Choice("nmpc")), tmp_path / "again.fmu")
     with zipfile.ZipFile(fmus["nmpc"]) as one, zipfile.ZipFile(tmp_path / "again.fmu") as again:
         assert {name: one.read(name) for name in one.namelist()} == {
             name: again.read(name) for name in again.namelist()

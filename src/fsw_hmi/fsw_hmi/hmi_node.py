@@ -21,6 +21,7 @@ from rclpy.task import Future
 
 from fsw_control import messages_ros as convert
 from fsw_control.parameters_ros import declare
+from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi import tokens
 from fsw_hmi.alarm_rules import NO_REPORT_S, AlarmRules, Situation
@@ -92,6 +93,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self.get_logger().warning("the page can be reached from other computers, and nothing is encrypted")
         # The token must not get into the log, which is recorded.
         print(f"operator's page: {address(listening)}", flush=True)
+        write_status(url=address(listening))
         if not values["token_file"]:
             print(f"token: {token}", flush=True)
 

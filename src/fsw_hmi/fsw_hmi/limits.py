@@ -15,8 +15,14 @@ from fsw_control.ranges import (
     WELD_RATE_TEMPERATURE_C_PER_S,
     Range,
 )
-from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DURATION_S, FAULT_DELAY_S, FAULT_MAGNITUDE
-from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
+from fsw_plant.event_schema import (
+    DISTURBANCE_AMPLITUDE,
+    DISTURBANCE_SHAPES,
+    DURATION_S,
+    FAULT_DELAY_S,
+    FAULT_KINDS,
+    FAULT_MAGNITUDE,
+)
 
 #: Distance from the set-point inside which the depth is good; chosen, about the paper's step disturbance.
 QUALITY_DEPTH_MM = (-0.1, 0.1)

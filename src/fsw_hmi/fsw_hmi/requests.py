@@ -16,13 +16,14 @@ from fsw_control.ranges import (
 )
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
+    DISTURBANCE_SHAPES,
     DURATION_S,
+    FAULT_KINDS,
     FAULT_MAGNITUDE,
-    Place,
     read_disturbance,
     read_fault,
 )
-from fsw_plant.events import DISTURBANCE_SHAPES, FAULT_KINDS
+from fsw_plant.place import Place
 
 MODES = ("auto", *BUILT_IN_SOURCES)
 WELD_ACTIONS = ("hold", "resume", "abort")
@@ -220,8 +221,8 @@ def _fault(message: Mapping[str, Any]) -> Action:
     kind = choice(message, "kind", FAULT_KINDS)
     entry: dict[str, Any] = {"sensor": sensor, "kind": kind}
     if kind in ("spike", "bias", "drift"):
-        unit, allowed = FAULT_MAGNITUDE[sensor]
-        entry[f"magnitude_{unit}"] = number(message, "magnitude", allowed)
+        key, allowed = FAULT_MAGNITUDE[sensor]
+        entry[key] = number(message, "magnitude", allowed)
     elif kind == "delay":
         entry["magnitude_s"] = number(message, "magnitude", Range(0.0, DURATION_S.high, "s"))
     entry["duration_s"] = number(message, "duration_s", Range(0.0, DURATION_S.high, "s"), 0.0)

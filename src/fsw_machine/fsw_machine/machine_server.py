@@ -29,12 +29,13 @@ from cryptography import x509
 
 from fsw_control import Command, weld
 from fsw_control.command_check import refusal
+from fsw_control.schema import InputError
 from fsw_control.units import NANOSECONDS
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
 from fsw_machine.machine_file import WRITTEN, MachineFile, MachineFileError
 from fsw_machine.opcua_link import node_id, password
-from fsw_plant import DisturbanceError, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
 
 #: an operator's switch: whether commands are permitted; in the namespace of the machine file
 SWITCH = "s=Weld.PermissiveSwitch"
@@ -341,7 +342,7 @@ def main() -> int:
             print(make_certificates(arguments.make_certificates))
         else:
             asyncio.run(serve(arguments))
-    except (MachineFileError, SecurityError, DisturbanceError, OSError) as error:
+    except (MachineFileError, SecurityError, InputError, OSError) as error:
         print(f"run_machine_server.py: {error}", file=sys.stderr)
         return 2
     return 0

@@ -11,13 +11,20 @@ import numpy as np
 
 from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Reference, weld
 from fsw_control.parameters import defaults, load, problem
-from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import horizon_of
-from fsw_nmpc.kernel_structs import MAX_CHANGES, ProblemStruct
-from fsw_nmpc.library import DISTURBANCES, FATES, Fate, Library, Reason, Vector
+from fsw_nmpc.library import KERNEL, Library, Missing, Reason, SolveStatus, Vector
 from fsw_nmpc.settings import Settings
 
-_BLIND = ((1, "depth"), (2, "torque"), (4, "thermocouple"))
+_DISTURBANCES = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c")
+_SENSORS = {Missing.DEPTH: "depth", Missing.TORQUE: "torque", Missing.TEMPERATURE: "thermocouple"}
+_STATUS_TEXTS = {
+    SolveStatus.OK: "solved",
+    SolveStatus.ITERATION_CAP: "iteration cap",
+    SolveStatus.NOT_FINITE: "not finite",
+    SolveStatus.TOO_FAST: "solution moves faster than the limits",
+    SolveStatus.OUTSIDE_BOUNDS: "solution leaves the bounds",
+    SolveStatus.NOT_SOLVED: "nothing to solve",
+}
 
 
 class Solver(Protocol):
@@ -25,8 +32,8 @@ class Solver(Protocol):
 
     name: str
 
-    def solve(self, problem: ProblemStruct, moves: Vector) -> tuple[Fate, Vector, Vector, Vector]:
-        """Fate, moves and the outputs they lead to; never raises on a bad problem."""
+    def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
+        """SolveStatus, moves and the outputs they lead to; never raises on a bad problem."""
         ...
 
 
@@ -100,7 +107,7 @@ class NmpcController:
         self.library, self.solver, self._used = library, solver, _solver_key(settings)
         self._time_s = tuple(library.horizon.time_s.tolist())
         name = solver.name if solver else "rti"
-        self._log(f"solver: {name}, {settings.tuning.blocks} blocks, library {library.path.name}")
+        self._log(f"solver: {name}, {settings.tuning.blocks} blocks, library {KERNEL.source_id()}")
 
     def _prepare(self) -> None:
         """Make the solver of the settings in the background, unless it is in use."""
@@ -153,65 +160,66 @@ class NmpcController:
         began = perf_counter()
         self._take()
         library, m = self.library, measurement
-        given, told = library.input, library.output
-        given.depth_mm, given.torque_nm, given.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
-        given.depth_fresh = m.depth_valid and "depth" not in m.held
-        given.torque_fresh = m.torque_valid and "torque" not in m.held
-        given.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
-        given.force_kn, given.speed_rpm = m.force_kn, m.speed_rpm
-        given.applied_force_kn, given.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        given.reference_depth_mm, given.reference_temperature_c = reference.depth_mm, reference.temperature_c
-        given.dt_s = dt_s
+        inputs, outputs = library.input, library.output
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = m.depth_mm, m.torque_nm, m.temperature_c
+        inputs.depth_fresh = m.depth_valid and "depth" not in m.held
+        inputs.torque_fresh = m.torque_valid and "torque" not in m.held
+        inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
+        inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
+        inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
+        inputs.reference_depth_mm, inputs.reference_temperature_c = reference.depth_mm, reference.temperature_c
+        inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
-        given.n_changes = min(len(coming), MAX_CHANGES)
-        for change, one in zip(given.change, coming, strict=False):
+        inputs.n_changes = min(len(coming), len(inputs.change))
+        for change, one in zip(inputs.change, coming, strict=False):
             change.at_s, change.depth_mm, change.temperature_c = one.at_s - m.time_s, one.depth_mm, one.temperature_c
         if self.solver is None:
             library.step()
         elif library.begin():
-            moves = np.array(library.state.plan.start[: 2 * library.horizon.n_blocks])
-            fate, moves, depth_mm, temperature_c = self.solver.solve(library.state.problem, moves)
-            library.end(moves, depth_mm, temperature_c, fate)
-        command = Command(told.force_kn, told.speed_rpm)
-        reason = self._reason(m) if told.reason else self._failure
-        if told.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
+            moves = np.array(list(library.state.plan.start[0 : 2 * library.horizon.n_blocks]))
+            status, moves, depth_mm, temperature_c = self.solver.solve(library.problem, moves)
+            library.end(moves, depth_mm, temperature_c, status)
+        command = Command(outputs.force_kn, outputs.speed_rpm)
+        reason = self._reason(m) if outputs.reason else self._failure
+        if outputs.reason in (Reason.WAITING_FOR_SENSORS, Reason.WAITING_FOR_REFERENCE):
             return Proposal(command, False, reason)
         diagnosis = Diagnosis(
-            depth_estimate_mm=told.depth_mm,
-            temperature_estimate_c=told.temperature_c,
-            torque_estimate_nm=told.torque_nm,
-            disturbances=dict(zip(DISTURBANCES, told.disturbance, strict=True)),
-            solver_status=f"{self.solver.name if self.solver else 'rti'}: {FATES[told.fate]}",
-            iterations=told.iterations,
+            depth_estimate_mm=outputs.depth_mm,
+            temperature_estimate_c=outputs.temperature_c,
+            torque_estimate_nm=outputs.torque_nm,
+            disturbances=dict(zip(_DISTURBANCES, outputs.disturbance, strict=True)),
+            solver_status=f"{self.solver.name if self.solver else 'rti'}: {_STATUS_TEXTS[outputs.solve_status]}",
+            iterations=outputs.iterations,
             solve_time_s=perf_counter() - began,
             active_limits=self.settings.limits.active(command, applied),
-            bad_cycles=told.bad_cycles,
-            plan=self._plan() if told.has_plan else None,
+            bad_cycles=outputs.bad_cycles,
+            plan=self._plan() if outputs.has_plan else None,
         )
-        return Proposal(command, bool(told.healthy), reason, diagnosis)
+        return Proposal(command, bool(outputs.healthy), reason, diagnosis)
 
     def _reason(self, m: Measurement) -> str:
-        told, s = self.library.output, self.settings
-        if told.reason == Reason.WAITING_FOR_SENSORS:
+        outputs, s = self.library.output, self.settings
+        if outputs.reason == Reason.WAITING_FOR_SENSORS:
             missing = [name for name in m.invalid_sensors() if name != "torque"]
             return f"waiting for valid sensors: {', '.join(missing) or 'depth and temperature are not those of a weld'}"
-        if told.reason == Reason.WAITING_FOR_REFERENCE:
+        if outputs.reason == Reason.WAITING_FOR_REFERENCE:
             return "no usable reference"
-        if told.reason == Reason.BLIND:
-            blind = ", ".join(name for bit, name in _BLIND if told.blind & bit)
+        if outputs.reason == Reason.BLIND:
+            blind = ", ".join(name for bit, name in _SENSORS.items() if outputs.blind & bit)
             return f"no valid {blind} for {s.blind_limit_s:g} s"
-        if told.reason == Reason.OUT_OF_BOUNDS:
+        if outputs.reason == Reason.OUT_OF_BOUNDS:
             return "the applied command is more than a move outside the bounds"
-        return f"solver: {FATES[told.fate]}; following the last plan ({told.bad_in_a_row} of {s.plan_reuse})"
+        status = _STATUS_TEXTS[outputs.solve_status]
+        return f"solver: {status}; following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
 
     def _plan(self) -> Plan:
-        told, n = self.library.output, len(self._time_s)
+        outputs, n = self.library.output, len(self._time_s)
         return Plan(
             time_s=self._time_s,
-            depth_mm=tuple(told.plan_depth_mm[:n]),
-            temperature_c=tuple(told.plan_temperature_c[:n]),
-            force_kn=tuple(told.plan_force_kn[:n]),
-            speed_rpm=tuple(told.plan_speed_rpm[:n]),
+            depth_mm=tuple(outputs.plan_depth_mm[0:n]),
+            temperature_c=tuple(outputs.plan_temperature_c[0:n]),
+            force_kn=tuple(outputs.plan_force_kn[0:n]),
+            speed_rpm=tuple(outputs.plan_speed_rpm[0:n]),
         )
 
 
@@ -219,7 +227,7 @@ def _make(settings: Settings) -> tuple[Library, Solver | None]:
     """The library for the settings and, where another one is asked for, the solver."""
     horizon = horizon_of(settings.model, settings.tuning.blocks)
     try:
-        library = Library(kernel_build.ensure(), settings.model, horizon, settings.struct())
+        library = Library(settings.model, horizon, settings.struct())
     except (RuntimeError, OSError) as error:
         raise ValueError(f"nmpc: {error}") from None
     if settings.solver == "rti":

@@ -20,20 +20,14 @@ Vector = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
-#: Blocks of moves: those of :func:`default_block_lengths`, or a move in every interval of the paper's grid.
-BLOCKS = (20, 54)
+#: Grid of the paper (36): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s.
+PAPER_GRID_S = (*(round(0.1 * k, 1) for k in range(51)), 7.0, 10.0, 15.0, 30.0)
+#: Lengths, in intervals, of the blocks of moves, by their number: fine where the plan will be applied, coarse later; or
+#: a move in every interval of the paper's grid.
+BLOCK_LENGTHS = {20: (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 7, 14, 1, 1, 1, 1), 54: (1,) * 54}
+BLOCKS = tuple(BLOCK_LENGTHS)
 #: No model step is longer than the dead time; with a shorter one the tail would take more steps than the library has.
 LEAST_DEAD_TIME_S = 0.9
-
-
-def paper_grid() -> tuple[float, ...]:
-    """Grid of the paper (36): every 0.1 s up to 5 s, then 7, 10, 15 and 30 s."""
-    return (*(round(0.1 * k, 1) for k in range(51)), 7.0, 10.0, 15.0, 30.0)
-
-
-def default_block_lengths() -> tuple[int, ...]:
-    """Lengths, in intervals, of 20 blocks: fine where the plan will be applied, coarse later."""
-    return (*([1] * 6), 2, 2, 2, 2, 3, 3, 4, 5, 7, 14, 1, 1, 1, 1)
 
 
 def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
@@ -47,15 +41,14 @@ def horizon_of(parameters: ModelParameters, blocks: int) -> Horizon:
     ValueError
         If ``blocks`` is neither, or the dead time is too short.
     """
-    choices: dict[int, tuple[int, ...]] = {BLOCKS[0]: default_block_lengths(), BLOCKS[1]: (1,) * BLOCKS[1]}
-    if blocks not in choices:
-        raise ValueError(f"horizon: {blocks} blocks; known: {', '.join(map(str, choices))}")
+    if blocks not in BLOCK_LENGTHS:
+        raise ValueError(f"horizon: {blocks} blocks; known: {', '.join(map(str, BLOCKS))}")
     if parameters.dead_time_s < LEAST_DEAD_TIME_S:
         raise ValueError(
             f"model parameter 'dead_time_s' is {parameters.dead_time_s:g}: "
             f"the NMPC needs at least {LEAST_DEAD_TIME_S:g} s"
         )
-    return make_horizon(parameters, block_lengths=choices[blocks], long_moves=blocks == BLOCKS[0])
+    return make_horizon(parameters, PAPER_GRID_S, BLOCK_LENGTHS[blocks], long_moves=blocks == BLOCKS[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +115,8 @@ class Horizon:
 
 def make_horizon(
     parameters: ModelParameters,
-    grid_s: tuple[float, ...] | None = None,
-    block_lengths: tuple[int, ...] | None = None,
+    grid_s: tuple[float, ...],
+    block_lengths: tuple[int, ...],
     longest_step_s: float = 1.0,
     long_moves: bool = False,
 ) -> Horizon:
@@ -132,82 +125,53 @@ def make_horizon(
     Parameters
     ----------
     parameters : ModelParameters
-    grid_s : tuple of float, optional
-        Increasing times from 0; the paper's grid by default.
-    block_lengths : tuple of int, optional
-        Intervals per block; ``(1,) * n`` for a move in every interval. 20 blocks by default.
+    grid_s : tuple of float
+        Increasing times from 0.
+    block_lengths : tuple of int
+        Intervals per block; ``(1,) * n`` for a move in every interval.
     longest_step_s : float
         Longest model step in the tail; never longer than the dead time.
-
     long_moves : bool
         Whether a move of a longer interval may be larger, in proportion.
-
-    Raises
-    ------
-    ValueError
-        If the grid and the blocks do not fit together.
     """
-    grid = np.array(paper_grid() if grid_s is None else grid_s)
-    lengths = default_block_lengths() if block_lengths is None else block_lengths
-    if grid[0] != 0.0 or np.any(np.diff(grid) <= 0):
-        raise ValueError("horizon grid: must begin at 0 and increase")
-    if len(grid) > 2 and abs(grid[1] - STEP_S) > 1e-9:
-        raise ValueError(f"horizon grid: the first interval must be one tick of {STEP_S} s")
-    n_out = len(grid) - 1
-    if sum(lengths) != n_out or min(lengths) < 1:
-        raise ValueError(f"horizon blocks: lengths must be >= 1 and add up to {n_out} intervals, not {sum(lengths)}")
-    longest_step_s = min(longest_step_s, parameters.dead_time_s)
-    blocks = np.repeat(np.arange(len(lengths)), lengths).astype(np.int32)
-
-    ticks = np.diff(grid) / STEP_S
-    length: list[float] = []
-    interval: list[int] = []
-    for i, span in enumerate(np.diff(grid)):
-        parts = max(1, int(np.ceil(span / longest_step_s - 1e-9)))
-        length += [float(span) / parts] * parts
-        interval += [i] * parts
-    ends = np.cumsum(length)
-    step_interval = np.array(interval, dtype=np.int32)
-    out_step = np.array([np.nonzero(step_interval == i)[0][-1] for i in range(n_out)], dtype=np.int32)
-    reaches = np.searchsorted(grid, grid[1:] - parameters.dead_time_s - 1e-9, side="right") - 1
-    temperature_width = np.array(
-        [
-            2 * (blocks[r] + 1) if g > parameters.dead_time_s + 1e-9 else 0
-            for r, g in zip(reaches, grid[1:], strict=True)
-        ],
-        dtype=np.int32,
-    )
-
-    n_history = int(np.ceil(parameters.dead_time_s / STEP_S - 1e-9))
-    starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - np.array(length)])
-    lengths_all = np.concatenate([np.full(n_history, STEP_S), length])
-    modes = np.empty((len(length), 10))
-    weight_start, weight_segment, weight = [0], [], []
-    for k, h in enumerate(length):
-        modes[k] = _modes(parameters, h)
-        window = ends[k] - h - parameters.dead_time_s
-        for segment, values in _delayed_weights(parameters, window, h, starts, lengths_all):
-            weight_segment.append(segment)
-            weight.append(values)
-        weight_start.append(len(weight))
+    grid, dead_time_s = np.array(grid_s), parameters.dead_time_s
+    spans, n_blocks = np.diff(grid), len(block_lengths)
+    blocks = np.repeat(np.arange(n_blocks), block_lengths).astype(np.int32)
+    ticks = spans / STEP_S
+    parts = np.maximum(1, np.ceil(spans / min(longest_step_s, dead_time_s) - 1e-9)).astype(np.int32)
+    length = np.repeat(spans / parts, parts)
+    reaches = np.searchsorted(grid, grid[1:] - dead_time_s - 1e-9, side="right") - 1
+    weight_start, weight_segment, weight, n_history = _delayed_power(parameters, length)
     return Horizon(
         time_s=grid[1:].copy(),
         interval_block=blocks,
         interval_ticks=ticks,
-        block_reach=np.array([ticks[blocks == b].min() for b in range(len(lengths))])
-        if long_moves
-        else np.ones(len(lengths)),
-        step_length_s=np.array(length),
-        step_interval=step_interval,
-        out_step=out_step,
+        block_reach=np.array([ticks[blocks == b].min() for b in range(n_blocks)]) if long_moves else np.ones(n_blocks),
+        step_length_s=length,
+        step_interval=np.repeat(np.arange(len(spans)), parts).astype(np.int32),
+        out_step=(np.cumsum(parts) - 1).astype(np.int32),
         depth_width=(2 * (blocks + 1)).astype(np.int32),
-        temperature_width=temperature_width,
-        modes=modes,
-        weight_start=np.array(weight_start, dtype=np.int32),
-        weight_segment=np.array(weight_segment, dtype=np.int32),
-        weight=np.array(weight),
+        temperature_width=np.where(grid[1:] > dead_time_s + 1e-9, 2 * (blocks[reaches] + 1), 0).astype(np.int32),
+        modes=np.array([_modes(parameters, h) for h in length]),
+        weight_start=weight_start,
+        weight_segment=weight_segment,
+        weight=weight,
         n_history=n_history,
     )
+
+
+def _delayed_power(p: ModelParameters, length: Vector) -> tuple[Indices, Indices, Vector, int]:
+    """First weight of each step, segments and weights of the delayed power, and how many segments are history."""
+    n_history = int(np.ceil(p.dead_time_s / STEP_S - 1e-9))
+    ends = np.cumsum(length)
+    starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - length])
+    lengths = np.concatenate([np.full(n_history, STEP_S), length])
+    found = [
+        _delayed_weights(p, end - h - p.dead_time_s, h, starts, lengths) for end, h in zip(ends, length, strict=True)
+    ]
+    counts = np.cumsum([0, *map(len, found)], dtype=np.int32)
+    segments, weights = zip(*(entry for step in found for entry in step), strict=True)
+    return counts, np.array(segments, dtype=np.int32), np.array(weights), n_history
 
 
 def _modes(p: ModelParameters, h: float) -> Vector:

@@ -9,8 +9,7 @@ import numpy as np
 
 from fsw_model import ModelParameters
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.kernel_structs import RETURN_SHARE, ProblemStruct, TuningStruct
-from fsw_nmpc.library import Fate, Library, Vector
+from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector
 from fsw_nmpc.prediction import prediction_function, start_vector
 
 _LONGEST_ITERATIONS = 500
@@ -22,17 +21,18 @@ def cumulation(horizon: Horizon) -> Vector:
     return np.asarray(np.kron(lower, np.eye(2)), dtype=np.float64)
 
 
-def input_bounds(problem: ProblemStruct, tuning: TuningStruct, horizon: Horizon) -> tuple[Vector, Vector]:
+def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, Vector]:
     """Bounds (2 n_blocks,) on the inputs' change at the end of every block, relaxed to what can be reached."""
-    reach = RETURN_SHARE * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), tuning.move_max[:])
+    share = KERNEL.lib.FSW_RETURN_PERCENT / 100.0
+    reach = share * np.outer(np.cumsum(horizon.block_sizes * horizon.block_reach), list(tuning.move_max))
     now = np.array([problem.start.force_kn, problem.start.speed_rpm])
-    low, high = np.array(tuning.input_min) - now, np.array(tuning.input_max) - now
+    low, high = np.array(list(tuning.input_min)) - now, np.array(list(tuning.input_max)) - now
     return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
 
 
 def objective(
-    problem: ProblemStruct,
-    tuning: TuningStruct,
+    problem: Any,
+    tuning: Any,
     horizon: Horizon,
     moves: Vector,
     depth_mm: Vector,
@@ -41,13 +41,13 @@ def objective(
     """Cost (28) of moves (2 n_blocks,) and the outputs (n_out,) that they lead to."""
     total, n = 0.0, horizon.n_out
     for q, output in enumerate((depth_mm, temperature_c)):
-        low, high = np.array(problem.low[q][:n]), np.array(problem.high[q][:n])
+        low, high = np.array(list(problem.low[q][0:n])), np.array(list(problem.high[q][0:n]))
         reached = (horizon.depth_width, horizon.temperature_width)[q] > 0
         outside = np.maximum(output - high, 0.0) + np.maximum(low - output, 0.0)
         bent = 0.5 * tuning.square[q] * (output - 0.5 * (low + high)) ** 2
         total += float((tuning.weight[q] * outside + bent)[reached].sum())
     pairs = np.abs(moves.reshape(-1, 2))
-    each = pairs @ np.array(tuning.move_weight) + 0.5 * pairs**2 @ np.array(tuning.move_square) / horizon.block_reach
+    each = pairs @ list(tuning.move_weight) + 0.5 * pairs**2 @ list(tuning.move_square) / horizon.block_reach
     return total + float(horizon.block_sizes @ each)
 
 
@@ -102,26 +102,27 @@ class ReferenceSolver:
         self._predict = predict
         self.iterations, self.cost = 0, np.nan
 
-    def solve(self, problem: ProblemStruct, moves: Vector) -> tuple[Fate, Vector, Vector, Vector]:
+    def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
         """Solve to convergence; ``moves`` are not used but to give back when it fails."""
         h, t = self._library.horizon, self._library.state.tuning
         n, r, n_out = 2 * h.n_blocks, 2 * h.n_out, h.n_out
         nothing = np.full(n_out, np.nan)
-        largest, sizes = np.outer(h.block_reach, t.move_max[:]).ravel(), np.repeat(h.block_sizes, 2)
+        largest, sizes = np.outer(h.block_reach, list(t.move_max)).ravel(), np.repeat(h.block_sizes, 2)
         reached = np.concatenate([h.depth_width > 0, h.temperature_width > 0])
+        weight = np.repeat(list(t.weight), n_out) * reached
         input_low, input_high = input_bounds(problem, t, h)
-        start, history = start_vector(problem.start), np.array(problem.start.history[: 3 * h.n_history])
+        start, history = start_vector(problem.start), list(problem.start.history[0 : 3 * h.n_history])
         parameter = np.concatenate(
             [
                 start, history, largest,
-                np.repeat(t.weight[:], n_out) * reached, np.repeat(t.square[:], n_out) * reached,
-                problem.low[0][:n_out], problem.low[1][:n_out], problem.high[0][:n_out], problem.high[1][:n_out],
-                np.tile(t.move_weight[:], h.n_blocks) * sizes * largest,
-                np.tile(t.move_square[:], h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),
+                weight, np.repeat(list(t.square), n_out) * reached,
+                *(list(side[q][0:n_out]) for side in (problem.low, problem.high) for q in (0, 1)),
+                np.tile(list(t.move_weight), h.n_blocks) * sizes * largest,
+                np.tile(list(t.move_square), h.n_blocks) * sizes * largest**2 / np.repeat(h.block_reach, 2),
             ]
         )  # fmt: skip
         if not np.isfinite(parameter).all():
-            return Fate.FAILED, moves, nothing, nothing
+            return SolveStatus.NOT_FINITE, moves, nothing, nothing
         still = np.zeros(n)
         scale = 1.0 / (1.0 + objective(problem, t, h, still, *self._outputs(problem, still)))
         open_ended = np.full(2 * r + 2 * n, -np.inf)
@@ -130,20 +131,18 @@ class ReferenceSolver:
             p=np.append(parameter, scale),
             lbx=np.concatenate([-np.ones(n), np.zeros(r + n)]),
             # a slack without a cost would be free to run away
-            ubx=np.concatenate(
-                [np.ones(n), np.where(np.repeat(t.weight[:], n_out) * reached > 0.0, np.inf, 0.0), np.ones(n)]
-            ),
+            ubx=np.concatenate([np.ones(n), np.where(weight > 0.0, np.inf, 0.0), np.ones(n)]),
             lbg=np.concatenate([open_ended, input_low]),
             ubg=np.concatenate([np.zeros(2 * r + 2 * n), input_high]),
         )
         stats = self._solver.stats()
         self.iterations, self.cost = int(stats["iter_count"]), float(found["f"]) / scale
         if not stats["success"]:
-            return Fate.CAP, moves, nothing, nothing
+            return SolveStatus.ITERATION_CAP, moves, nothing, nothing
         best = np.clip(found["x"].full().ravel()[:n], -1.0, 1.0) * largest
-        return Fate.OK, best, *self._outputs(problem, best)
+        return SolveStatus.OK, best, *self._outputs(problem, best)
 
-    def _outputs(self, problem: ProblemStruct, moves: Vector) -> tuple[Vector, Vector]:
-        history = np.array(problem.start.history[: 3 * self._library.horizon.n_history])
+    def _outputs(self, problem: Any, moves: Vector) -> tuple[Vector, Vector]:
+        history = list(problem.start.history[0 : 3 * self._library.horizon.n_history])
         depth, temperature = self._predict(moves, start_vector(problem.start), history)
         return depth.full().ravel(), temperature.full().ravel()

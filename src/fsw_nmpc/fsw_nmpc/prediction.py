@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
 from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes, friction_torque_nm, power_kw, process_torque_nm
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.kernel_structs import Start
 from fsw_nmpc.library import Vector
 
 #: Length of the vector that holds everything a prediction starts from, apart from the power history.
 N_START = 13
 
 
-def start_vector(start: Start) -> Vector:
+def start_vector(start: Any) -> Vector:
     """The ``start`` of :func:`prediction_function`, shape (13,)."""
     s = start
     offsets = [

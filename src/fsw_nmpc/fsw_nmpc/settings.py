@@ -9,7 +9,6 @@ from typing import Any
 from fsw_control import Limits
 from fsw_control.parameters import load, validate
 from fsw_model import ModelParameters, nominal
-from fsw_nmpc.kernel_structs import TuningStruct
 from fsw_nmpc.tuning import Tuning
 
 
@@ -26,7 +25,7 @@ class Settings:
     blind_limit_s: float
     preview: bool
 
-    def struct(self) -> TuningStruct:
+    def struct(self) -> Any:
         """What the library takes of them."""
         return self.tuning.struct(self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import exp, isfinite
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -14,10 +15,10 @@ from fsw_control.parameters import defaults, load
 from fsw_control.yaml_text import load_yaml
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.horizon import BLOCKS
-from fsw_nmpc.kernel_structs import N_STATES, TuningStruct
+from fsw_nmpc.library import KERNEL, State, Trajectory
 
-#: Reference trajectories, in the order of the library's ``FSW_APPROACH`` ...; see ``kernel/trajectory.c``.
-TRAJECTORIES = ("approach", "constant", "cold_start", "recentred")
+#: Reference trajectories, see ``kernel/trajectory.c``.
+TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
 #: The temperature's approach takes this share of the dead time: margins of the loop scale with it.
 _APPROACH_PER_DEAD_TIME = 0.3
 #: what the node's parameters are when nobody sets them
@@ -172,11 +173,11 @@ class Tuning:
         plan_reuse: int = _NODE["plan_reuse"],
         blind_limit_s: float = _NODE["blind_limit"],
         tolerance: float = 1e-6,
-    ) -> TuningStruct:
+    ) -> Any:
         """The tuning as the library takes it."""
         e = self.estimator
         times = (self.depth_time_s, self.temperature_time_s)
-        walk = [0.0] * N_STATES  # of the states in the library's order; slow and tool do not walk by themselves
+        walk = [0.0] * len(State)  # of the states in the library's order; slow and tool do not walk by themselves
         walk[0], walk[2], walk[4:] = (
             e.creep_walk_mm,
             e.copper_walk_c,
@@ -189,7 +190,8 @@ class Tuning:
                 e.temperature_offset_walk_c,
             ),
         )
-        return TuningStruct(
+        return KERNEL.new(
+            "fsw_nmpc_tuning",
             trajectory=TRAJECTORIES.index(self.trajectory),
             max_iterations=max_iterations,
             plan_reuse=plan_reuse,

@@ -12,7 +12,7 @@ from fsw_control.contract import Coming
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc import controller as controller_module
-from fsw_nmpc.library import Fate
+from fsw_nmpc.library import SolveStatus
 
 P = nominal()
 TARGET = Reference(2.66, 816.4)
@@ -379,9 +379,9 @@ class Broken:
 
     def solve(self, problem, moves):
         self.starts.append(np.array(moves))
-        fate, found, depth, temperature = self.library.solve(problem, moves)
+        status, found, depth, temperature = self.library.solve(problem, moves)
         if self.how == "status":
-            fate = Fate.CAP
+            status = SolveStatus.ITERATION_CAP
         elif self.how == "nan":
             found = found * np.nan
         elif self.how in ("fast", "fast down"):
@@ -389,7 +389,7 @@ class Broken:
             found[0] += 2.0 if self.how == "fast" else -2.0  # the first move of the force only
         elif self.how in ("beyond", "beyond below"):
             found = np.tile([0.9, 2.9], len(moves) // 2) * (1.0 if self.how == "beyond" else -1.0)
-        return fate, found, depth, temperature
+        return status, found, depth, temperature
 
 
 @pytest.mark.parametrize("how", ["status", "nan", "fast", "fast down", "beyond", "beyond below"])
@@ -446,7 +446,7 @@ def test_diverged_estimator_starts_again():
     for _ in range(20):
         loop.step()
     for row in loop.controller.library.state.estimator.p:
-        row[:] = [NAN] * 10
+        row[0:10] = [NAN] * 10
     proposals = [loop.step() for _ in range(3)]
     assert proposals[-1].healthy
     assert proposals[-1].diagnosis.depth_estimate_mm == pytest.approx(2.66, abs=1e-3)

@@ -54,7 +54,7 @@ class Watch:
 
     @property
     def x(self):
-        return np.array(self.library.state.estimator.x)
+        return np.array(list(self.library.state.estimator.x))
 
 
 @pytest.mark.slow
@@ -142,7 +142,7 @@ def visibility(tuning):
     """Least singular value of the PBH matrices of all eigenvalues near or on the unit circle, in usual sizes."""
     watch = Watch(tuning=tuning)
     watch.run(20)
-    a = np.array(watch.library.state.estimator.a)
+    a = np.array([list(row) for row in watch.library.state.estimator.a])
     c = np.zeros((3, 10))
     c[0, [0, 1, 3, 8]] = 1.0, 1.0, P.softening_per_c * 2.66, 1.0
     c[1, 4] = c[2, 3] = c[2, 9] = 1.0

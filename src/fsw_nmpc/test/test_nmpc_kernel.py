@@ -1,6 +1,5 @@
 """The C library by itself: strict C99, sanitizers, sizes, builds."""
 
-import ctypes
 import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
@@ -10,12 +9,10 @@ import pytest
 
 from fsw_control import c_library
 from fsw_model import nominal
-from fsw_nmpc import kernel_build
-from fsw_nmpc.horizon import horizon_of, make_horizon
-from fsw_nmpc.kernel_structs import Input, Output
-from fsw_nmpc.library import Library, Tables
+from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
+from fsw_nmpc.library import KERNEL, Library, Tables
 from fsw_nmpc.tuning import Tuning
-from fsw_test_support.c_code import SANITIZE, STRICT, compile_c, has_sanitizers, layout_in_c, layout_in_python
+from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
 P = nominal()
@@ -23,7 +20,7 @@ DRIVER = r"""
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include "fsw_controller.h"
+#include "fsw_nmpc.h"
 #include "tables.h"
 static double draw(double low, double high) { return low + (high - low) * (rand() / (double)RAND_MAX); }
 static double sample(double low, double high) {
@@ -31,13 +28,13 @@ static double sample(double low, double high) {
   return kind == 0 ? NAN : kind == 1 ? INFINITY : kind == 2 ? -1e300 : kind == 3 ? 0.0 : draw(low, high);
 }
 int main(void) {
-  fsw_controller *c = malloc(sizeof(fsw_controller)); /* exactly as long as asked for */
+  fsw_nmpc *c = malloc(sizeof(fsw_nmpc)); /* exactly as long as asked for */
   int proposed = 0, solved = 0;
-  if (fsw_controller_init(c, &model, &tuning)) { free(c); return 2; }
+  if (fsw_nmpc_init(c, &model, &tuning)) { free(c); return 2; }
   double force = 78.4, speed = 407.6;
   for (int k = 0; k < TICKS; k++) {
-    fsw_input in = {draw(2.4, 2.9), draw(900, 1200), draw(806, 826), 1, 1, 1, NAN, NAN, force, speed, 2.7, 820.0, 0.1,
-                    0, {{0.0, 0.0, 0.0}}};
+    fsw_nmpc_input in = {draw(2.4, 2.9), draw(900, 1200), draw(806, 826), 1, 1, 1, NAN, NAN, force, speed, 2.7, 820.0,
+                         0.1, 0, {{0.0, 0.0, 0.0}}};
     if (k % 3 == 0) { /* everything may be wrong */
       in.depth_mm = sample(0, 5); in.torque_nm = sample(0, 3000); in.temperature_c = sample(0, 1500);
       in.depth_fresh = rand() % 2; in.torque_fresh = rand() % 2; in.temperature_fresh = rand() % 2;
@@ -50,24 +47,25 @@ int main(void) {
         in.change[i].temperature_c = sample(700, 950);
       }
     }
-    if (k % 150 == 149) fsw_controller_reset(c, sample(60, 95), sample(300, 500));
+    if (k % 150 == 149) fsw_nmpc_reset(c, sample(60, 95), sample(300, 500));
     if (k % 31 == 30) { /* a tuning that cannot be used changes nothing */
-      fsw_tuning wrong = tuning;
+      fsw_nmpc_tuning wrong = tuning;
       wrong.move_max[k % 2] = sample(-1, 0); wrong.noise[k % 3] = NAN;
-      if (!fsw_controller_configure(c, &wrong)) { free(c); return 6; }
+      if (!fsw_nmpc_configure(c, &wrong)) { free(c); return 6; }
     }
-    if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_controller_configure(c, &tuning); }
-    fsw_output out;
-    fsw_controller_step(c, &in, &out);
+    if (k % 97 == 96) { tuning.trajectory = (tuning.trajectory + 1) % 4; fsw_nmpc_configure(c, &tuning); }
+    fsw_nmpc_output out;
+    fsw_nmpc_step(c, &in, &out);
     if (out.iterations > 2 * tuning.max_iterations) { free(c); return 3; }
     const int inside = out.force_kn >= 60 && out.force_kn <= 95 && out.speed_rpm >= 300 && out.speed_rpm <= 500;
-    const double f = c->told[0], n = c->told[1]; /* never further than a step from what is applied, if it is healthy */
+    /* never further than a step from what is applied, if it is healthy */
+    const double f = c->unclipped[0], n = c->unclipped[1];
     const int near = fabs(out.force_kn - f) <= 1 + 2e-6 && fabs(out.speed_rpm - n) <= 3 + 2e-6;
     if (!inside || (out.healthy && !near)) { free(c); return 4; }
     proposed += out.healthy;
     force = out.force_kn;
     speed = out.speed_rpm;
-    solved += out.fate == FSW_OK;
+    solved += out.solve_status == FSW_OK;
   }
   free(c);
   printf("%d proposed, %d solved\n", proposed, solved);
@@ -78,33 +76,31 @@ int main(void) {
 
 def tables_of(library):
     """The model's tables and the tuning as C text."""
-    model, tuning, lines = library._tables.model, library.state.tuning, []
-    lengths = {
-        "step_interval": model.n_steps, "interval_block": model.n_out, "interval_ticks": model.n_out,
-        "block_reach": model.n_blocks, "out_step": model.n_out,
-        "depth_width": model.n_out, "temp_width": model.n_out, "time_s": model.n_out, "modes": 10 * model.n_steps,
-        "weight_start": model.n_steps + 1, "weight_segment": model.n_weights, "weight": 6 * model.n_weights,
-        "ahead_power": 6 * model.n_history, "torque_par": 6,
-    }  # fmt: skip
+    arrays, ffi = library._tables.arrays, KERNEL.ffi
+    lines = [
+        f"static const {'int' if array.dtype == np.int32 else 'double'} {name}[] = "
+        f"{{{', '.join(map(repr, array.ravel().tolist()))}}};"
+        for name, array in arrays.items()
+    ]
 
-    def text(value, name):
-        if name in lengths:
-            return name
-        return "{" + ", ".join(repr(v) for v in value) + "}" if hasattr(value, "__len__") else repr(value)
+    def text(value):
+        return "{" + ", ".join(map(repr, value)) + "}" if isinstance(value, ffi.CData) else repr(value)
 
-    for name, length in lengths.items():
-        values = getattr(model, name)[:length]
-        kind = "int" if isinstance(values[0], int) else "double"
-        lines.append(f"static const {kind} {name}[] = {{{', '.join(map(repr, values))}}};")
-    for kind, name, struct in (("const fsw_model", "model", model), ("fsw_tuning", "tuning", tuning)):
-        fields = ", ".join(text(getattr(struct, field), field) for field, _ in struct._fields_ if name == "model")
-        if name == "tuning":
-            fields = ", ".join(
-                text(list(v) if hasattr(v := getattr(struct, field), "__len__") else v, "")
-                for field, _ in struct._fields_
-            )
-        lines.append(f"static {kind} {name} = {{{fields}}};")
+    for kind, name, struct in (
+        ("const fsw_nmpc_model", "model", library._tables.model),
+        ("fsw_nmpc_tuning", "tuning", library.state.tuning),
+    ):
+        fields = ffi.typeof(kind.removeprefix("const ")).fields
+        values = [field if field in arrays else text(getattr(struct, field)) for field, _ in fields]
+        lines.append(f"static {kind} {name} = {{{', '.join(values)}}};")
     return "\n".join(lines) + "\n"
+
+
+def copy_of(tuning):
+    """A tuning of its own."""
+    copied = KERNEL.new("fsw_nmpc_tuning")
+    copied[0] = tuning
+    return copied
 
 
 @pytest.mark.slow
@@ -115,8 +111,8 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
     (tmp_path / "driver.c").write_text(DRIVER, encoding="utf-8")
     if not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")
-    sources = [str(kernel_build.FOLDER / name) for name in kernel_build.SOURCES]
-    include = ["-I", str(kernel_build.FOLDER), "-I", str(tmp_path)]
+    sources = [str(KERNEL.folder / name) for name in KERNEL.sources]
+    include = ["-I", str(KERNEL.folder), "-I", str(tmp_path)]
     program = str(tmp_path / "driver")
     built = compile_c(
         [
@@ -138,16 +134,16 @@ def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path, blocks):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("source", kernel_build.SOURCES)
+@pytest.mark.parametrize("source", KERNEL.sources)
 def test_strict_c99_without_a_warning(source, tmp_path):
-    done = compile_c([*STRICT, "-c", str(kernel_build.FOLDER / source), "-o", str(tmp_path / "o")])
+    done = compile_c([*STRICT, "-c", str(KERNEL.folder / source), "-o", str(tmp_path / "o")])
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(
     "horizon",
     [
-        make_horizon(P, longest_step_s=0.8),  # 81 steps
+        make_horizon(P, PAPER_GRID_S, BLOCK_LENGTHS[20], 0.8),  # 81 steps
         make_horizon(P, tuple(0.1 * k for k in range(60)), (1,) * 59),  # 59 intervals
         replace(horizon_of(P, 20), interval_block=np.arange(54, dtype=np.int32)[::-1].copy()),
         replace(horizon_of(P, 20), weight_segment=horizon_of(P, 20).weight_segment + np.int32(100)),
@@ -163,29 +159,29 @@ def test_every_size_is_checked(horizon):
 @pytest.mark.slow
 def test_structs_are_those_of_the_header(tmp_path):
     """Sizes in Python and in C are equal, field by field offsets too."""
-    structs = {"fsw_input": Input, "fsw_output": Output, "fsw_model": Tables(P, horizon_of(P, 20)).model.__class__}
-    assert layout_in_python(structs) == layout_in_c(kernel_build.FOLDER / "fsw_controller.h", structs, tmp_path)
+    check_layout(KERNEL, tmp_path)
+    assert KERNEL.lib.fsw_nmpc_bytes() == KERNEL.ffi.sizeof("fsw_nmpc")
 
 
 @pytest.mark.slow
 def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    built = kernel_build.build()
+    built = KERNEL.build()
     assert built.is_relative_to(tmp_path)
-    assert kernel_build.is_usable(built)
-    assert kernel_build.find() == built
+    assert KERNEL.is_usable(built)
+    assert KERNEL.find() == built
     (tmp_path / "broken.so").write_bytes(b"no library")
-    assert not kernel_build.is_usable(tmp_path / "broken.so")
+    assert not KERNEL.is_usable(tmp_path / "broken.so")
 
 
 def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(c_library, "compiler", lambda: None)
     with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
-        kernel_build.build()
+        KERNEL.build()
     monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
     with pytest.raises(RuntimeError, match="did not compile with false"):
-        kernel_build.build()
+        KERNEL.build()
 
 
 @pytest.mark.slow
@@ -193,8 +189,8 @@ def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
 def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    built = kernel_build.build(tmp_path / "zig.so")
-    usual, zig = make_library(20), Library(built, P, horizon_of(P, 20), Tuning().struct(LIMITS))
+    built = KERNEL.ffi.dlopen(str(KERNEL.build(tmp_path / "zig.so")))
+    usual, zig = make_library(20), Library(P, horizon_of(P, 20), Tuning().struct(LIMITS), built)
     for library in (usual, zig):
         library.configure(Tuning().struct(LIMITS))
         given = library.input
@@ -205,7 +201,7 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
         for _ in range(20):
             library.step()
             given.applied_force_kn, given.applied_speed_rpm = library.output.force_kn, library.output.speed_rpm
-    assert bytes(usual.output) == bytes(zig.output)
+    assert bytes(KERNEL.ffi.buffer(usual.output)) == bytes(KERNEL.ffi.buffer(zig.output))
 
 
 @pytest.mark.parametrize(
@@ -226,11 +222,10 @@ def test_model_that_is_none_is_refused(field, value):
     library = make_library(20)
     tables = Tables(P, library.horizon)
     if isinstance(value, list):
-        values = (ctypes.c_double * 4096)(*value)
-        value = ctypes.cast(values, ctypes.POINTER(ctypes.c_double))
-    setattr(tables.model, field, value)
-    tuning = library.state.tuning
-    assert library._lib.fsw_controller_init(library._controller, ctypes.byref(tables.model), ctypes.byref(tuning)) == 1
+        value = KERNEL.ffi.new("double[4096]", value)
+    setattr(tables.model, field, KERNEL.ffi.NULL if value is None else value)
+    tuning = KERNEL.ffi.addressof(library.state, "tuning")
+    assert library.lib.fsw_nmpc_init(library.state, tables.model, tuning) == 1
 
 
 @pytest.mark.parametrize(
@@ -245,7 +240,7 @@ def test_model_that_is_none_is_refused(field, value):
 )
 def test_tuning_that_is_none_is_refused(field, value):
     library = make_library(20)
-    tuning = type(library.state.tuning).from_buffer_copy(library.state.tuning)
+    tuning = copy_of(library.state.tuning)
     setattr(tuning, field, value)
     with pytest.raises(ValueError, match="tuning"):
         library.configure(tuning)
@@ -255,7 +250,7 @@ def test_tuning_that_is_none_is_refused(field, value):
 @pytest.mark.parametrize("q", [0, 1])
 def test_bounds_without_room_between_are_refused(q):
     library = make_library(20)
-    tuning = type(library.state.tuning).from_buffer_copy(library.state.tuning)
+    tuning = copy_of(library.state.tuning)
     tuning.input_min[q] = tuning.input_max[q]
     with pytest.raises(ValueError, match="tuning"):
         library.configure(tuning)
@@ -268,7 +263,7 @@ def test_inputs_that_are_none_never_make_a_command():
     nan = float("nan")
     library.reset(nan, float("inf"))
     given, told = library.input, library.output
-    library._lib.fsw_input_clear(library._input)
+    library.lib.fsw_nmpc_input_clear(library.input)
     library.step()
     assert not told.healthy
     assert np.isfinite([told.force_kn, told.speed_rpm]).all()

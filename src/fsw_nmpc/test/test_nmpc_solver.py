@@ -9,7 +9,7 @@ from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.ipopt_solver import ReferenceSolver, cumulation, input_bounds, objective
-from fsw_nmpc.library import Fate
+from fsw_nmpc.library import KERNEL, SolveStatus
 from fsw_nmpc.tuning import Tuning
 from fsw_test_support.nmpc_problems import LIMITS, make_library, random_moves, random_problem
 
@@ -21,7 +21,7 @@ def cold(library):
 
 
 def cost_of(library, problem, moves):
-    depth, temperature, _, _ = library.predict(problem.start, moves)
+    depth, temperature, _, _ = library.predict(KERNEL.ffi.addressof(problem, "start"), moves)
     return objective(problem, library.state.tuning, library.horizon, moves, depth, temperature)
 
 
@@ -33,8 +33,8 @@ def test_converged_iterations_reach_the_oracle(library):
     oracle = ReferenceSolver(library, P)
     for _ in range(6 if library.horizon.n_blocks == 20 else 2):
         problem = random_problem(rng, library, P)
-        fate, best, depth, temperature = oracle.solve(problem, cold(library))
-        assert fate is Fate.OK
+        status, best, depth, temperature = oracle.solve(problem, cold(library))
+        assert status is SolveStatus.OK
         found = objective(problem, library.state.tuning, library.horizon, best, depth, temperature)
         moves = cold(library)
         for _ in range(12):
@@ -48,10 +48,10 @@ def test_converged_iterations_reach_the_oracle(library):
 def test_kkt_residuals(library, rng):
     for _ in range(40):
         problem = random_problem(rng, library, P)
-        fate, _, _, _ = library.solve(problem, cold(library))
+        status, _, _, _ = library.solve(problem, cold(library))
         told = library.output
         loss = 1e-6 * (1.0 + abs(told.cost))
-        assert fate is Fate.OK
+        assert status is SolveStatus.OK
         assert told.gap <= loss
         assert told.primal_residual <= 1e-7
         assert told.dual_residual <= max(1e-6, loss)
@@ -64,7 +64,7 @@ def test_no_feasible_point_is_better(library20, rng):
     for _ in range(4):
         problem = random_problem(rng, library20, P)
         tuning = library20.state.tuning
-        z0, t0, by_z, by_t = library20.predict(problem.start, cold(library20))
+        z0, t0, by_z, by_t = library20.predict(KERNEL.ffi.addressof(problem, "start"), cold(library20))
 
         def cost(moves, problem=problem, tuning=tuning, at=(z0, t0), by=(by_z, by_t)):
             outputs = (at[i] + by[i] @ moves for i in range(2))
@@ -90,8 +90,8 @@ def test_limits_hold_always(library20, seed):
         problem.start.force_kn, problem.start.speed_rpm = rng.choice([60.0, 95.0]), rng.choice([300.0, 500.0])
     elif edge < 0.4:
         problem.start.force_kn, problem.start.speed_rpm = rng.choice([58.5, 96.5]), rng.choice([290.0, 510.0])
-    fate, moves, _, _ = library20.solve(problem, random_moves(rng, h))
-    assert fate is Fate.OK
+    status, moves, _, _ = library20.solve(problem, random_moves(rng, h))
+    assert status is SolveStatus.OK
     pairs = moves.reshape(-1, 2) / h.block_reach[:, None]
     assert np.abs(pairs[:, 0]).max() <= 1.0 + 1e-6 and np.abs(pairs[:, 1]).max() <= 3.0 + 3e-6
     reached = cumulation(h) @ moves
@@ -118,11 +118,11 @@ def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
         problem.start.torque_scale = bad
     else:
         problem.start.force_kn = bad
-    fate, _, _, _ = library20.solve(problem, moves)
+    status, _, _, _ = library20.solve(problem, moves)
     # a finite start is clipped to the limits, however far off it is
-    assert fate is not Fate.OK or (where == "start" and np.isfinite(bad))
-    fate, again, _, _ = library20.solve(good, cold(library20))
-    assert fate is Fate.OK
+    assert status is not SolveStatus.OK or (where == "start" and np.isfinite(bad))
+    status, again, _, _ = library20.solve(good, cold(library20))
+    assert status is SolveStatus.OK
     assert again.tobytes() == expected.tobytes()
 
 
@@ -133,8 +133,8 @@ def test_a_poisoned_start_costs_no_quality(library20, rng):
         moves = {"cold": cold(library20), "poisoned": 5.0 * random_moves(rng, library20.horizon)}
         for name in moves:
             for _ in range(8):
-                fate, moves[name], _, _ = library20.solve(problem, moves[name])
-                assert fate is Fate.OK
+                status, moves[name], _, _ = library20.solve(problem, moves[name])
+                assert status is SolveStatus.OK
         costs = [cost_of(library20, problem, m) for m in moves.values()]
         assert costs[1] == pytest.approx(costs[0], rel=1e-4, abs=1e-4)
 
@@ -142,13 +142,13 @@ def test_a_poisoned_start_costs_no_quality(library20, rng):
 def test_iterations_are_capped(rng):
     short = make_library(20, max_iterations=3)
     problem = random_problem(rng, short, P)
-    fate, _, _, _ = short.solve(problem, cold(short))
-    assert fate is Fate.CAP
+    status, _, _, _ = short.solve(problem, cold(short))
+    assert status is SolveStatus.ITERATION_CAP
     assert short.output.iterations == 3
 
 
 def test_memory_is_one_static_struct(library):
-    assert library.bytes < 512 * 1024
+    assert library.lib.fsw_nmpc_bytes() < 512 * 1024
 
 
 @pytest.mark.slow

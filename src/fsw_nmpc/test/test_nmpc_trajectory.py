@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fsw_nmpc.kernel_structs import Change
 from fsw_nmpc.tuning import PAPER, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
@@ -31,13 +30,13 @@ def trajectories(library, depth_mm=2.66, temperature_c=816.4, tuning=None, ticks
     given_.reference_depth_mm, given_.reference_temperature_c = depth_mm, temperature_c
     given_.n_changes = len(changes)
     for i, change in enumerate(changes):
-        given_.change[i] = Change(*change)
+        given_.change[i] = change
     for _ in range(ticks):
         assert library.begin()
     given_.n_changes = 0
     problem = library.state.problem
-    bands = np.array(problem.low)[:, : h.n_out], np.array(problem.high)[:, : h.n_out]
-    return h.time_s, 0.5 * (bands[0] + bands[1]), bands[1] - bands[0]
+    low, high = (np.array([list(row[0 : h.n_out]) for row in side]) for side in (problem.low, problem.high))
+    return h.time_s, 0.5 * (low + high), high - low
 
 
 def test_at_rest_nothing_moves(library):

@@ -2,13 +2,12 @@
 
 from fsw_plant.config import PlantConfig
 from fsw_plant.emulator import FIRST_TICK, TICK_NS, PlantEmulator, Reading, Truth
-from fsw_plant.events import DisturbanceError, PlantEvent
+from fsw_plant.events import PlantEvent
 from fsw_plant.schedule import PlantSchedule
 
 __all__ = [
     "FIRST_TICK",
     "TICK_NS",
-    "DisturbanceError",
     "PlantConfig",
     "PlantEmulator",
     "PlantEvent",

@@ -79,6 +79,27 @@ class PlantConfig:
         return cls(checked, limits, _model(checked))
 
 
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the settings as nested mappings."""
+    root: dict[str, Any] = {"type": "object", "patternProperties": {r"\.": {}}}
+    for spec in specs().values():
+        *groups, name = spec.name.split(".")
+        inside = root
+        for group in groups:
+            inside = inside.setdefault("properties", {}).setdefault(group, {"type": "object"})
+        kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(spec.type, "array")
+        found = {"type": kind, "description": spec.description, "default": spec.default}
+        if spec.unit:
+            found["unit"] = spec.unit
+        if spec.range is not None and kind != "array":
+            found["minimum"], found["maximum"] = spec.range
+        if spec.options:
+            found["enum"] = list(spec.options)
+        inside.setdefault("properties", {})[name] = found
+        inside["additionalProperties"] = False
+    return root
+
+
 def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
     """Dotted names from nested mappings."""
     flat: dict[str, Any] = {}

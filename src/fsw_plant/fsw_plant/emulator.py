@@ -28,6 +28,7 @@ from fsw_control.command_check import refusal
 from fsw_control.command_gate import CommandGate
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import STEP_S, Equilibrium, ModelParameters, OperatingPointError, ProcessModel
+from fsw_plant import event_schema
 from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
@@ -283,21 +284,21 @@ class PlantEmulator:
 
         Raises
         ------
-        DisturbanceError
-            If there is no such channel or shape, or a number makes no sense.
+        fsw_control.schema.InputError
+            If no scenario may hold it.
         """
         at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
-        self._begin(Disturbance(channel, shape, amplitude, duration_s, at_s, period_s))
+        self._begin(event_schema.disturbance(channel, shape, amplitude, duration_s, period_s, at_s))
 
     def set_fault(self, sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
         """Give a sensor a fault (see there), beginning with the next tick measured; ``none`` clears it.
 
         Raises
         ------
-        DisturbanceError
-            If there is no such sensor or kind, or a number makes no sense.
+        fsw_control.schema.InputError
+            If no scenario may hold it.
         """
-        self._begin(Fault(sensor, kind, magnitude, duration_s, self._next_s()))
+        self._begin(event_schema.fault(sensor, kind, magnitude, duration_s, self._next_s()))
 
     def _next_s(self) -> float:
         measured = self._reading is not None and self._reading.tick == self.tick

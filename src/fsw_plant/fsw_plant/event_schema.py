@@ -1,212 +1,178 @@
-"""What a disturbance and a fault of a scenario may look like: keys, ranges and error messages, once for all readers."""
+"""Disturbances and faults as scenarios, services, command line and page take them: keys, ranges and meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection
+from typing import Annotated, Any, Literal, get_args
 
-import yaml
+from pydantic import model_validator
 
 from fsw_control.ranges import Range
+from fsw_control.schema import InputError, Model, range_of, validate
 from fsw_control.weld import TICK_S
-from fsw_control.yaml_text import NumberLoader, load_yaml
-from fsw_plant.events import (
-    CHANNELS,
-    DISTURBANCE_SHAPES,
-    FAULT_KINDS,
-    MAX_DELAY_S,
-    Disturbance,
-    DisturbanceError,
-    Fault,
-)
+from fsw_plant.events import Disturbance, Fault
+from fsw_plant.place import Place
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")
-_AMPLITUDES = {
-    "depth": Range(-1.0, 1.0, "mm"),
-    "temperature": Range(-100.0, 100.0, "degC"),
-    "axial_force": Range(-20.0, 20.0, "kN"),
-    "spindle_speed": Range(-100.0, 100.0, "rpm"),
-    "torque": Range(-200.0, 200.0, "N m"),
-}
-#: channel: key of the amplitude, and its range
-DISTURBANCE_AMPLITUDE = {name: (f"amplitude_{unit}", _AMPLITUDES[name]) for name, unit in CHANNELS.items()}
-#: sensor: unit suffix of a fault's magnitude, and its range (of a drift: per second)
-FAULT_MAGNITUDE = {
-    "depth": ("mm", Range(-5.0, 5.0, "mm")),
-    "torque": ("nm", Range(-2000.0, 2000.0, "N m")),
-    "thermocouple": ("c", Range(-1000.0, 1000.0, "degC")),
-}
-FAULT_DELAY_S = Range(0.0, MAX_DELAY_S, "s")
+#: time from the scenario's begin, or a length that may be 0
+TIME_S = Range(0.0, DURATION_S.high, "s")
+#: bounded, so that the samples under way stay few
+FAULT_DELAY_S = Range(0.0, 60.0, "s")
+
+Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque"]
+Shape = Literal["step", "ramp", "sine", "pulse", "none"]
+Sensor = Literal["depth", "torque", "thermocouple"]
+Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none"]
+DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
 WITH_MAGNITUDE = ("spike", "bias", "drift", "delay")
+#: times that a shape needs
+_TIMES = {"ramp": {"duration_s"}, "pulse": {"duration_s"}, "sine": {"period_s"}}
 #: a limit is still allowed when it was converted to SI and back
 _WIRE_DIGITS = 9
-#: keys that a shape needs besides its amplitude
-_NEEDED = {"ramp": ("duration_s",), "pulse": ("duration_s",), "sine": ("period_s",)}
 
 
-class _Loader(NumberLoader):
-    """Safe loader that refuses a key given twice."""
+class DisturbanceEntry(Model):
+    """A shape over time, added to an output, an input or the torque that the tool exerts."""
+
+    channel: Channel
+    shape: Shape
+    """`none` ends the channel's disturbance"""
+    amplitude_mm: Annotated[float, Range(-1.0, 1.0, "mm")] | None = None
+    """of `depth`"""
+    amplitude_c: Annotated[float, Range(-100.0, 100.0, "degC")] | None = None
+    """of `temperature`"""
+    amplitude_kn: Annotated[float, Range(-20.0, 20.0, "kN")] | None = None
+    """of `axial_force`"""
+    amplitude_rpm: Annotated[float, Range(-100.0, 100.0, "rpm")] | None = None
+    """of `spindle_speed`"""
+    amplitude_nm: Annotated[float, Range(-200.0, 200.0, "N m")] | None = None
+    """of `torque`"""
+    duration_s: Annotated[float, DURATION_S] | None = None
+    """rise time of a `ramp`, length of a `pulse` or `sine` (a sine without: until cleared)"""
+    period_s: Annotated[float, DURATION_S] | None = None
+    """of a `sine`"""
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> DisturbanceEntry:
+        amplitude = {DISTURBANCE_AMPLITUDE[self.channel][0]}
+        needed = amplitude | _TIMES.get(self.shape, set()) if self.shape != "none" else set()
+        optional = {"sine": {"duration_s"}, "none": amplitude}.get(self.shape, set())
+        _check_keys(self, f"{self.channel} {self.shape}", {"channel", "shape"} | needed | optional, needed)
+        return self
+
+    def event(self, at_s: float) -> Disturbance:
+        """The disturbance, which begins at a time."""
+        amplitude = getattr(self, DISTURBANCE_AMPLITUDE[self.channel][0]) or 0.0
+        return Disturbance(self.channel, self.shape, amplitude, self.duration_s or 0.0, at_s, self.period_s or 0.0)
 
 
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if not isinstance(key, str | int | float | bool | None):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a name", key_node.start_mark)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"key '{key}' is given twice", key_node.start_mark)
-        seen.add(key)
-    return NumberLoader.construct_mapping(loader, node, deep=True)
+class FaultEntry(Model):
+    """What happens to the samples of a sensor on their way to the wire."""
+
+    sensor: Sensor
+    kind: Kind
+    """`none` ends the sensor's fault"""
+    magnitude_mm: Annotated[float, Range(-5.0, 5.0, "mm")] | None = None
+    """of `depth`: `spike`, `bias`, `drift` (per s)"""
+    magnitude_nm: Annotated[float, Range(-2000.0, 2000.0, "N m")] | None = None
+    """of `torque`: `spike`, `bias`, `drift` (per s)"""
+    magnitude_c: Annotated[float, Range(-1000.0, 1000.0, "degC")] | None = None
+    """of `thermocouple`: `spike`, `bias`, `drift` (per s)"""
+    magnitude_s: Annotated[float, FAULT_DELAY_S] | None = None
+    """of `delay`"""
+    duration_s: Annotated[float, TIME_S] = 0.0
+    """0: until cleared; of a `spike`: one sample"""
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> FaultEntry:
+        needed = {_magnitude_key(self.sensor, self.kind)} if self.kind in WITH_MAGNITUDE else set()
+        _check_keys(self, f"{self.sensor} {self.kind}", {"sensor", "kind", "duration_s"} | needed, needed)
+        return self
+
+    def event(self, at_s: float) -> Fault:
+        """The fault, which begins at a time."""
+        magnitude = getattr(self, _magnitude_key(self.sensor, self.kind)) or 0.0
+        return Fault(self.sensor, self.kind, magnitude, self.duration_s, at_s)
 
 
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+#: channel: key of the amplitude, and its range
+DISTURBANCE_AMPLITUDE = {
+    channel: (key, range_of(DisturbanceEntry, key))
+    for channel, key in zip(get_args(Channel), list(DisturbanceEntry.model_fields)[2:], strict=False)
+}
+#: sensor: key of a fault's magnitude, and its range (of a drift: per second)
+FAULT_MAGNITUDE = {
+    sensor: (key, range_of(FaultEntry, key))
+    for sensor, key in zip(get_args(Sensor), list(FaultEntry.model_fields)[2:], strict=False)
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A place in a file of events; reads values there and makes the errors of it.
-
-    Attributes
-    ----------
-    where : str
-        The file.
-    path : str
-        The place in it, e.g. ``events[2].fault``.
-    failure : type
-        Of the errors.
-    whole : str
-        What the file as a whole is called.
-    """
-
-    where: str
-    path: str = ""
-    failure: type[ValueError] = DisturbanceError
-    whole: str = "scenario"
-
-    def inside(self, name: str) -> Place:
-        """A place one step further in."""
-        return Place(self.where, f"{self.path}.{name}" if self.path else name, self.failure, self.whole)
-
-    def error(self, problem: str) -> ValueError:
-        """The error to raise when something is wrong here."""
-        return self.failure(f"{self.where}: {self.path or self.whole} {problem}")
-
-    def yaml(self, text: str) -> Any:
-        """Content of YAML text, in which no key is given twice."""
-        try:
-            return load_yaml(text, _Loader)
-        except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark
-            line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-            raise self.failure(f"{self.where}{line}: not valid YAML: {error.problem or 'broken'}") from None
-        except yaml.YAMLError as error:
-            raise self.failure(f"{self.where}: not valid YAML: {' '.join(str(error).split())}") from None
-
-    def keys(self, entry: Mapping[Any, Any], known: Sequence[str], required: Sequence[str] = ()) -> None:
-        """Refuse unknown and missing keys."""
-        unknown = [str(key) for key in entry if key not in known]
-        if unknown:
-            raise self.error(f"has unknown key {', '.join(unknown)}; known: {', '.join(known)}")
-        missing = [key for key in required if key not in entry]
-        if missing:
-            raise self.error(f"lacks {', '.join(missing)}")
-
-    def mapping(self, entry: Any) -> dict[str, Any]:
-        """The entry, if it is a mapping."""
-        if not isinstance(entry, dict):
-            raise self.error(f"is {entry!r}, not a mapping")
-        return entry
-
-    def list(self, entry: Mapping[str, Any], key: str) -> list[Any]:
-        """A list in a mapping; empty when it is not there."""
-        value = entry.get(key)
-        if value is not None and not isinstance(value, list):
-            raise self.inside(key).error(f"is {value!r}, not a list")
-        return value or []
-
-    def number(self, entry: Mapping[str, Any], key: str, allowed: Range, default: float | None = None) -> float:
-        """A number in a mapping, in its range."""
-        value = entry.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.inside(key).error(f"is {value!r}, not a number ({allowed})")
-        complaint = allowed.complaint(value)
-        if complaint:
-            raise self.inside(key).error(f"= {complaint}")
-        return float(value)
-
-    def optional(self, entry: Mapping[str, Any], key: str, allowed: Range) -> float | None:
-        """A number in a mapping, or None when it is not there."""
-        return self.number(entry, key, allowed) if key in entry else None
-
-    def word(self, entry: Mapping[str, Any], key: str, default: str | None = None) -> str:
-        """A name in a mapping."""
-        value = entry.get(key, default)
-        if not isinstance(value, str) or not value.replace("_", "a").isalnum() or not value.isascii():
-            raise self.inside(key).error(f"is {value!r}, not a name (letters, digits, _)")
-        return value
-
-    def choice(self, entry: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str:
-        """One of several words in a mapping."""
-        value = entry.get(key)
-        if value not in allowed:
-            raise self.inside(key).error(f"is {value!r}; one of {', '.join(allowed)}")
-        return str(value)
-
-
-def read_disturbance(entry: Any, at: Place, at_s: float) -> Disturbance:
-    """A ``disturbance`` of a scenario; raises the place's error where it is not understood."""
-    at.mapping(entry)
-    channel = at.choice(entry, "channel", tuple(DISTURBANCE_AMPLITUDE))
-    shape = at.choice(entry, "shape", DISTURBANCE_SHAPES)
-    key, allowed = DISTURBANCE_AMPLITUDE[channel]
-    needed = _NEEDED.get(shape, ())
-    optional = ("duration_s",) if shape == "sine" else ()
-    at.keys(entry, ("channel", "shape", key, *needed, *optional), () if shape == "none" else (key, *needed))
-    amplitude = at.number(entry, key, allowed, 0.0)
-    duration_s = at.optional(entry, "duration_s", DURATION_S) or 0.0
-    period_s = at.optional(entry, "period_s", DURATION_S) or 0.0
-    return Disturbance(channel, shape, amplitude, duration_s, at_s, period_s)
-
-
-def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
-    """A ``fault`` of a scenario; raises the place's error where it is not understood."""
-    at.mapping(entry)
-    sensor = at.choice(entry, "sensor", tuple(FAULT_MAGNITUDE))
-    kind = at.choice(entry, "kind", FAULT_KINDS)
-    unit, allowed = FAULT_MAGNITUDE[sensor] if kind != "delay" else ("s", FAULT_DELAY_S)
-    magnitude = (f"magnitude_{unit}",) if kind in WITH_MAGNITUDE else ()
-    at.keys(entry, ("sensor", "kind", "duration_s", *magnitude), magnitude)
-    amount = at.number(entry, magnitude[0], allowed) if magnitude else 0.0
-    duration_s = at.number(entry, "duration_s", Range(0.0, DURATION_S.high, "s"), 0.0)
-    return Fault(sensor, kind, amount, duration_s, at_s)
-
-
-def check_disturbance(
-    channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0
-) -> None:
-    """Refuse a disturbance asked for at runtime that no scenario may hold; what its shape does not use may be anything.
+def disturbance(
+    channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0, at_s: float = 0.0
+) -> Disturbance:
+    """A disturbance asked for at runtime; what its shape does not use may be anything.
 
     Raises
     ------
-    DisturbanceError
-        The message says what and what is allowed.
+    fsw_control.schema.InputError
+        If no scenario may hold it; the message says what and what is allowed.
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}
     if shape != "none":
-        entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude",))[0]] = round(amplitude, _WIRE_DIGITS)
+        entry[DISTURBANCE_AMPLITUDE.get(channel, ("amplitude_mm",))[0]] = round(amplitude, _WIRE_DIGITS)
     times = {"duration_s": duration_s, "period_s": period_s}
-    used = (*_NEEDED.get(shape, ()), *(("duration_s",) if shape == "sine" and duration_s else ()))
-    read_disturbance(entry | {key: times[key] for key in used}, Place("request", whole="disturbance"), 0.0)
+    used = _TIMES.get(shape, set()) | ({"duration_s"} if shape == "sine" and duration_s else set())
+    entry |= {key: times[key] for key in sorted(used)}
+    return validate(DisturbanceEntry, entry, "disturbance").event(at_s)
 
 
-def check_fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0) -> None:
+def fault(sensor: str, kind: str, magnitude: float = 0.0, duration_s: float = 0.0, at_s: float = 0.0) -> Fault:
     """The same for a fault."""
     entry: dict[str, Any] = {"sensor": sensor, "kind": kind, "duration_s": duration_s}
     if kind in WITH_MAGNITUDE:
-        unit = "s" if kind == "delay" else FAULT_MAGNITUDE.get(sensor, ("",))[0]
-        entry[f"magnitude_{unit}"] = round(magnitude, _WIRE_DIGITS)
-    read_fault(entry, Place("request", whole="fault"), 0.0)
+        entry[_magnitude_key(sensor, kind)] = round(magnitude, _WIRE_DIGITS)
+    return validate(FaultEntry, entry, "fault").event(at_s)
+
+
+def amplitude_unit(channel: str) -> str:
+    """Unit of a disturbance; empty when there is no such channel."""
+    return DISTURBANCE_AMPLITUDE[channel][1].unit if channel in DISTURBANCE_AMPLITUDE else ""
+
+
+def magnitude_unit(sensor: str, kind: str) -> str:
+    """Unit of a fault (of a drift: per second); empty when there is no such sensor."""
+    return range_of(FaultEntry, _magnitude_key(sensor, kind)).unit if sensor in FAULT_MAGNITUDE else ""
+
+
+def _magnitude_key(sensor: str, kind: str) -> str:
+    return "magnitude_s" if kind == "delay" else FAULT_MAGNITUDE.get(sensor, ("magnitude_mm",))[0]
+
+
+def _check_keys(entry: Model, what: str, allowed: Collection[str], needed: Collection[str]) -> None:
+    """Refuse keys that are needed and not given, or given and not used."""
+    given = {key for key, value in entry if value is not None}
+    problems = []
+    if lacking := sorted(set(needed) - given):
+        problems.append(f"lacks {', '.join(lacking)}, which {what} needs")
+    if unused := sorted(given - set(allowed)):
+        problems.append(f"has {', '.join(unused)}, which {what} does not use")
+    if problems:
+        raise ValueError(" and ".join(problems))
+
+
+def read_disturbance(entry: Any, at: Place, at_s: float) -> Disturbance:
+    """A ``disturbance`` of a scenario."""
+    try:
+        return validate(DisturbanceEntry, entry, at.where).event(at_s)
+    except InputError as error:
+        raise at.failure(str(error)) from None
+
+
+def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
+    """A ``fault`` of a scenario."""
+    try:
+        return validate(FaultEntry, entry, at.where).event(at_s)
+    except InputError as error:
+        raise at.failure(str(error)) from None

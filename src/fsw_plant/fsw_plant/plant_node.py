@@ -23,13 +23,13 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.events import DisturbanceError
 from fsw_plant.lockstep import Lockstep
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
@@ -268,7 +268,7 @@ class PlantNode(Node):
             PlantConfig.from_values(values)
             if values["scenario"] != self._scenario:
                 PlantSchedule.from_text_or_file(values["scenario"])
-        except (ParameterError, DisturbanceError) as error:
+        except (ParameterError, InputError) as error:
             return str(error)
         return None
 

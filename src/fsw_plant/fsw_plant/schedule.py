@@ -4,16 +4,45 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fsw_control.ranges import Range
-from fsw_plant.event_schema import DURATION_S, Place, read_disturbance, read_fault
-from fsw_plant.events import EPSILON_S, DisturbanceError, PlantEvent
+from pydantic import ConfigDict, model_validator
 
-#: Events of a scenario, those for the plant first.
-EVENT_KINDS = ("disturbance", "fault", "reference", "switch", "command")
-_READERS = {"disturbance": read_disturbance, "fault": read_fault}
+from fsw_control.schema import Many, Model, content_of, read_text, validate
+from fsw_plant.event_schema import TIME_S, DisturbanceEntry, FaultEntry
+from fsw_plant.events import EPSILON_S, PlantEvent
+
+
+class EventEntry(Model):
+    """An event of a scenario: its time and exactly one of the kinds, of which the first two are for the plant."""
+
+    at_s: Annotated[float, TIME_S]
+    disturbance: DisturbanceEntry | None = None
+    fault: FaultEntry | None = None
+    reference: Any = None
+    switch: Any = None
+    command: Any = None
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> EventEntry:
+        kinds = list(EventEntry.model_fields)[1:]
+        given = [kind for kind in kinds if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise ValueError(f"needs exactly one of {', '.join(kinds)}, has {' and '.join(given) or 'none of them'}")
+        return self
+
+    def plant_event(self) -> PlantEvent | None:
+        """What it is for the plant, None when it is not for it."""
+        entry = self.disturbance or self.fault
+        return None if entry is None else entry.event(self.at_s)
+
+
+class _Scenario(Model):
+    """A scenario, of which the plant only reads the events."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    events: Many[EventEntry] = ()
 
 
 class PlantSchedule:
@@ -46,14 +75,13 @@ class PlantSchedule:
 
         Raises
         ------
-        DisturbanceError
+        fsw_control.schema.InputError
             If an event is not understood; the message says where and what is allowed.
         """
-        at = Place(where)
-        content = at.yaml(text)
-        entries = at.list(content if isinstance(content, dict) else {"events": content}, "events")
-        read = (read_event(entry, at.inside(f"events[{i}]")) for i, entry in enumerate(entries))
-        return cls(event for event in read if event is not None)
+        content = content_of(text, where)
+        scenario = validate(_Scenario, content if isinstance(content, dict) else {"events": content}, where)
+        found = (event.plant_event() for event in scenario.events)
+        return cls(event for event in found if event is not None)
 
     @classmethod
     def from_text_or_file(cls, source: str) -> PlantSchedule:
@@ -62,26 +90,4 @@ class PlantSchedule:
             return cls()
         if "\n" in source or source.lstrip()[0] in "[{":
             return cls.from_yaml(source)
-        try:
-            return cls.from_yaml(Path(source).read_text(encoding="utf-8"), source)
-        except (OSError, UnicodeDecodeError) as error:
-            raise DisturbanceError(f"scenario: cannot read {source}: {error}") from None
-
-
-def read_event(entry: Any, at: Place, latest: Range = DURATION_S) -> PlantEvent | None:
-    """One event of a scenario, at the upper end of ``latest`` at the latest; None when it is not for the plant.
-
-    Of an event that is not for the plant only time and kind are checked.
-    """
-    at_s, kind = event_head(entry, at, latest)
-    return _READERS[kind](entry[kind], at.inside(kind), at_s) if kind in _READERS else None
-
-
-def event_head(entry: Any, at: Place, latest: Range) -> tuple[float, str]:
-    """Time and kind of an event, which has ``at_s`` and exactly one of ``EVENT_KINDS``."""
-    at.mapping(entry)
-    at.keys(entry, ("at_s", *EVENT_KINDS), required=("at_s",))
-    kinds = [kind for kind in EVENT_KINDS if kind in entry]
-    if len(kinds) != 1:
-        raise at.error(f"needs exactly one of {', '.join(EVENT_KINDS)}, has {', '.join(kinds) or 'none'}")
-    return at.number(entry, "at_s", Range(0.0, latest.high, latest.unit)), kinds[0]
+        return cls.from_yaml(read_text(source, "scenario"), source)

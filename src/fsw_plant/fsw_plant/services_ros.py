@@ -8,12 +8,11 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
+from fsw_control.schema import InputError
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.event_schema import check_disturbance, check_fault
-from fsw_plant.events import DisturbanceError
-from fsw_plant.truth_ros import FROM_WIRE
+from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 
 
 class PlantServices:
@@ -30,17 +29,15 @@ class PlantServices:
         try:
             response.message, response.ok = act(), True
             self._logger.info(f"{what}: {response.message}")
-        except (DisturbanceError, OperatingPointError) as error:
+        except (InputError, OperatingPointError) as error:
             response.message, response.ok = f"refused: {error}", False
 
     def _on_set_disturbance(
         self, request: SetDisturbance.Request, response: SetDisturbance.Response
     ) -> SetDisturbance.Response:
         def act() -> str:
-            amplitude = FROM_WIRE.get(request.channel, float)(request.amplitude)
-            asked = (request.channel, request.shape, amplitude, request.duration, request.period)
-            check_disturbance(*asked)
-            self._plant.set_disturbance(*asked)
+            amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
+            self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
             return f"{request.channel}: {request.shape} from the next tick on"
 
         self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
@@ -48,9 +45,7 @@ class PlantServices:
 
     def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
         def act() -> str:
-            in_metres = request.sensor == "depth" and request.kind != "delay"
-            magnitude = units.mm_from_m(request.magnitude) if in_metres else request.magnitude
-            check_fault(request.sensor, request.kind, magnitude, request.duration)
+            magnitude = units.from_si(request.magnitude, magnitude_unit(request.sensor, request.kind))
             self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
             return f"{request.sensor}: {request.kind} from the next tick on"
 

@@ -1,8 +1,6 @@
-"""The plant's truth as a message, and the units of disturbances on the wire."""
+"""The plant's truth as a message."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 from fsw_control import units
 from fsw_control.messages_ros import header
@@ -31,13 +29,3 @@ def truth_message(truth: Truth) -> PlantState:
         refused_commands=truth.refused_commands,
         active_faults=list(truth.active_faults),
     )
-
-
-#: from the wire's unit to the plant's, by channel of a disturbance
-FROM_WIRE: dict[str, Callable[[float], float]] = {
-    "depth": units.mm_from_m,
-    "temperature": float,
-    "axial_force": units.kn_from_n,
-    "spindle_speed": units.rpm_from_rad_s,
-    "torque": float,
-}

@@ -9,7 +9,7 @@ from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
-from fsw_plant.events import Disturbance, DisturbanceError, Fault, Sample
+from fsw_plant.events import Disturbance, Fault, Sample
 from fsw_plant.sensors import Sensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
@@ -66,29 +66,6 @@ def disturbance(shape, amplitude, duration_s=0.0, period_s=0.0, at_s=1.0):
 )
 def test_shapes(disturbance, times, values):
     assert [disturbance.value(t) for t in times] == pytest.approx(values, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    "make, words",
-    [
-        (lambda: disturbance("bump", 1.0), "'bump' is none of step, ramp, sine, pulse, none"),
-        (lambda: disturbance("step", nan), "amplitude is nan"),
-        (lambda: disturbance("ramp", 1.0), "ramp needs duration_s > 0"),
-        (lambda: disturbance("pulse", 1.0, -1.0), "duration_s is -1.0"),
-        (lambda: disturbance("sine", 1.0, 1.0), "sine needs period_s > 0"),
-        (lambda: disturbance("sine", 1.0, 1.0, inf), "period_s is inf"),
-        (lambda: Disturbance("traverse", "step", 1.0), "'traverse' is none of depth, temperature"),
-        (lambda: Fault("depth", "loose"), "'loose' is none of freeze, dropout"),
-        (lambda: Fault("depth", "bias", inf), "magnitude is inf"),
-        (lambda: Fault("depth", "bias", 1.0, -2.0), "duration_s is -2.0"),
-        (lambda: Fault("depth", "delay", 61.0), "must be 0 to 60 s"),
-        (lambda: Fault("depth", "delay", -1.0), "must be 0 to 60 s"),
-        (lambda: Fault("camera", "nan"), "'camera' is none of depth, torque, thermocouple"),
-    ],
-)
-def test_nonsense_is_refused_in_words(make, words):
-    with pytest.raises(DisturbanceError, match=words):
-        make()
 
 
 def passed(kind, magnitude=0.0, duration_s=0.0, ticks=8):

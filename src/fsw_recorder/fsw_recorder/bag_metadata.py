@@ -17,13 +17,12 @@ from fsw_recorder.topic import RecordedTopic
 METADATA_NAME = "metadata.yaml"
 #: what rosbag2 calls the start of a bag without messages
 NO_TIME_NS = 2**63 - 1
-_MOST_BYTES = 16 * 1024 * 1024
 _ROOT = "rosbag2_bagfile_information"
 
 
 @dataclass(slots=True)
 class FileSummary:
-    """What ``metadata.yaml`` says of one file of the bag; ``counts`` are messages by topic."""
+    """Entry of one file of the bag in ``metadata.yaml``; ``counts`` are messages by topic."""
 
     path: str
     start_ns: int = NO_TIME_NS
@@ -32,12 +31,12 @@ class FileSummary:
     size_bytes: int = 0
 
     def note(self, topic: str, log_time_ns: int) -> None:
-        """Take up a message."""
+        """Count a message."""
         self.counts[topic] += 1
         self.start_ns, self.end_ns = min(self.start_ns, log_time_ns), max(self.end_ns, log_time_ns)
 
     def values(self) -> dict[str, Any]:
-        """As ``metadata.yaml`` says it."""
+        """As ``metadata.yaml`` has it."""
         return {
             "path": self.path,
             "starting_time": {"nanoseconds_since_epoch": self.start_ns},
@@ -99,14 +98,11 @@ def read_metadata(folder: Path) -> BagMetadata:
     """What ``metadata.yaml`` says; a `BagError` when it is missing or not rosbag2's metadata."""
     path = folder / METADATA_NAME
     try:
-        with path.open("rb") as stream:
-            raw = stream.read(_MOST_BYTES + 1)
+        raw = path.read_bytes()
     except FileNotFoundError:
         raise BagError(f"{folder}: {METADATA_NAME} is missing") from None
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(raw) > _MOST_BYTES:
-        raise BagError(f"{path}: larger than {_MOST_BYTES} bytes, not read")
     try:
         information = yaml.load(raw, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))[_ROOT]
         names = information["relative_file_paths"]

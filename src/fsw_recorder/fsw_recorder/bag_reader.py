@@ -31,7 +31,7 @@ _PROGRESS_STEP = 8192
 
 @dataclass(slots=True)
 class BagInfo:
-    """Summary of a bag, counted from its messages, not believed from its metadata.
+    """Summary of a bag, counted from its messages, whatever its metadata says.
 
     `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first
     and the last message (0 without messages).

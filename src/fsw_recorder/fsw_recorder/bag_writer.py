@@ -7,11 +7,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fsw_recorder.bag_file import CHUNK_BYTES, COMPRESSIONS, BagFile
+from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import RecordedTopic
@@ -37,7 +38,6 @@ class WriterOptions:
     chunk_period: float = 0.4  # s
     sync_period: float = 1.0  # s
     max_cache_size: int = 256 * 1024 * 1024  # bytes
-    snapshot_mode: bool = False
 
 
 class BagWriter:
@@ -68,39 +68,23 @@ class BagWriter:
         self, folder: Path, options: WriterOptions | None = None, custom_data: Mapping[str, str] | None = None
     ) -> None:
         self.options = options or WriterOptions()
-        if self.options.compression not in COMPRESSIONS:
-            raise BagError(f"compression '{self.options.compression}' is not known; use 'zstd' or nothing")
         self.folder = Path(os.path.abspath(folder))
         self.custom_data = dict(custom_data or {})
         self.error: BagError | None = None
         self.is_paused = False
-        self._topics: dict[str, RecordedTopic] = {}
-        self._queue: deque[Queued | Callable[[], None]] = deque()
+        self._files = _Files(self.folder, self.options, self.custom_data)
+        self._queue: deque[Queued | Callable[[], None] | Future[bool]] = deque()
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._closing = self._ended = False
-        self._waiting: list[Callable[[bool], None]] = []  # for a flush
         self._received = self._dropped = 0
         self._put_bytes = self._taken_bytes = 0
-        self._snapshot: deque[Queued] = deque()
-        self._snapshot_bytes = 0
-        self._finished: list[FileSummary] = []
-        self._file: BagFile | None = None
-        self._last_sync = time.monotonic()
-        self._folder_descriptor = _make_folder(self.folder)
-        try:
-            self._current()
-        except OSError as error:
-            os.close(self._folder_descriptor)
-            raise BagError(f"{self.folder}: cannot be written: {error.strerror}") from None
         self._thread = threading.Thread(target=self._run, name="bag_writer", daemon=True)
         self._thread.start()
 
-    # ------------------------------------------------------- called from the receive path
-
     def add_topic(self, topic: RecordedTopic) -> None:
         """Make a topic known; its first description stays, because readers match channels with it."""
-        self._topics.setdefault(topic.name, topic)
+        self._files.topics.setdefault(topic.name, topic)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0) -> bool:
         """Hand in a message; never blocks on the disk and never raises.
@@ -132,15 +116,11 @@ class BagWriter:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Put a file into the bag."""
         now = time.time_ns()
-        self._put(lambda: self._current().attach(now, name, media_type, data))
+        self._put(lambda: self._files.current().attach(now, name, media_type, data))
 
     def split(self) -> None:
         """Begin a new file with the next message."""
-        self._put(self._split)
-
-    def take_snapshot(self) -> None:
-        """In snapshot mode: write the messages in memory to the bag and forget them."""
-        self._put(self._write_snapshot)
+        self._put(self._files.split)
 
     def statistics(self) -> dict[str, int]:
         """Counters since the start.
@@ -148,7 +128,7 @@ class BagWriter:
         ``received``, ``written`` and ``dropped`` are messages: handed in while not paused, in files, and refused.
         """
         with self._lock:
-            files = self._files()
+            files = self._files.summaries
             return {
                 "received": self._received,
                 "written": sum(one.counts.total() for one in files),
@@ -158,35 +138,22 @@ class BagWriter:
                 "pending_bytes": self._put_bytes - self._taken_bytes,
             }
 
-    def when_flushed(self, done: Callable[[bool], None]) -> None:
-        """Call ``done`` when everything handed in so far is handed to the operating system, or never will be.
-
-        It is called once, from the writing thread, with whether it is; at once where the writer has ended.
-        """
-
-        def mark() -> None:
-            self._commit()
-            self._waiting.remove(done)
-            done(True)
-
+    def flushed(self) -> Future[bool]:
+        """Done when everything handed in so far is handed to the operating system (True), or never will be (False)."""
+        future: Future[bool] = Future()
         with self._lock:
             if not self._ended:
-                self._waiting.append(done)
-                self._put(mark)
-                return
-        done(False)
+                self._put(future)
+                return future
+        future.set_result(False)
+        return future
 
     def flush(self, timeout_s: float = 10.0) -> bool:
         """Wait until everything handed in so far is handed to the operating system; False on timeout or error."""
-        over, results = threading.Event(), [False]
-
-        def done(whole: bool) -> None:
-            results.append(whole)
-            over.set()
-
-        self.when_flushed(done)
-        over.wait(timeout_s)
-        return results[-1]
+        try:
+            return self.flushed().result(timeout_s)
+        except TimeoutError:
+            return False
 
     def close(self) -> None:
         """Write what is waiting, finish the file and write ``metadata.yaml``; harmless when repeated."""
@@ -200,8 +167,8 @@ class BagWriter:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _put(self, action: Callable[[], None]) -> None:
-        self._queue.append(action)
+    def _put(self, item: Callable[[], None] | Future[bool]) -> None:
+        self._queue.append(item)
         self._wake.set()
 
     # ------------------------------------------------------- the writing thread
@@ -213,99 +180,138 @@ class BagWriter:
                 self._wake.clear()
                 self._work()
             self._work()
-            self._finish_file()
-            self._write_metadata()
+            self._files.finish()
         except Exception as error:  # a thread that dies unnoticed would look like a recording one
             self._fail(error)
         finally:
-            os.close(self._folder_descriptor)
+            self._files.close()
             with self._lock:
                 self._ended = True
-            for done in self._waiting:
-                done(False)
+            self._refuse_rest()
 
     def _work(self) -> None:
         while self._queue:
-            item = self._queue.popleft()
-            if not isinstance(item, tuple):
-                item()
-                continue
-            if self.options.snapshot_mode:
-                self._keep(item)
+            item = self._queue[0]  # stays there until it is done: a failure must not lose a future
+            if isinstance(item, tuple):
+                self._files.write(*item)
+                self._taken_bytes += len(item[-1])
+            elif isinstance(item, Future):
+                self._files.commit()
+                item.set_result(True)
             else:
-                self._write_message(*item)
-            self._taken_bytes += len(item[-1])
-        self._commit()
-        now = time.monotonic()
-        if self._file is not None and 0.0 < self.options.sync_period <= now - self._last_sync:
-            self._file.sync()
-            self._last_sync = now
+                item()
+            self._queue.popleft()
+        self._files.commit()
+        self._files.sync()
 
-    def _write_message(self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes) -> None:
-        file = self._current()
-        if self.options.max_bag_duration and log_time_ns - file.added.start_ns > self.options.max_bag_duration * 1e9:
-            self._split()
-            file = self._current()
-        topic = self._topics.get(name)
-        if topic is None:
-            topic = self._topics[name] = RecordedTopic(name, "", qos=())
-        if file.add_message(topic, data, log_time_ns, publish_time_ns, sequence):
-            self._commit()
+    def _refuse_rest(self) -> None:
+        while self._queue:
+            item = self._queue.popleft()
+            if isinstance(item, Future):
+                item.set_result(False)
 
-    def _keep(self, item: Queued) -> None:
-        self._snapshot.append(item)
-        self._snapshot_bytes += len(item[-1])
-        while self._snapshot_bytes > self.options.max_cache_size:
-            self._snapshot_bytes -= len(self._snapshot.popleft()[-1])
+    def _fail(self, error: Exception) -> None:
+        """Stop recording, leave what is committed as a whole bag, and keep the reason."""
+        if not isinstance(error, BagError):
+            reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+            error = BagError(f"{self.folder}: writing failed: {reason}")
+        self._files.close_off()
+        with self._lock:
+            self.error = error
+            written = sum(one.counts.total() for one in self._files.summaries)
+            self._dropped = max(self._dropped, self._received - written)
 
-    def _write_snapshot(self) -> None:
-        for item in self._snapshot:
-            self._write_message(*item)
-        self._snapshot.clear()
-        self._snapshot_bytes = 0
 
-    # ------------------------------------------------------- files
+class _Files:
+    """The files of a bag while one thread writes them; `summaries` are of all, as far as they are committed."""
 
-    def _current(self) -> BagFile:
+    def __init__(self, folder: Path, options: WriterOptions, custom_data: dict[str, str]) -> None:
+        self.topics: dict[str, RecordedTopic] = {}
+        self.summaries: tuple[FileSummary, ...] = ()
+        self._folder, self._options, self._custom_data = folder, options, custom_data
+        self._file: BagFile | None = None
+        self._last_sync = time.monotonic()
+        self._descriptor = _make_folder(folder)
+        try:
+            self.current()
+        except OSError as error:
+            self.close()
+            raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
+
+    def current(self) -> BagFile:
+        """The file that is being written; opened where there is none."""
         if self._file is None:
-            name = f"{self.folder.name}_{len(self._finished)}.mcap"
-            self._file = BagFile(name, self._folder_descriptor, self.options.compression)
+            name = f"{self._folder.name}_{len(self.summaries)}.mcap"
+            self._file = BagFile(name, self._descriptor, self._options.compression)
+            self.summaries += (self._file.committed,)
         return self._file
 
-    def _commit(self) -> None:
+    def write(self, name: str, log_time_ns: int, publish_time_ns: int, sequence: int, data: bytes) -> None:
+        longest_ns = self._options.max_bag_duration * 1e9
+        if longest_ns and log_time_ns - self.current().added.start_ns > longest_ns:
+            self.split()
+        topic = self.topics.setdefault(name, RecordedTopic(name, "", qos=()))
+        if self.current().add_message(topic, data, log_time_ns, publish_time_ns, sequence):
+            self.commit()
+
+    def commit(self) -> None:
+        """Hand all messages to the operating system."""
         file = self._file
         if file is None:
             return
         file.commit()
-        if not file.is_at(self.folder / file.committed.path):
+        self.summaries = (*self.summaries[:-1], file.committed)
+        if not file.is_at(self._folder / file.committed.path):
             self._finish_file()
             raise BagError(
-                f"{self.folder}: the bag folder was moved or deleted while recording; recording ends here. "
+                f"{self._folder}: the bag folder was moved or deleted while recording; recording ends here. "
                 "A moved folder holds a readable bag"
             )
-        if self.options.max_bag_size and file.committed.size_bytes >= self.options.max_bag_size:
-            self._split()
+        if self._options.max_bag_size and file.committed.size_bytes >= self._options.max_bag_size:
+            self.split()
 
-    def _split(self) -> None:
+    def sync(self) -> None:
+        """Force what is committed to the disk, where it is time for that."""
+        now = time.monotonic()
+        if self._file is not None and 0.0 < self._options.sync_period <= now - self._last_sync:
+            self._file.sync()
+            self._last_sync = now
+
+    def split(self) -> None:
+        """Finish the file, if there are messages in it."""
         if self._file is not None and self._file.added.counts:
             self._finish_file()
 
     def _finish_file(self) -> None:
-        if self._file is None:
-            return
-        self._file.commit()
-        self._file.finish(self._metadata(whole=False))
-        with self._lock:
-            self._finished, self._file = self._files(), None
+        if self._file is not None:
+            self._file.commit()
+            self.summaries = (*self.summaries[:-1], self._file.committed)
+            self._file.finish(self._metadata(whole=False))
+            self._file = None
 
-    def _files(self) -> list[FileSummary]:
-        return [*self._finished, self._file.committed] if self._file else self._finished
+    def finish(self) -> None:
+        """Finish the bag."""
+        self._finish_file()
+        self._write_metadata()
+
+    def close_off(self) -> None:
+        """Leave what is committed as a whole bag, whatever has failed."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close_off()
+        self._file = None
+        with suppress(Exception):
+            self._write_metadata()
+
+    def close(self) -> None:
+        """Close the folder."""
+        os.close(self._descriptor)
 
     def _metadata(self, whole: bool = True) -> str:
-        return metadata_text(self._files(), list(self._topics.values()), self.custom_data, whole)
+        return metadata_text(self.summaries, list(self.topics.values()), self._custom_data, whole)
 
     def _write_metadata(self) -> None:
-        temporary, here = f".{METADATA_NAME}.new", self._folder_descriptor
+        temporary, here = f".{METADATA_NAME}.new", self._descriptor
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644, dir_fd=here)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             stream.write(self._metadata())
@@ -313,23 +319,6 @@ class BagWriter:
             os.fsync(stream.fileno())
         os.replace(temporary, METADATA_NAME, src_dir_fd=here, dst_dir_fd=here)
         os.fsync(here)
-
-    def _fail(self, error: Exception) -> None:
-        """Stop recording, leave behind what is committed as a whole bag, and tell why."""
-        if not isinstance(error, BagError):
-            reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-            error = BagError(f"{self.folder}: writing failed: {reason}")
-        if self._file is not None:
-            with suppress(OSError):
-                self._file.close_off()
-        with self._lock:
-            self._finished, self._file = self._files(), None
-            self.error = error
-            written = sum(one.counts.total() for one in self._finished)
-            self._dropped = max(self._dropped, self._received - written)
-            self._queue.clear()
-        with suppress(Exception):
-            self._write_metadata()
 
 
 def _make_folder(folder: Path) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -33,21 +32,8 @@ class Definitions:
             store = get_typestore(Stores.EMPTY)
             try:
                 store.register(get_types_from_msg(definition, type_name))
-                _check_types(store.fielddefs, type_name, ())
+                store.generate_msgdef(type_name, ros_version=2)  # refuses names of types that are not defined
             except Exception as error:  # rosbags' parser raises many kinds
                 raise BagError(f"the definition of {type_name} in the bag cannot be parsed: {error}") from None
             self._stores[key] = store
         return self._stores[key]
-
-
-def _check_types(fields: Mapping[str, Any], type_name: str, inside: tuple[str, ...]) -> None:
-    """Refuse definitions that name unknown types or contain themselves."""
-    if type_name not in fields:
-        raise ValueError(f"{type_name} is not defined")
-    if type_name in inside:
-        raise ValueError(f"{type_name} contains itself")
-    for _, (kind, detail) in fields[type_name][1]:
-        if kind.name in ("ARRAY", "SEQUENCE"):
-            kind, detail = detail[0]
-        if kind.name == "NAME":
-            _check_types(fields, detail, (*inside, type_name))

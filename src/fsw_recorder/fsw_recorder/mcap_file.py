@@ -26,7 +26,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from fsw_recorder.bag_record import BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.mcap_frames import CHUNK_HEAD, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
+from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
 from fsw_recorder.topic import RecordedTopic
 
@@ -84,23 +84,20 @@ class McapFile:
     # ------------------------------------------------------------------ the whole file
 
     def _scan(self) -> bool:
-        """Find chunks and runs of messages, take up all else; False when the file is damaged or not finished.
+        """Find chunks and runs of messages, read everything else; False when the file is damaged or not finished.
 
         The summary is walked over, too: its copies of schemas and channels stand in for damaged originals.
         """
         size = len(self._data)
         is_whole, is_finished = True, False
-
-        def damaged(begin: int, end: int) -> None:
-            nonlocal is_whole
-            is_whole = False
-            self._add_problem(f"damaged: bytes {begin} to {end} are left out")
-
         run: _Piece | None = None
         at = len(MAGIC)
-        for opcode, begin, end in frames(self._data, at, size, damaged):
+        for opcode, begin, end in frames(self._data, at, size):
             at = min(end, size)
-            if opcode == Opcode.CHUNK:
+            if opcode == DAMAGED:
+                is_whole = False
+                self._add_problem(f"damaged: bytes {begin} to {end} are left out")
+            elif opcode == Opcode.CHUNK:
                 self._add_chunk(begin, end)
             elif end > size:
                 break
@@ -189,7 +186,7 @@ class McapFile:
             del waiting[:ready]
 
     def _read(self, piece: _Piece, topics: Collection[str] | None) -> list[BagRecord]:
-        """Messages of a chunk or run, in the order of the file; schemas and channels in it are taken up."""
+        """Messages of a chunk or run, in the order of the file; schemas and channels in it are added."""
         data: Buffer = self._data
         at, stop = piece.begin, piece.end
         if piece.uncompressed_size >= 0:
@@ -200,13 +197,11 @@ class McapFile:
                 return []
             at, stop = 0, len(data)
 
-        def damaged(begin: int, end: int) -> None:
-            if not piece.is_cut:
-                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
-
         records: list[BagRecord] = []
         wanted = self._wanted(topics)
-        for opcode, begin, end in frames(data, at, stop, damaged):
+        for opcode, begin, end in frames(data, at, stop):
+            if opcode == DAMAGED and not piece.is_cut:
+                self._add_problem(f"damaged: {end - begin} bytes of the chunk at byte {piece.begin} are left out")
             if end > stop:
                 break
             if opcode == Opcode.MESSAGE:

@@ -11,12 +11,14 @@ from __future__ import annotations
 import mmap
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from mcap.opcode import Opcode
 
 Buffer = bytes | mmap.mmap
 
+#: no type of record
+DAMAGED = 0
 #: largest chunk that is read, on the disk and in memory
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 _FRAME = struct.Struct("<BQ")
@@ -32,10 +34,10 @@ _CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)
 _CHAIN = 3
 
 
-def frames(data: Buffer, at: int, stop: int, damaged: Callable[[int, int], None]) -> Iterator[tuple[int, int, int]]:
+def frames(data: Buffer, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
     """Records between two offsets: type, begin and end of the body; the last may end behind ``stop`` (cut off).
 
-    ``damaged`` is called with begin and end of what is passed over.
+    Of what is passed over the type is `DAMAGED`.
     """
     unpack = _FRAME.unpack_from
     while at + HEAD_BYTES <= stop:
@@ -55,7 +57,7 @@ def frames(data: Buffer, at: int, stop: int, damaged: Callable[[int, int], None]
         if further is None:
             further = stop
         if further > at:
-            damaged(at, further)
+            yield DAMAGED, at, further
             at = further
 
 

@@ -57,11 +57,11 @@ def read_qos(text: Any) -> list[Qos]:
 
 
 def missing_requests(offers: Sequence[Qos], present: Sequence[Qos], depth: int) -> list[Qos]:
-    """QoS of the subscriptions that must be added to the present ones to hear every publisher as strongly as it offers.
+    """QoS of the subscriptions to add to the present ones to receive from every publisher as strongly as it offers.
 
-    A reliable subscription does not hear a best-effort publisher, and a best-effort one loses messages of a reliable
-    one; in the same way a latched (transient local) one does not hear a volatile publisher. A publisher's larger depth
-    wins over ``depth``, so that all latched messages are heard.
+    A reliable subscription does not match a best-effort publisher, and a best-effort one loses messages of a reliable
+    one; in the same way a latched (transient local) one does not match a volatile publisher. A publisher's larger depth
+    wins over ``depth``, so that all latched messages are received.
     """
     requests = list(present)
     for offer in sorted(offers, key=lambda one: (-is_reliable(one) - is_latched(one), -one.depth, repr(one))):
@@ -75,7 +75,7 @@ def _matches(request: Qos, offer: Qos) -> bool:
 
 
 def replayed_qos(offers: Sequence[Qos]) -> Qos:
-    """QoS of a publisher that every subscription of the recorded publishers also hears: the strongest of them."""
+    """QoS of a publisher that matches every subscription of the recorded publishers: the strongest of them."""
     if not offers:
         return profile()
     depth = max(1, *(one.depth for one in offers))

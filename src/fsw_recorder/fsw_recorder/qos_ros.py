@@ -20,7 +20,7 @@ def profile_of(qos: Qos) -> QoSProfile:
 
 
 def offered_by(profile: QoSProfile) -> Qos:
-    """What a publisher offers, as a bag says it; what the middleware did not tell is the default."""
+    """What a publisher offers, as a bag stores it; what the middleware does not report is the default."""
     best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC

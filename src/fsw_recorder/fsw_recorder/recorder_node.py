@@ -10,13 +10,13 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.task import Future
-from rosbag2_interfaces.msg import WriteSplitEvent
-from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 from rosbags.interfaces import Qos
 
 from fsw_control.node_arguments import NodeArguments
@@ -37,7 +37,7 @@ from fsw_recorder.recording import (
     read_attachment,
     versions_text,
 )
-from fsw_recorder.services_ros import serve, serve_later
+from fsw_recorder.services_ros import serve
 from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
@@ -47,8 +47,7 @@ _REPORT_PERIOD_S = 1.0
 class RecorderNode(Node):  # type: ignore[misc]
     """Node that records; see ``recorder.yaml`` for its parameters.
 
-    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused``, ``~/split_bagfile`` and, in snapshot
-    mode, ``~/snapshot``; topic ``~/events/write_split`` (as ``events/write_split``).
+    Services as rosbag2's recorder: ``~/pause``, ``~/resume``, ``~/is_paused`` and ``~/split_bagfile``.
 
     Raises
     ------
@@ -64,8 +63,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self.writer = self._make_writer(values)
-        self._files = 1
-        self._make_services(values["snapshot_mode"])
+        self._make_services()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._snapshots = ParameterSnapshots(self, self._attach_parameters) if values["collect_parameters"] else None
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also runs while simulated time stands still
@@ -93,35 +91,25 @@ class RecorderNode(Node):  # type: ignore[misc]
             writer.attach(name, media_type(name), data)
         return writer
 
-    def _make_services(self, snapshot: bool) -> None:
+    def _make_services(self) -> None:
         writer = self.writer
-        self._split_events = self.create_publisher(WriteSplitEvent, "events/write_split", 1)
 
         def set_paused(is_paused: bool) -> None:
             writer.is_paused = is_paused
             self.get_logger().info("paused" if is_paused else "resumed")
 
-        def flushed() -> Future:
-            """Done when all that was handed to the writer is in the bag; its result is whether it is."""
-            future = Future()
-            writer.when_flushed(future.set_result)
-            return future
-
-        async def split() -> None:
+        async def split(_: Any, response: Any) -> Any:
             writer.split()
-            await flushed()
-            self._announce_split()
-
-        async def take_snapshot() -> dict[str, Any]:
-            writer.take_snapshot()
-            return {"success": await flushed()}
+            done = Future()
+            writer.flushed().add_done_callback(done.set_result)
+            await done
+            return response
 
         serve(self, Pause, "~/pause", lambda _: set_paused(True))
         serve(self, Resume, "~/resume", lambda _: set_paused(False))
         serve(self, IsPaused, "~/is_paused", lambda _: {"paused": writer.is_paused})
-        serve_later(self, SplitBagfile, "~/split_bagfile", split)
-        if snapshot:
-            serve_later(self, Snapshot, "~/snapshot", take_snapshot)
+        # a group of its own: a callback that awaits keeps its group busy
+        self.create_service(SplitBagfile, "~/split_bagfile", split, callback_group=ReentrantCallbackGroup())
 
     # ------------------------------------------------------------------ topics
 
@@ -143,7 +131,6 @@ class RecorderNode(Node):  # type: ignore[misc]
                     offered = "reliable" if is_reliable(weaker) else "best effort"
                     offered += ", transient local" if is_latched(weaker) else ", volatile"
                     self.get_logger().info(f"subscribed to {name} again, for a publisher that is only {offered}")
-        self._announce_split()
 
     def _subscribe(self, name: str, types: Sequence[str], offers: tuple[Qos, ...]) -> None:
         type_name = types[0]
@@ -166,16 +153,6 @@ class RecorderNode(Node):  # type: ignore[misc]
     def _attach_parameters(self, node_name: str, text: str) -> None:
         name = f"parameters/{node_name.strip('/').replace('/', '.')}.yaml"
         self.writer.attach(name, media_type(name), text.encode())
-
-    def _announce_split(self) -> None:
-        files = self.writer.statistics()["files"]
-        while self._files < files:
-            name = self.writer.folder.name
-            closed, opened = (str(self.writer.folder / f"{name}_{n}.mcap") for n in (self._files - 1, self._files))
-            self._split_events.publish(
-                WriteSplitEvent(closed_file=closed, opened_file=opened, node_name=self.get_fully_qualified_name())
-            )
-            self._files += 1
 
     def _report(self) -> None:
         error = self.writer.error
@@ -202,7 +179,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         self._diagnostics.publish(message)
 
     def _lost(self) -> dict[str, int]:
-        """Messages that the middleware says it lost, by topic."""
+        """Messages that the middleware reports as lost, by topic."""
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def destroy_node(self) -> None:
@@ -223,7 +200,7 @@ class RecorderNode(Node):  # type: ignore[misc]
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the recorder until it is told to end; exit code 1 when writing failed."""
+    """Run the recorder until it is stopped; exit code 1 when writing failed."""
     nodes: list[RecorderNode] = []
 
     def make() -> RecorderNode:

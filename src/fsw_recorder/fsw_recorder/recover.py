@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fsw_recorder.bag_reader import FOREVER_NS, BagReader
+from fsw_recorder.bag_reader import FOREVER_NS, BagReader, BagRecord
 from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import TopicSelection
@@ -61,27 +61,31 @@ def recover(
         custom = dict(reader.metadata.custom_data)
         if reader.problems:
             custom["recovered_from"] = str(source)
-        copied: set[str] = set()
-        waiting = 0
         with BagWriter(target, options, custom) as writer:
             for topic in topics.values():
                 writer.add_topic(topic)
             for attachment in reader.attachments():
                 if keep_attachment(attachment.name):
                     writer.attach(attachment.name, attachment.media_type, attachment.data)
-            for record in reader.records(topics, stop_ns=stop_ns, progress=progress):
-                copied.add(record.topic)
-                waiting += len(record.data) + _MESSAGE_BYTES
-                if waiting > _BATCH_BYTES:
-                    waiting = 0
-                    writer.flush(_PATIENCE_S)
-                if not writer.write(
-                    record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence
-                ):
-                    break
-        if writer.error is not None:
-            raise writer.error
-        written = writer.statistics()
-        if written["dropped"]:
-            raise BagError(f"{target}: not complete: the disk did not take a message of {record.topic}")
-        return Recovery(written["written"], len(copied), list(reader.problems))
+            return copy(reader.records(topics, stop_ns=stop_ns, progress=progress), writer, reader.problems)
+
+
+def copy(records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str] = ()) -> Recovery:
+    """Write records to a bag as fast as the disk takes them, and close it; a `BagError` when it is not complete."""
+    topics: set[str] = set()
+    waiting = 0
+    for record in records:
+        topics.add(record.topic)
+        waiting += len(record.data) + _MESSAGE_BYTES
+        if waiting > _BATCH_BYTES:
+            waiting = 0
+            writer.flush(_PATIENCE_S)
+        if not writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns, record.sequence):
+            break
+    writer.close()
+    if writer.error is not None:
+        raise writer.error
+    written = writer.statistics()
+    if written["dropped"]:
+        raise BagError(f"{writer.folder}: not complete: the disk did not take a message of {record.topic}")
+    return Recovery(written["written"], len(topics), list(problems))

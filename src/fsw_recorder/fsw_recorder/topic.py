@@ -1,4 +1,4 @@
-"""What a bag says of a topic, and which topics are taken."""
+"""Description of a topic in a bag, and selection of topics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_recorder.qos import profile
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """What a bag says of a topic.
+    """Description of a topic in a bag.
 
     Attributes
     ----------

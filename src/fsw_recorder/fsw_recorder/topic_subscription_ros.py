@@ -53,7 +53,7 @@ class TopicSubscription:
         self.lost = 0
 
     def update(self, publishers: Sequence[Qos]) -> list[Qos]:
-        """Subscribe to what the present publishers offer and no subscription hears; what was added."""
+        """Add the subscriptions that the present publishers need; returns those added."""
         added = missing_requests(publishers, self._requests, self._depth)
         for request in added:
             self._node.create_subscription(

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rosbag2_interfaces.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 
@@ -141,27 +141,8 @@ def test_services(graph: Any, tmp_path: Path) -> None:
     assert depths_of(bag / "bag_0.mcap") == list(range(10))
 
 
-def test_snapshot_service(graph: Any, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
-    recorder = start_recorder(graph, bag, "topics:=[/fsw/depth]", "snapshot_mode:=true")
-    received: list[str] = []
-
-    def note(message: DiagnosticArray) -> None:
-        received.extend(one.value for status in message.status for one in status.values if one.key == "received")
-
-    graph.node.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
-    talk(graph, depth, 20)
-    graph.until(lambda: "20" in received)  # a request may overtake messages of another topic
-    assert graph.ask(Snapshot, "/fsw_recorder/snapshot").success
-    talk(graph, depth, 20, first=20)
-    assert graph.end(recorder, signal.SIGTERM)[0] == 0
-    assert depths_of(bag) == list(range(20))
-
-
-@pytest.mark.parametrize("mode", ["split", "snapshot"])
 def test_messages_are_received_while_a_flush_is_slow(
-    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bag = tmp_path / "bag"
     disk, commit = threading.Event(), BagFile.commit
@@ -172,7 +153,7 @@ def test_messages_are_received_while_a_flush_is_slow(
         commit(file)
 
     monkeypatch.setattr(BagFile, "commit", slow_commit)
-    values = {"output": str(bag), "topics": ["/fsw/depth"], "snapshot_mode": mode == "snapshot", "queue_depth": 1}
+    values = {"output": str(bag), "topics": ["/fsw/depth"], "queue_depth": 1}
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     recorder = RecorderNode(context=graph.context, parameter_overrides=overrides)
     graph.executor.add_node(recorder)
@@ -186,18 +167,14 @@ def test_messages_are_received_while_a_flush_is_slow(
         depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1)
         graph.until(lambda: depth.get_subscription_count() > 0)
         record(0, 5)
-        kind, name = (SplitBagfile, "split_bagfile") if mode == "split" else (Snapshot, "snapshot")
-        client = graph.node.create_client(kind, f"/fsw_recorder/{name}")
+        client = graph.node.create_client(SplitBagfile, "/fsw_recorder/split_bagfile")
         graph.until(client.service_is_ready)
         disk.clear()
-        answer = client.call_async(kind.Request())
+        answer = client.call_async(SplitBagfile.Request())
         record(5, 50)
         assert not answer.done(), "the answer did not wait for the disk"
         disk.set()
         graph.until(answer.done)
-        assert mode == "split" or answer.result().success
-        if mode == "snapshot":
-            assert graph.ask(Snapshot, "/fsw_recorder/snapshot").success
     finally:
         disk.set()
         graph.executor.remove_node(recorder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import fields, replace
 from math import nan
 from operator import attrgetter
@@ -24,17 +23,16 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
-from fsw_control import weld
 from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
 from fsw_control.references import ReferencePlan
+from fsw_control.schema import InputError
 from fsw_control.validity import SensorGuard
 from fsw_model import STEP_S
-from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantEvent, PlantSchedule, Truth
-from fsw_plant.events import Fault
+from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
 from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
-from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import announced, references, switches
 
 #: ticks between two reports of progress
@@ -43,16 +41,9 @@ _PROGRESS_TICKS = 100
 
 def plant_of(scenario: Scenario) -> PlantEmulator:
     """The plant that a scenario sets up, with its disturbances and faults."""
-    events = (deepcopy(event) for event in scenario.events if isinstance(event, PlantEvent))  # faults have a memory
-    return PlantEmulator(PlantConfig.from_values(scenario.plant), PlantSchedule(events))
-
-
-def start_reference(scenario: Scenario) -> Reference:
-    """Set-points in force before a scenario's first reference event: those the plant starts from."""
-    plant = scenario.plant
-    return Reference(
-        float(plant.get("start.depth_mm", weld.DEPTH_MM)), float(plant.get("start.temperature_c", weld.TEMPERATURE_C))
-    )
+    events = (event.plant_event() for event in scenario.events)
+    schedule = PlantSchedule(event for event in events if event is not None)
+    return PlantEmulator(PlantConfig.from_values(scenario.plant), schedule)
 
 
 class _Tick(NamedTuple):
@@ -92,7 +83,7 @@ class ClosedLoop:
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         If the scenario selects a controller that is not there.
     """
 
@@ -105,7 +96,7 @@ class ClosedLoop:
             self._controllers[OpenLoopController.name] = OpenLoopController(scenario, start)
         missing = [name for name in scenario.controllers if name not in self._controllers]
         if missing:
-            raise ScenarioError(
+            raise InputError(
                 f"{scenario.name}: controller {', '.join(missing)} is not available; "
                 f"available: {', '.join(self._controllers) or 'none'}"
             )
@@ -121,10 +112,10 @@ class ClosedLoop:
             Called now and then with the share done, 0 to 1.
         """
         scenario, plant, limits = self.scenario, self.plant, Limits()
-        changes, swaps = references(scenario, start_reference(scenario)), deque(switches(scenario).items())
+        changes, swaps = references(scenario, start_reference(scenario.plant)), deque(switches(scenario).items())
         reference, applied = changes[0], plant.applied
         first = OpenLoopController.name if scenario.open_loop else scenario.controller
-        faulty = any(isinstance(event, Fault) for event in scenario.events)
+        faulty = any(event.fault is not None for event in scenario.events)
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
         (active, mode), reason = (first, "auto"), ""

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Sequence
 
 from fsw_control import run_controller
+from fsw_control.schema import InputError
 from fsw_scenario.controllers import kind_of
-from fsw_scenario.scenario import ScenarioError
 
 _USAGE = "NAME | MODULE:CLASS | FILE.py:CLASS [--help] [--ros-args ...]"
 
@@ -20,7 +20,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return 0 if words else 2
     try:
         kind = kind_of(words[0] if words else "")
-    except ScenarioError as error:
+    except InputError as error:
         print(f"{program.rsplit('/', 1)[-1]}: {error}", file=sys.stderr)
         return 2
     return run_controller(kind, args=[program, *words[1:]])

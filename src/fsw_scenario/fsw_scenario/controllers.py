@@ -13,8 +13,9 @@ from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, Source, load_source, validate
+from fsw_control.schema import InputError
 from fsw_scenario.open_loop import OpenLoopController
-from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.scenario import Scenario
 
 #: Our own, by name: where the class is; entry points, too, but a source tree has none.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
@@ -34,7 +35,7 @@ def name_of(label: str) -> str:
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         When there is no such controller.
     """
     return _parts(label)[0]
@@ -53,12 +54,12 @@ def _parts(label: str) -> tuple[str, str]:
     word, _, variant = rest.partition(":")
     if not word:
         known = f"available: {', '.join(KNOWN)}; or name one of your own as MODULE:CLASS or FILE.py:CLASS"
-        raise ScenarioError(f"controller {label or '(no name)'} is not available; {known}")
+        raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # a process that is started elsewhere finds the file, too
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
     name = str(_class_at(place).name)
     if KNOWN.setdefault(name, place) != place:
-        raise ScenarioError(f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one")
+        raise InputError(f"controller {place}: its name {name!r} is that of {KNOWN[name]}; give it another one")
     return name, variant
 
 
@@ -68,11 +69,11 @@ def _class_at(place: str) -> Any:
     try:
         found = run_path(module).get(kind) if module.endswith(".py") else getattr(import_module(module), kind, None)
     except Exception as error:  # a user's file may fail in any way
-        raise ScenarioError(f"controller {place} is not available: {_words(error)}") from None
+        raise InputError(f"controller {place} is not available: {_words(error)}") from None
     if not callable(found) or not isinstance(getattr(found, "name", None), str):
-        raise ScenarioError(f"controller {place} is not available: no class {kind} there with an attribute 'name'")
+        raise InputError(f"controller {place} is not available: no class {kind} there with an attribute 'name'")
     if not re.fullmatch(r"[a-zA-Z]\w*", found.name, re.ASCII):
-        raise ScenarioError(f"controller {place}: its name {found.name!r} has other characters than letters, digits, _")
+        raise InputError(f"controller {place}: its name {found.name!r} has other characters than letters, digits, _")
     return found
 
 
@@ -121,20 +122,20 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         When there is no such controller or variant here.
     """
     make_one = maker(label)
     try:
         values = validate(load_source(described_in(label)), {**(parameters or {}), **variant_of(label)})
         made = make_one(values)
-    except ScenarioError:
+    except InputError:
         raise
     except Exception as error:  # a user's class may fail in any way
-        raise ScenarioError(f"controller {label}: {_words(error)}") from None
+        raise InputError(f"controller {label}: {_words(error)}") from None
     lacking = [name for name in ("tolerated_sensors", "step", "reset") if not hasattr(made, name)]
     if lacking:
-        raise ScenarioError(f"controller {label}: it has no {', '.join(lacking)}")
+        raise InputError(f"controller {label}: it has no {', '.join(lacking)}")
     return made
 
 
@@ -150,7 +151,7 @@ def variant_of(label: str) -> dict[str, str]:
     if not variant:
         return {}
     if not isinstance(parameter, str):
-        raise ScenarioError(f"controller {label}: it has no variants")
+        raise InputError(f"controller {label}: it has no variants")
     return {parameter: variant}
 
 
@@ -167,7 +168,7 @@ def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[st
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         As :func:`make`.
     """
     name = "" if scenario.open_loop else name_of(label)

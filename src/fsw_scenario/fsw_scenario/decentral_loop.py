@@ -21,7 +21,7 @@ from fsw_decentral import DecentralController, Gains
 from fsw_model import STEP_S, ModelParameters, OperatingPointError, ProcessModel, nominal
 from fsw_plant import PlantConfig
 from fsw_scenario.scenario import tick_of
-from fsw_scenario.standard_events import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
+from fsw_scenario.standard_cases import CASES, DISTURBANCES, DURATION_S, REST, SET_POINTS, set_points
 
 Vector = NDArray[np.float64]
 Response = NDArray[np.complex128]

@@ -76,7 +76,7 @@ class WeldGraph:
 
         Raises
         ------
-        ScenarioError
+        fsw_control.schema.InputError
             When a controller is not known.
         """
         programs = {name: program(name) for name in self.all_controllers}
@@ -110,7 +110,7 @@ class WeldGraph:
                 **({} if self.realtime else {"clock": "simulated", "speed": 0.0}),
             },
             "fsw_supervisor": {"controller": names[0]},
-            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names), "progress": True},
+            "fsw_scenario": {"scenario": str(scenario_file), "wait_for_controllers": len(names)},
             "fsw_recorder": {
                 "output": str(self.bag),
                 "scenario": str(scenario_file),
@@ -151,20 +151,19 @@ class WeldGraph:
         """
         player = self.start(launcher)
         others = [name for name in launcher.children if name != "scenario"]
-        launcher.wait_until(lambda: "progress " in player.text(), _PATIENCE_S, "the first tick", others)
+        launcher.wait_until(player.status, _PATIENCE_S, "the first tick", others)
 
         def over() -> bool:
-            told = re.findall(r"^progress (\d+) (\d+)$", player.text(), re.MULTILINE)
-            if progress is not None and told:
-                progress(int(told[-1][0]) / int(told[-1][1]))
+            if progress is not None:
+                progress(player.status()["tick"] / self.scenario.n_ticks)
             return not player.running
 
         launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
-        if player.process.returncode != 0 or "finished after" not in player.text():
+        if player.process.returncode != 0 or not player.status()["finished"]:
             raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
         codes |= launcher.stop()
         failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]
         if failed:
             raise LaunchError(f"not ended cleanly: {', '.join(failed)}; see {launcher.log_folder}")
-        return float(launcher.wait_for_text("scenario", r"finished after [\d.]+").split()[-1])
+        return float(player.status()["wall_s"])

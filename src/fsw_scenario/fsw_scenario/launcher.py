@@ -12,6 +12,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from fsw_control.status_file import VARIABLE, read_status
 
 _POLL_S = 0.02
 #: exit code of a node whose arguments or parameters are wrong
@@ -44,10 +47,13 @@ class Child:
         """What it has printed so far."""
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
+    def status(self) -> dict[str, Any]:
+        """What it has told last, see ``fsw_control.status_file``."""
+        return read_status(self.log.with_suffix(".status"))
+
     def last_words(self) -> str:
-        """The last lines that it printed but for its progress, as one line."""
-        lines = [line for line in self.text().strip().splitlines() if not line.startswith("progress ")]
-        return " | ".join(lines[-5:]) or "it printed nothing"
+        """The last lines that it printed, as one line."""
+        return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
 
 
 class Launcher:
@@ -98,11 +104,13 @@ class Launcher:
             raise LaunchError(f"{name} is running already")
         command = [sys.executable, "-m", "fsw_scenario.child_process", str(os.getpid()), module, *arguments]
         log = self.log_folder / f"{name}.log"
+        status = log.with_suffix(".status")
+        status.unlink(missing_ok=True)
         with log.open("ab" if name in self.children else "wb") as file:
             begin = file.tell()
             process = subprocess.Popen(
                 command,
-                env=self._environment,
+                env={**self._environment, VARIABLE: str(status)},
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=subprocess.STDOUT,

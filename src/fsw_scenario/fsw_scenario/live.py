@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher, LaunchError, Respawn
 
-_ADDRESS = r"http://\S+"
+_PATIENCE_S = 120.0
 
 
 def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
@@ -24,12 +24,10 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
     _write_secret(token_file, token)
     hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file)])
-    url = launcher.wait_for_text("hmi", _ADDRESS)
-    hmi.arguments = [
-        "--port",
-        str(urlsplit(url).port),
-        *hmi.arguments[2:],
-    ]  # where it is found when it is started again
+    launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
+    url = hmi.status()["url"]
+    # where it is found when it is started again
+    hmi.arguments = ["--port", str(urlsplit(url).port), *hmi.arguments[2:]]
     print(f"operator's page: {url}")
     print(f"token: {token}")
     minutes = graph.scenario.duration_s / 60.0
@@ -44,9 +42,10 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         respawn.look()
         if player.running or told:
             return False
-        if "finished after" in player.text():
+        status = player.status()
+        if status.get("finished"):
             return True
-        if "progress " not in player.text():
+        if not status:
             raise LaunchError(f"the scenario player has ended before the first tick: {player.last_words()}")
         told = True
         code = player.process.returncode

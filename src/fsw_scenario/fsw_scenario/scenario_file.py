@@ -5,44 +5,137 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
+from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import yaml
+from pydantic import field_validator, model_validator
 
+from fsw_control import schema
 from fsw_control.parameters import ParameterError
+from fsw_control.ranges import Range
+from fsw_control.schema import InputError, Many, Model, Name, problem, read_text, shipped_names, validate
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
-from fsw_plant.event_schema import Place
-from fsw_plant.schedule import event_head, read_event
-from fsw_scenario import ranges
-from fsw_scenario.ranges import Range
-from fsw_scenario.scenario import (
-    OPEN_LOOP,
-    CommandEvent,
-    Event,
-    ReferenceEvent,
-    Scenario,
-    ScenarioError,
-    Sine,
-    SwitchEvent,
-)
-from fsw_scenario.weld_programme_file import place_events, read_phases
+from fsw_plant.config import json_schema as plant_json_schema
+from fsw_plant.event_schema import DURATION_S
+from fsw_scenario.scenario import OPEN_LOOP, Event, ReferenceEntry, Scenario, start_reference
+from fsw_scenario.weld_programme import PHASES, Phase, time_at
+from fsw_scenario.weld_programme_file import PhaseEntry, phases_of, set_points_of
 
 _SHIPPED = Path(__file__).parent / "scenarios"
-#: figures of the paper that a scenario can show
-_FIGURES = range(4, 10)
-#: keys of a scenario file
-KEYS = ("name", "description", "duration_s", "controller", "plant", "events", "figures", "announced", "phases")
 #: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's entry
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 
 
+class _Timed(NamedTuple):
+    """What the phases of a scenario amount to: events without angles, and the set-points of the phases as events."""
+
+    duration_s: float
+    events: tuple[Event, ...]
+    phases: tuple[Phase, ...] = ()
+    set_points: tuple[Event, ...] = ()
+
+
+class _PlantParameters:
+    """What the JSON Schema says of ``plant``."""
+
+    @staticmethod
+    def __get_pydantic_json_schema__(_: Any, __: Any) -> dict[str, Any]:
+        return plant_json_schema()
+
+
+class ScenarioFile(Model):
+    """A scenario file."""
+
+    name: Name
+    description: str = ""
+    duration_s: Annotated[float, DURATION_S] | None = None
+    """of the experiment; with `phases` it is left out"""
+    controller: Name = "decentral"
+    """the one that is applied at the start; `none`: open loop"""
+    plant: Annotated[dict[str, Any], _PlantParameters] = {}
+    """parameters of the plant that differ from their defaults, see `plant.yaml`"""
+    phases: Many[PhaseEntry] = ()
+    """of a whole weld, in place of `reference` events"""
+    events: Many[Event] = ()
+    """in order of time"""
+    figures: Many[Literal[4, 5, 6, 7, 8, 9]] = ()
+    """figures of the paper that the scenario shows"""
+    announced: bool = False
+    """whether controllers know the set-points beforehand, by `/fsw/reference_plan`"""
+
+    @field_validator("plant")
+    @classmethod
+    def _check_plant(cls, values: dict[str, Any]) -> dict[str, Any]:
+        try:
+            PlantConfig.from_values(values)
+        except ParameterError as error:
+            raise ValueError(f"is wrong: {error}") from None
+        return values
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        timed = self.timed
+        latest = Range(0.0, timed.duration_s, "s, the scenario's duration")
+        before_s = 0.0
+        for i, event in enumerate(timed.events):
+            if complaint := latest.complaint(event.at_s):
+                raise problem(f"= {complaint}", "events", i, "at_s")
+            if event.at_s < before_s:
+                raise problem("is earlier than the event before it; list events in order of time", "events", i)
+            if event.switch is not None and self.controller == OPEN_LOOP:
+                raise problem(f"switches the controller, but controller is {OPEN_LOOP}", "events", i)
+            if event.command is not None and self.controller != OPEN_LOOP:
+                raise problem(f"has a command, which needs controller: {OPEN_LOOP}", "events", i)
+            if self.phases and (event.reference or event.command):
+                text = "has set-points or a command; with phases, give set_points in the phases"
+                raise problem(text, "events", i)
+            before_s = event.at_s
+        return self
+
+    @cached_property
+    def timed(self) -> _Timed:
+        """What the phases amount to; the error of a validator when they are wrong."""
+        if "phases" not in self.model_fields_set:
+            if self.duration_s is None:
+                raise ValueError("lacks duration_s")
+            self._place_events(())
+            return _Timed(self.duration_s, self.events)
+        if not self.phases:
+            raise problem(f"is empty; some of {', '.join(PHASES)}", "phases")
+        phases = phases_of(self.phases)
+        whole_s = sum(phase.duration_s for phase in phases)
+        if self.duration_s is not None and abs(self.duration_s - whole_s) > TICK_S:
+            raise problem(f"= {self.duration_s:g}, but the phases take {whole_s:.1f} s; leave it out", "duration_s")
+        set_points = tuple(
+            Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))
+            for at_s, one in set_points_of(self.phases, phases, start_reference(flatten(self.plant)))
+        )
+        return _Timed(self.duration_s or round(whole_s, 1), self._place_events(phases), phases, set_points)
+
+    def _place_events(self, phases: Sequence[Phase]) -> tuple[Event, ...]:
+        """The events, those with an angle at the time at which the tool first passes there."""
+        events = list(self.events)
+        for i, event in enumerate(events):
+            if event.at_deg is None:
+                continue
+            if not phases:
+                raise problem("needs phases; give at_s", "events", i, "at_deg")
+            allowed = Range(phases[0].from_deg, phases[-1].to_deg, "deg, the end of the path")
+            if complaint := allowed.complaint(event.at_deg):
+                raise problem(f"= {complaint}", "events", i, "at_deg")
+            at_s = round(time_at(phases, event.at_deg), 1)
+            events[i] = event.model_copy(update={"at_s": at_s, "at_deg": None})
+        return tuple(events)
+
+
 def shipped() -> list[str]:
     """Names of the scenarios that come with the package."""
-    return sorted(path.stem for path in _SHIPPED.glob("*.yaml"))
+    return shipped_names(_SHIPPED)
 
 
 def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -58,7 +151,7 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         If there is no such scenario or something in it is wrong.
     """
     return parse(text_of(source), str(source), overrides)
@@ -66,17 +159,7 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
 def text_of(source: str | Path) -> str:
     """Text of a scenario's file, which is not checked; see :func:`load`."""
-    file = Path(source)
-    if str(source) in shipped() and not file.is_file():
-        file = _SHIPPED / f"{source}.yaml"
-    try:
-        return file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(
-            f"cannot read scenario {source}: {error.strerror}; give a YAML file or one of {', '.join(shipped())}"
-        ) from None
-    except UnicodeDecodeError:
-        raise ScenarioError(f"cannot read scenario {source}: not a text file in UTF-8") from None
+    return read_text(source, "scenario", _SHIPPED)
 
 
 def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> Scenario:
@@ -85,15 +168,16 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     for override in overrides:
         _override(content, override)
     if overrides:
-        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        text = _dump(content)
     return read(content, where, text)
 
 
 def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
     """What YAML text holds, if that is a mapping; nothing in it is checked. Errors as :func:`load`."""
-    content = Place(where, failure=ScenarioError).yaml(text)
+    content = schema.content_of(text, where)
     if not isinstance(content, dict):
-        raise ScenarioError(f"{where}: a scenario is a mapping with {', '.join(KEYS)}; see the shipped ones")
+        keys = ", ".join(ScenarioFile.model_fields)
+        raise InputError(f"{where}: a scenario is a mapping with {keys}; see the shipped ones")
     return content
 
 
@@ -102,56 +186,39 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
 
     Errors as :func:`load`.
     """
-    at = Place(where, failure=ScenarioError)
-    plant = _plant(content.get("plant") or {}, at.inside("plant"))
-    phases, set_points = read_phases(at, content, plant) if "phases" in content else ((), ())
-    if phases:
-        # The plant reads the same text: times it knows, phases and angles it does not.
-        place_events(at, content, phases)
-        content.setdefault("duration_s", round(sum(phase.duration_s for phase in phases), 1))
-        text = None if text is None else yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-    at.keys(content, KEYS, required=("name", "duration_s"))
-    duration_s = at.number(content, "duration_s", ranges.DURATION_S)
-    if phases and abs(duration_s - (whole_s := sum(phase.duration_s for phase in phases))) > TICK_S:
-        raise at.inside("duration_s").error(f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out")
-    controller = at.word(content, "controller", "decentral")
-    latest = Range(0.0, duration_s, "s, the scenario's duration")
-    events = tuple(
-        _event(entry, at.inside(f"events[{i}]"), latest, controller == OPEN_LOOP)
-        for i, entry in enumerate(at.list(content, "events"))
-    )
-    late = [f"events[{i}]" for i in range(1, len(events)) if events[i].at_s < events[i - 1].at_s]
-    if late:
-        raise at.inside(late[0]).error("is earlier than the event before it; list events in order of time")
-    if phases and any(isinstance(event, ReferenceEvent | CommandEvent) for event in events):
-        raise at.inside("events").error("has set-points or commands; with phases, give set_points in the phases")
-    events = tuple(sorted((*set_points, *events), key=attrgetter("at_s")))
-    figures = tuple(at.list(content, "figures"))
-    for figure in figures:
-        if isinstance(figure, bool) or not isinstance(figure, int) or figure not in _FIGURES:
-            raise at.inside("figures").error(f"{figure!r} is none of the paper's figures 4 to 9")
-    announced = content.get("announced", False)
-    if not isinstance(announced, bool):
-        raise at.inside("announced").error(f"is {announced!r}: must be true or false")
+    file = validate(ScenarioFile, content, where)
+    timed = file.timed
+    if timed.phases:
+        # The plant reads the same text: it knows times, but neither phases nor angles.
+        events = [
+            {key: value for key, value in entry.items() if key != "at_deg"} | {"at_s": event.at_s}
+            for entry, event in zip(content.get("events") or (), timed.events, strict=True)
+        ]
+        content = content | {"duration_s": timed.duration_s, "events": events}
+        text = None if text is None else _dump(content)
     return Scenario(
-        name=at.word(content, "name"),
-        description=str(content.get("description", "")),
-        duration_s=duration_s,
-        controller=controller,
-        plant=plant,
-        events=events,
-        figures=figures,
-        announced=announced,
-        phases=phases,
+        name=file.name,
+        description=file.description,
+        duration_s=timed.duration_s,
+        controller=file.controller,
+        plant=flatten(file.plant),
+        events=tuple(sorted((*timed.set_points, *timed.events), key=attrgetter("at_s"))),
+        figures=file.figures,
+        announced=file.announced,
+        phases=timed.phases,
         text=json.dumps(content) if text is None else text,
     )
+
+
+def _dump(content: dict[str, Any]) -> str:
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
 
 
 def _override(content: dict[str, Any], override: str) -> None:
     key, equals, value = override.partition("=")
     if not equals or not key:
-        raise ScenarioError(f"override {override!r}: give key=value, e.g. plant.noise=false")
-    put(content, key, Place(f"override {override!r}", failure=ScenarioError).yaml(value), f"override {override!r}")
+        raise InputError(f"override {override!r}: give key=value, e.g. plant.noise=false")
+    put(content, key, schema.content_of(value, f"override {override!r}"), f"override {override!r}")
 
 
 def put(content: dict[str, Any], path: str, value: Any, where: str = "override") -> None:
@@ -159,21 +226,21 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         If the path leads nowhere.
     """
     found = list(_STEP.finditer(path))
     if "".join(step[0] for step in found) != path or path.startswith("."):
-        raise ScenarioError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
+        raise InputError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
     steps: list[Any] = [step[1] or int(step[2]) for step in found]
     inside: Any = content
     for i, step in enumerate(steps):
         if isinstance(step, int):
             if not isinstance(inside, list) or step >= len(inside):
                 have = f"{len(inside)} entries, counted from 0" if isinstance(inside, list) else "no list"
-                raise ScenarioError(f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}")
+                raise InputError(f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}")
         elif not isinstance(inside, dict):
-            raise ScenarioError(
+            raise InputError(
                 f"{where}: {steps[i - 1]} has no named values; give {steps[i - 1]} as a whole, in YAML, "
                 "or change the scenario file"
             )
@@ -181,55 +248,3 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
             inside[step] = value
         else:
             inside = inside[step] if isinstance(step, int) else inside.setdefault(step, {})
-
-
-def _plant(entry: Any, at: Place) -> dict[str, Any]:
-    """The plant's parameters by dotted name, checked."""
-    flat = flatten(at.mapping(entry))
-    try:
-        PlantConfig.from_values(flat)
-    except ParameterError as error:
-        raise at.error(f"is wrong: {error}") from None
-    return flat
-
-
-def _event(entry: Any, at: Place, latest: Range, open_loop: bool) -> Event:
-    event = read_event(entry, at, latest)
-    if event is not None:
-        return event
-    at_s, kind = event_head(entry, at, latest)
-    if kind == "switch":
-        if open_loop:
-            raise at.error(f"switches the controller, but the scenario's controller is {OPEN_LOOP}")
-        return SwitchEvent(at_s, at.word(entry, "switch"))
-    if kind == "command" and not open_loop:
-        raise at.error(f"has a command, which needs controller: {OPEN_LOOP}")
-    place = at.inside(kind)
-    read = _command if kind == "command" else _reference
-    return read(place.mapping(entry[kind]), place, at_s)
-
-
-def _reference(entry: dict[str, Any], at: Place, at_s: float) -> Event:
-    at.keys(entry, ("depth_mm", "temperature_c", "over_s", "sine"))
-    if not set(entry) & {"depth_mm", "temperature_c", "sine"}:
-        raise at.error("needs depth_mm, temperature_c or sine")
-    depth_mm = at.optional(entry, "depth_mm", ranges.REFERENCE_DEPTH_MM)
-    temperature_c = at.optional(entry, "temperature_c", ranges.REFERENCE_TEMPERATURE_C)
-    over_s = at.number(entry, "over_s", Range(0.0, ranges.DURATION_S.high, "s"), 0.0)
-    sine = _sine(entry["sine"], at.inside("sine")) if "sine" in entry else None
-    return ReferenceEvent(at_s, depth_mm, temperature_c, over_s, sine)
-
-
-def _sine(entry: Any, at: Place) -> Sine:
-    at.keys(at.mapping(entry), ("depth_mm", "temperature_c", "period_s"), required=("period_s",))
-    depth_mm = at.number(entry, "depth_mm", ranges.SINE_DEPTH_MM, 0.0)
-    temperature_c = at.number(entry, "temperature_c", ranges.SINE_TEMPERATURE_C, 0.0)
-    return Sine(depth_mm, temperature_c, at.number(entry, "period_s", Range(2 * TICK_S, ranges.DURATION_S.high, "s")))
-
-
-def _command(entry: dict[str, Any], at: Place, at_s: float) -> Event:
-    at.keys(entry, ("force_kn", "speed_rpm"))
-    if not entry:
-        raise at.error("needs force_kn or speed_rpm")
-    force_kn = at.optional(entry, "force_kn", ranges.COMMAND_FORCE_KN)
-    return CommandEvent(at_s, force_kn, at.optional(entry, "speed_rpm", ranges.COMMAND_SPEED_RPM))

@@ -25,10 +25,11 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load as load_parameters
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import reference_queue, subscribe_sent
+from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_plant import TICK_NS
-from fsw_scenario.closed_loop import start_reference
+from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
 from fsw_scenario.timeline import announced, references, switches
 from fsw_scenario.weld_programme import PhaseMachine, State
@@ -57,7 +58,7 @@ class ScenarioNode(Node):
 
     Raises
     ------
-    ScenarioError
+    fsw_control.schema.InputError
         If the scenario is wrong.
     """
 
@@ -67,9 +68,8 @@ class ScenarioNode(Node):
         self._scenario = load(source or settings["scenario"], settings["overrides"])
         self._controllers: int = settings["wait_for_controllers"]
         self._silence_s: float = settings["silence_timeout_s"]
-        self._tell_progress: bool = settings["progress"]
         self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self._course = Course(references(self._scenario, start_reference(self._scenario)))
+        self._course = Course(references(self._scenario, start_reference(self._scenario.plant)))
         #: what the controllers follow, by the same rule; with what this node sends
         self._received = reference_queue(self)
         self._mark, self._mark_heard, self._restarts = _MARK.format(0), False, 0
@@ -144,19 +144,19 @@ class ScenarioNode(Node):
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
-        """Go on with the depth; the other sensors say whether a strange stamp is to be believed."""
+        """Go on with the depth; the other sensors confirm a jump of time."""
         before_ns = self._stamps.newest_ns
-        believed = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
-        if believed is None:
+        accepted = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
+        if accepted is None:
             return
-        if believed.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
+        if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
             self.get_logger().warning("time of the measurements has jumped: the scenario goes on where it is")
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
                 self._course.resume(present, self._tick)
                 self._restart(present)
-        if "depth" in believed.samples:
+        if "depth" in accepted.samples:
             self._on_depth(stamp_ns)
 
     def _on_depth(self, stamp_ns: int) -> None:
@@ -183,11 +183,15 @@ class ScenarioNode(Node):
         while self._switches and self._switches[0][0] <= self._tick + 1:
             _, controller = self._switches.popleft()
             self._requests.publish(String(data=controller))
-        if self._tell_progress and (self._tick - self._told) * 100 >= self._scenario.n_ticks:
+        if (self._tick - self._told) * 100 >= self._scenario.n_ticks:
             self._told = self._tick
-            print(f"progress {min(self._tick, self._scenario.n_ticks)} {self._scenario.n_ticks}", flush=True)
+            self._tell(False)
         if self._tick >= self._scenario.n_ticks:
             self._end("")
+
+    def _tell(self, finished: bool) -> None:
+        tick, wall_s = min(self._tick, self._scenario.n_ticks), time.monotonic() - self._began_s
+        write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
 
     def _on_heard(self, mark: str) -> None:
         """Note that this node's newest set-points have come back; from then on others are somebody else's."""
@@ -242,7 +246,7 @@ class ScenarioNode(Node):
             print(f"scenario: {failure}", file=sys.stderr, flush=True)
         else:
             self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
-            print(f"finished after {time.monotonic() - self._began_s:.3f} s", flush=True)
+            self._tell(True)
         rclpy.try_shutdown()
 
 

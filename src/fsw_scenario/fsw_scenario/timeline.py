@@ -8,7 +8,7 @@ from math import pi, sin
 
 from fsw_control.contract import Command, Reference
 from fsw_control.weld import TICK_S
-from fsw_scenario.scenario import CommandEvent, ReferenceEvent, Scenario, SwitchEvent, tick_of
+from fsw_scenario.scenario import Scenario, tick_of
 
 #: 1 s: a controller is given eight set-points ahead, which is past the dead time; steps of longer treads show in the
 #: power (total variation of the spindle speed in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
@@ -29,18 +29,18 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
     dict of int to Reference
         In order of ticks, always with tick 0; a tick that is not a key keeps the last reference.
     """
-    events = [event for event in scenario.events if isinstance(event, ReferenceEvent)]
-    begins = [tick_of(event.at_s) for event in events]
+    events = [(event.at_s, event.reference) for event in scenario.events if event.reference is not None]
+    begins = [tick_of(at_s) for at_s, _ in events]
     changes: dict[int, Reference] = {0: start}
     depth_mm, temperature_c = start.depth_mm, start.temperature_c
-    for i, event in enumerate(events):
+    for i, (at_s, event) in enumerate(events):
         end = begins[i + 1] if i + 1 < len(events) else scenario.n_ticks + 1
         from_depth, from_temperature = depth_mm, temperature_c
         to_depth = from_depth if event.depth_mm is None else event.depth_mm
         to_temperature = from_temperature if event.temperature_c is None else event.temperature_c
-        ramp_end = tick_of(event.at_s + event.over_s)
+        ramp_end = tick_of(at_s + event.over_s)
         for tick in range(begins[i], end):
-            since_s = tick * TICK_S - event.at_s
+            since_s = tick * TICK_S - at_s
             if tick < ramp_end:
                 share = max(0.0, since_s / event.over_s)
                 depth_mm = from_depth + share * (to_depth - from_depth)
@@ -83,10 +83,10 @@ def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
     changes = {0: start}
     present = start
     for event in scenario.events:
-        if isinstance(event, CommandEvent):
+        if (new := event.command) is not None:
             present = Command(
-                present.force_kn if event.force_kn is None else event.force_kn,
-                present.speed_rpm if event.speed_rpm is None else event.speed_rpm,
+                present.force_kn if new.force_kn is None else new.force_kn,
+                present.speed_rpm if new.speed_rpm is None else new.speed_rpm,
             )
             changes[tick_of(event.at_s)] = present
     return changes
@@ -94,4 +94,4 @@ def commands(scenario: Scenario, start: Command) -> dict[int, Command]:
 
 def switches(scenario: Scenario) -> dict[int, str]:
     """Newly selected controller by tick."""
-    return {tick_of(event.at_s): event.controller for event in scenario.events if isinstance(event, SwitchEvent)}
+    return {tick_of(event.at_s): event.switch for event in scenario.events if event.switch is not None}

@@ -29,18 +29,16 @@ _SWINGING_C = 2.0
 #: how far the first simplex of the search reaches from the start, in logarithms of the gains
 _REACH = 0.25
 EVALUATIONS = 3000
-
-
 NAMES = ("conservative", "tight")
 
 
-def _of_each(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
+def _by_name(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
     """Columns of a table, by the names of the tunings."""
     return {name: {key: row[i] for key, row in table.items()} for i, name in enumerate(NAMES)}
 
 
 #: What a set of gains may not exceed: Ms of each loop, standard deviation of the moves per tick under sensor noise.
-BOUNDS = _of_each(
+BOUNDS = _by_name(
     {
         "ms_depth": (1.6, 2.0),
         "ms_temperature": (1.6, 2.0),
@@ -49,7 +47,7 @@ BOUNDS = _of_each(
     }
 )
 #: What the search aims to stay below: figures of another, independent tuning of such loops on the paper's process.
-TARGETS = _of_each(
+TARGETS = _by_name(
     {
         "tracking_iae_depth_mm_s": (4.08, 1.48),
         "tracking_iae_temperature_c_s": (300.0, 207.0),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate
 from math import pi
+from typing import Literal, get_args
 
 from fsw_control.weld import TICK_S
 
@@ -16,8 +17,9 @@ CANISTER_DIAMETER_MM = 1050.0
 MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
 #: Traverse speed of the paper, section II.
 TRAVERSE_MM_PER_MIN = 86.0
+PhaseName = Literal["dwell", "start", "downward", "joint_line", "overlap", "parking"]
 #: The sequences of a weld in their order; one may be left out.
-PHASES = ("dwell", "start", "downward", "joint_line", "overlap", "parking")
+PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
 #: numbers of ticks that are further apart come from a jump of the clock
 _CLOCK_JUMP_TICKS = 100
 
@@ -37,7 +39,7 @@ class Phase:
         Of its path; longer than the arc where the path is oblique.
     """
 
-    name: str
+    name: PhaseName
     duration_s: float
     from_deg: float = 0.0
     to_deg: float = 0.0

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from fsw_control.schema import InputError
 from fsw_scenario import controller_node, controllers, scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import kind_of, make, name_of, program, short
-from fsw_scenario.scenario import ScenarioError
 from fsw_test_support.own_controller import OWN, own
 
 SOURCES = Path(__file__).resolve().parents[2]
@@ -57,20 +57,20 @@ def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
 )
 def test_what_is_not_there_is_told(tmp_path, label, said):
     own(tmp_path)
-    with pytest.raises(ScenarioError, match=said):
+    with pytest.raises(InputError, match=said):
         make(label.format(tmp_path))
 
 
 def test_a_name_stands_for_one_class(tmp_path):
     own(tmp_path)
     (tmp_path / "other.py").write_text("class Other:\n    name = 'nmpc'\n")
-    with pytest.raises(ScenarioError, match="give it another one"):
+    with pytest.raises(InputError, match="give it another one"):
         name_of(f"{tmp_path}/other.py:Other")
 
 
 def test_a_class_that_is_no_controller_is_told(tmp_path):
     (tmp_path / "other.py").write_text("class Other:\n    name = 'other'\n    def step(self): ...\n")
-    with pytest.raises(ScenarioError, match="it has no tolerated_sensors, reset"):
+    with pytest.raises(InputError, match="it has no tolerated_sensors, reset"):
         make(f"{tmp_path}/other.py:Other")
 
 

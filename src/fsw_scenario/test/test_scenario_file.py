@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Command, Reference
+from fsw_control.schema import InputError
 from fsw_scenario import scenario_file, timeline
-from fsw_scenario.scenario import ScenarioError, tick_of
+from fsw_scenario.scenario import tick_of
 
 START = Reference(2.66, 850.0)
 
@@ -87,7 +88,7 @@ BAD = [
     ("name: x\nduration_s: -5", "outside 0.1 to 36000 s"),
     ("name: x\nduration_s: yes", "not a number"),
     ("name: x\nduration_s: .nan", "outside"),
-    ("name: x\nduration_s: 5\nevnts: []", "unknown key evnts"),
+    ("name: x\nduration_s: 5\nevnts: []", "evnts is an unknown key; did you mean events?"),
     ("name: x\nduration_s: 5\nevents: 3", "events is 3, not a list"),
     ("name: x\nduration_s: 5\nevents: [3]", "events[0] is 3, not a mapping"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1}]", "exactly one of"),
@@ -99,19 +100,19 @@ BAD = [
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: depth, shape: step}}]", "lacks amplitude_mm"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: z}}]", "one of depth, temperature"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: bias}}]", "lacks magnitude_mm"),
-    ("name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, magnitude_mm: 1}}]", "unknown key"),
+    ("name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, magnitude_mm: 1}}]", "does not use"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1, command: {force_kn: 80}}]", "needs controller: none"),
     ("name: x\nduration_s: 5\ncontroller: none\nevents: [{at_s: 1, switch: a}]", "controller is none"),
-    ("name: x\nduration_s: 5\nfigures: [3]", "figures 4 to 9"),
+    ("name: x\nduration_s: 5\nfigures: [3]", "figures[0] is 3; one of 4"),
     ("name: x\nduration_s: 5\nplant: {seed: -1}", "plant is wrong"),
     ("name: x\nduration_s: 5\nplant: {model: {thermal: 1.1}}", "model.thermal"),
-    ("name: [x]\nduration_s: 5", "not a name"),
+    ("name: [x]\nduration_s: 5", "not text"),
 ]
 
 
 @pytest.mark.parametrize(("text", "part"), BAD)
 def test_bad_scenario_is_one_clear_error(text, part):
-    with pytest.raises(ScenarioError) as error:
+    with pytest.raises(InputError) as error:
         scenario_file.parse(text, "weld.yaml")
     assert str(error.value).startswith("weld.yaml")
     assert part in str(error.value)
@@ -120,7 +121,7 @@ def test_bad_scenario_is_one_clear_error(text, part):
 
 @given(st.text(max_size=80))
 def test_any_text_is_a_scenario_or_a_scenario_error(text):
-    with pytest.raises(ScenarioError):
+    with pytest.raises(InputError):
         scenario_file.parse(text)
 
 
@@ -132,15 +133,15 @@ def test_overrides_reach_nested_values_and_the_text():
 
 @pytest.mark.parametrize("override", ["noise", "=1", "name.x=1", "plant.noise=["])
 def test_bad_override_is_an_error(override):
-    with pytest.raises(ScenarioError, match="override"):
+    with pytest.raises(InputError, match="override"):
         scenario_file.load("quick", [override])
 
 
 def test_missing_file_names_what_there_is(tmp_path):
-    with pytest.raises(ScenarioError, match="reference_tracking"):
+    with pytest.raises(InputError, match="reference_tracking"):
         scenario_file.load(tmp_path / "nothing.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ScenarioError, match="UTF-8"):
+    with pytest.raises(InputError, match="UTF-8"):
         scenario_file.load(tmp_path / "binary.yaml")
 
 

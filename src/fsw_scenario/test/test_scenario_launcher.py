@@ -50,12 +50,27 @@ def test_arguments_environment_and_exit_code(modules, tmp_path):
             launcher.check()
 
 
-def test_the_last_words_tell_no_progress(modules, tmp_path):
-    modules("w", "def main():\n    print('progress 1 9\\nit broke\\nprogress 2 9', flush=True)\n    return 3")
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
-        child = launcher.start("w", "w")
-        assert child.process.wait() == 3
-    assert child.last_words() == "it broke"
+def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
+    modules(
+        "child_w",
+        """
+        import sys
+        from fsw_control.status_file import write_status
+        def main():
+            if len(sys.argv) > 1:
+                write_status(said=1)
+                write_status(url="x", number=2.5)
+                print("it broke")
+            return 3
+        """,
+    )
+    with Launcher(tmp_path, 77) as launcher:
+        first = launcher.start("w", "child_w", ["tell"])
+        assert first.process.wait() == 3
+        assert (first.status(), first.last_words()) == ({"url": "x", "number": 2.5}, "it broke")
+        again = launcher.start("w", "child_w")
+        again.process.wait()
+        assert (again.status(), again.last_words()) == ({}, "it printed nothing")
 
 
 def test_waiting_for_text_and_for_too_long(modules, tmp_path):

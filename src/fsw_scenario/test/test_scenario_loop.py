@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fsw_control.contract import Coming, Command, Limits, Measurement, Proposal, Reference
+from fsw_control.schema import InputError
 from fsw_decentral import DecentralController
 from fsw_model import ProcessModel
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
-from fsw_scenario.scenario import ScenarioError
 
 
 def run(name, controllers=None, overrides=()):
@@ -117,11 +117,11 @@ def test_switch_takes_place_at_its_tick(tmp_path):
 
 
 def test_missing_controller_is_a_clear_error():
-    with pytest.raises(ScenarioError, match="controller decentral is not available"):
+    with pytest.raises(InputError, match="controller decentral is not available"):
         ClosedLoop(scenario_file.load("quick"))
-    with pytest.raises(ScenarioError, match="available: "):
+    with pytest.raises(InputError, match="available: "):
         make("nobody")
-    with pytest.raises(ScenarioError, match="conservative, tight"):
+    with pytest.raises(InputError, match="conservative, tight"):
         make("decentral:wild")
 
 

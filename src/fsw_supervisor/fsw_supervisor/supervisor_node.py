@@ -69,7 +69,7 @@ class SupervisorNode(Node):
         self._next_report_s = 0.0
         self._kept_reference = KeptReference(self)
         self._controllers = ControllerTopics(
-            self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.hear
+            self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
         )
         subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)

@@ -40,8 +40,8 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     [
         (["--model", "missing.yaml"], 1, "missing.yaml"),
         (["--model", "bad.yaml"], 1, "unknown model parameter"),
-        (["--json", "missing/figures.json"], 1, "missing/figures.json"),
-        (["--evaluations", "0"], 2, "whole number"),
+        (["--json", "bad.yaml"], 1, "bad.yaml exists"),
+        (["--evaluations", "many"], 2, "many"),
         (["--tuning", "loose"], 2, "loose"),
         (["--write", "--model", "bad.yaml"], 2, "--model"),
         (["--write", "--check"], 2, "--check"),

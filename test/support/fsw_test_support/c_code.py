@@ -1,13 +1,13 @@
-"""Compiling C in tests: strictly, under sanitizers, to ask for the layout of structs."""
+"""Compiling C in tests: strictly, under sanitizers, to compare the layout of structs."""
 
 from __future__ import annotations
 
-import ctypes
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from fsw_control import c_library
+from fsw_control.c_library import CLibrary
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
@@ -25,23 +25,22 @@ def has_sanitizers(folder: Path) -> bool:
     return compile_c([*SANITIZE, str(folder / "probe.c"), "-o", str(folder / "probe")]).returncode == 0
 
 
-def layout_in_c(header: Path, structs: Mapping[str, type[ctypes.Structure]], folder: Path) -> list[int]:
-    """Offset of every field of ``structs`` and size of each, as the C compiler has them."""
-    lines = ["#include <stddef.h>", "#include <stdio.h>", f'#include "{header.name}"', "int main(void) {"]
-    for name, kind in structs.items():
-        lines += [f'printf("%zu\\n", offsetof({name}, {field}));' for field, *_ in kind._fields_]
+def check_layout(library: CLibrary, folder: Path) -> None:
+    """Check that every struct of the header is laid out by the C compiler as cffi has it."""
+    ffi, lines, layout = library.ffi, [], []
+    for name in ffi.list_types()[0]:
+        kind = ffi.typeof(name)
+        if kind.kind != "struct":
+            continue
+        for field, found in kind.fields:
+            lines.append(f'printf("%zu\\n", offsetof({name}, {field}));')
+            layout.append(found.offset)
         lines.append(f'printf("%zu\\n", sizeof({name}));')
-    (folder / "sizes.c").write_text("\n".join([*lines, "return 0; }"]), encoding="utf-8")
+        layout.append(ffi.sizeof(kind))
+    head = ["#include <stddef.h>", "#include <stdio.h>", f'#include "{library.package}.h"', "int main(void) {"]
+    (folder / "sizes.c").write_text("\n".join([*head, *lines, "return 0; }"]), encoding="utf-8")
     program = str(folder / "sizes")
-    built = compile_c(["-std=c99", "-I", str(header.parent), str(folder / "sizes.c"), "-o", program])
+    built = compile_c(["-std=c99", "-I", str(library.folder), str(folder / "sizes.c"), "-o", program])
     assert built.returncode == 0, built.stderr
-    told = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    return [int(word) for word in told.split()]
-
-
-def layout_in_python(structs: Mapping[str, type[ctypes.Structure]]) -> list[int]:
-    """The same as ctypes has them."""
-    layout: list[int] = []
-    for kind in structs.values():
-        layout += [getattr(kind, field).offset for field, *_ in kind._fields_] + [ctypes.sizeof(kind)]
-    return layout
+    printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    assert [int(word) for word in printed.split()] == layout

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
-from fsw_nmpc import kernel_build
 from fsw_nmpc.horizon import Horizon, horizon_of
-from fsw_nmpc.kernel_structs import ProblemStruct, Start
-from fsw_nmpc.library import Library
+from fsw_nmpc.library import KERNEL, Library
 from fsw_nmpc.tuning import PAPER, Tuning
 
 Vector = NDArray[np.float64]
@@ -27,7 +27,7 @@ def make_library(
     """A library with the horizon of ``blocks`` blocks, or with ``horizon``."""
     p = parameters or nominal()
     struct = (tuning or Tuning()).struct(LIMITS, max_iterations)
-    return Library(kernel_build.ensure(), p, horizon or horizon_of(p, blocks), struct)
+    return Library(p, horizon or horizon_of(p, blocks), struct)
 
 
 def random_tuning(rng: np.random.Generator) -> Tuning:
@@ -52,14 +52,15 @@ def random_tuning(rng: np.random.Generator) -> Tuning:
     )
 
 
-def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelParameters) -> Start:
+def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelParameters) -> Any:
     """A start that a weld could pose: any state, history, input and disturbance that limits allow."""
     p, n = parameters, horizon.n_history
     rise = rng.normal(0.0, 20.0, 2)
     history = np.zeros((n, 3))
     history[:, 0] = rise[1] / p.thermal_gain_c_per_kw + np.cumsum(rng.normal(0.0, 0.3, n))
     history[:, 1:] = rng.normal(0.0, 0.3, (n, 2))
-    start = Start(
+    start = KERNEL.new(
+        "fsw_start",
         x=(rng.uniform(-0.4, 0.4), rng.normal(0.0, 0.05), rise[0], rise[0] + rng.normal(), rng.uniform(900.0, 1200.0)),
         force_kn=rng.uniform(LIMITS.force_min_kn, LIMITS.force_max_kn),
         speed_rpm=rng.uniform(LIMITS.speed_min_rpm, LIMITS.speed_max_rpm),
@@ -70,19 +71,19 @@ def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelPa
         temp_offset_c=rng.normal(0.0, 3.0),
         speed_offset_rpm=rng.normal(0.0, 2.0),
     )
-    start.history[: 3 * n] = history.ravel().tolist()
+    start.history[0 : 3 * n] = history.ravel().tolist()
     return start
 
 
 def random_problem(
     rng: np.random.Generator, library: Library, parameters: ModelParameters, tuning: Tuning | None = None
-) -> ProblemStruct:
+) -> Any:
     """A problem from a random start to a random set-point; gives the library a random tuning unless one is given."""
     p, h = parameters, library.horizon
     tuning = tuning or random_tuning(rng)
     library.configure(tuning.struct(LIMITS, library.state.tuning.max_iterations))
     start = random_start(rng, h, p)
-    problem = ProblemStruct(start=start)
+    problem = KERNEL.new("fsw_problem", start=start[0])
     temperature = p.operating_temperature_c + start.x[3] + start.temp_offset_c
     softening = 1.0 + p.softening_per_c * start.x[3]
     depth = (p.operating_depth_mm + start.x[0] + start.x[1]) * softening + start.depth_offset_mm
@@ -94,8 +95,8 @@ def random_problem(
     bands = tuning.dead_band_depth_mm, tuning.dead_band_temperature_c
     for q, (now, goal) in enumerate(zip((depth, temperature), set_points, strict=True)):
         centre = goal + (now - goal) * np.exp(-h.time_s / max(rng.uniform(0.0, 8.0), 1e-3))
-        problem.low[q][: h.n_out] = (centre - bands[q]).tolist()
-        problem.high[q][: h.n_out] = (centre + bands[q]).tolist()
+        problem.low[q][0 : h.n_out] = (centre - bands[q]).tolist()
+        problem.high[q][0 : h.n_out] = (centre + bands[q]).tolist()
     return problem
 
 

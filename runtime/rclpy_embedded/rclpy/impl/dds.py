@@ -9,10 +9,9 @@ from typing import Any
 from cyclonedds.core import Entity, Policy, Qos
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import uint8
+from rclpy.constants import INT64_MAX
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
-
-INFINITE_NS = 0x7FFFFFFFFFFFFFFF
 
 
 class RawSample(IdlStruct):
@@ -22,12 +21,10 @@ class RawSample(IdlStruct):
         self.data = data
 
     def serialize(self, buffer: Any = None, endianness: Any = None, use_version_2: bool | None = None) -> bytes:
-        """Return the given CDR."""
         return self.data
 
     @classmethod
     def deserialize(cls, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> RawSample:
-        """Keep the received CDR; the type support decodes it."""
         return cls(data)
 
     deserialize_key = deserialize
@@ -35,7 +32,6 @@ class RawSample(IdlStruct):
 
 @cache
 def raw_type(dds_name: str) -> Any:
-    """Return the DDS type of the given name that carries CDR."""
     # The one member (every ROS message has at least a byte) is named after the type: else DDS would take all these
     # types for the same and match them within a process.
     member = dds_name.replace("::", "__")
@@ -60,10 +56,6 @@ def delete(entity: Entity | None) -> None:
         entity.__del__()
 
 
-def _duration_ns(duration: Duration) -> int:
-    return min(int(duration.nanoseconds), INFINITE_NS)
-
-
 def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:
     """Translate a profile as rmw_cyclonedds does."""
     if profile.history == HistoryPolicy.KEEP_ALL:
@@ -74,7 +66,7 @@ def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:
     policies: list[Any] = [
         Policy.DataRepresentation(use_cdrv0_representation=True),
         history,
-        Policy.Reliability.BestEffort if best_effort else Policy.Reliability.Reliable(INFINITE_NS),
+        Policy.Reliability.BestEffort if best_effort else Policy.Reliability.Reliable(INT64_MAX),
         Policy.Userdata(user_data.encode()),
     ]
     if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
@@ -85,11 +77,11 @@ def qos_to_dds(profile: QoSProfile, user_data: str, *, writer: bool) -> Qos:
         policies.append(Policy.Durability.Volatile)
     if writer:
         policies.append(Policy.WriterDataLifecycle(autodispose=False))
-        if lifespan := _duration_ns(profile.lifespan):
+        if lifespan := profile.lifespan.nanoseconds:
             policies.append(Policy.Lifespan(lifespan))
-    if deadline := _duration_ns(profile.deadline):
+    if deadline := profile.deadline.nanoseconds:
         policies.append(Policy.Deadline(deadline))
-    lease = _duration_ns(profile.liveliness_lease_duration) or INFINITE_NS
+    lease = profile.liveliness_lease_duration.nanoseconds or INT64_MAX
     manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     policies.append(Policy.Liveliness.ManualByTopic(lease) if manual else Policy.Liveliness.Automatic(lease))
     return Qos(*policies)
@@ -99,7 +91,7 @@ def profile_from_dds(qos: Qos) -> QoSProfile:
     """Translate discovered QoS back into a profile; policies that are absent become unknown."""
 
     def duration(policy: Any, field: str) -> Duration:
-        return Duration(nanoseconds=min(int(getattr(policy, field, INFINITE_NS)), INFINITE_NS))
+        return Duration(nanoseconds=getattr(policy, field, INT64_MAX))
 
     history, depth = HistoryPolicy.UNKNOWN, 0
     if qos[Policy.History] == Policy.History.KeepAll:

@@ -43,7 +43,6 @@ def discovery_range(environ: Mapping[str, str] = os.environ) -> str:
 
 
 def static_peers(environ: Mapping[str, str] = os.environ) -> list[str]:
-    """Return the addresses in ROS_STATIC_PEERS."""
     return [peer for peer in environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
 
 

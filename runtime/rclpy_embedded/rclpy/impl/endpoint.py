@@ -16,16 +16,10 @@ from rclpy.impl.dds import delete, matched, profile_from_dds
 from rclpy.impl.graph import user_data_field
 from rclpy.impl.handle import Destroyable
 from rclpy.impl.session import LocalNode, Reader, Session, Writer
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy, qos_profile_best_available
+from rclpy.qos import REQUESTED_POLICIES, WEAK_AND_STRICT, QoSProfile, qos_profile_best_available
 
-from rosidl_embedded.typesupport import service_type_support, type_support
+from rosidl_embedded.typesupport import type_support
 
-_STRICT_AND_LAX = {
-    "reliability": (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT),
-    "durability": (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE),
-    "liveliness": (LivelinessPolicy.MANUAL_BY_TOPIC, LivelinessPolicy.AUTOMATIC),
-}
-_POLICIES = (*_STRICT_AND_LAX, "deadline", "liveliness_lease_duration")
 # Goes before requests and replies: the client's id and the number of the request.
 _HEADER = struct.Struct("<Qq")
 _ENCAPSULATION_SIZE = 4
@@ -77,8 +71,9 @@ class TopicEndpoint(Endpoint):
         self.callback_group = callback_group
         self._support = type_support(msg_type)
         session, dds_topic = local_node.session, "rt" + name
-        create = session.writer if self._is_writer else session.reader
-        entity = create(dds_topic, self._support, _resolve(qos_profile, session, dds_topic, writer=self._is_writer))
+        profile = _resolve(qos_profile, session, dds_topic, writer=self._is_writer)
+        kind: Any = Writer if self._is_writer else Reader
+        entity = session.create(kind, dds_topic, self._support, profile)
         super().__init__(local_node, name, entity)
         logger_name = local_node.logger_name
         self.event_handlers = event_callbacks.create_event_handlers(callback_group, entity, topic, logger_name)
@@ -92,7 +87,9 @@ class TopicEndpoint(Endpoint):
 
 def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: bool) -> QoSProfile:
     """Choose the BEST_AVAILABLE policies: the strictest that match what is in the graph now."""
-    wanted = [name for name in _POLICIES if getattr(profile, name) == getattr(qos_profile_best_available, name)]
+    wanted = [
+        name for name in REQUESTED_POLICIES if getattr(profile, name) == getattr(qos_profile_best_available, name)
+    ]
     if not wanted:
         return profile
     peers = [profile_from_dds(endpoint.qos) for endpoint in session.graph.endpoints_of(dds_topic, writers=not writer)]
@@ -103,13 +100,13 @@ def _resolve(profile: QoSProfile, session: Session, dds_topic: str, *, writer: b
 
 
 def _best(name: str, of_peers: list[Any], writer: bool) -> Any:
-    if name not in _STRICT_AND_LAX:
+    if name not in WEAK_AND_STRICT:
         return (min if writer else max)(of_peers, key=lambda duration: duration.nanoseconds, default=Duration())
-    strict, lax = _STRICT_AND_LAX[name]
+    weak, strict = WEAK_AND_STRICT[name]
     if not writer:  # may ask only for what every writer offers
-        return strict if all(value == strict for value in of_peers) else lax
+        return strict if all(value == strict for value in of_peers) else weak
     # What a writer offers beyond need does no harm, but liveliness has to be asserted by its program.
-    return strict if name != "liveliness" or strict in of_peers else lax
+    return strict if name != "liveliness" or strict in of_peers else weak
 
 
 @dataclass(frozen=True)
@@ -126,7 +123,6 @@ def peer_id(data: Any, role: str) -> str | None:
 
 
 def matched_ids(handles: Callable[[], list[int]], data_of: Callable[[int], Any], role: str) -> set[str]:
-    """Return the ids of all matched peers."""
     ids = {peer_id(data_of(handle), role) for handle in matched(handles)}
     return {found for found in ids if found is not None}
 
@@ -152,13 +148,14 @@ class ServiceEndpoint(Endpoint):
         self.srv_name = srv_name
         self.qos_profile = qos_profile
         self.callback_group = callback_group
-        support, session = service_type_support(srv_type), local_node.session
-        requests, responses = (f"rq{name}Request", support.request), (f"rr{name}Reply", support.response)
+        session = local_node.session
+        requests = f"rq{name}Request", type_support(srv_type.Request)
+        responses = f"rr{name}Reply", type_support(srv_type.Response)
         received, sent = (requests, responses) if self._is_server else (responses, requests)
         self._received, self._sent = received[1], sent[1]
         prefix = f"{'service' if self._is_server else 'client'}id={session.next_id()};"
-        self._writer: Any = session.writer(*sent, qos_profile, prefix)
-        self._reader: Any = session.reader(*received, qos_profile, prefix)
+        self._writer: Any = session.create(Writer, *sent, qos_profile, prefix)
+        self._reader: Any = session.create(Reader, *received, qos_profile, prefix)
         super().__init__(local_node, name, self._reader, self._writer)
 
     @property
@@ -173,7 +170,7 @@ class ServiceEndpoint(Endpoint):
     def _send(self, request_id: RequestId, message: Any) -> None:
         prefix = _HEADER.pack(request_id.writer_guid, request_id.sequence_number)
         try:
-            self._writer.write(self._writer.data_type(self._sent.serialize_with_prefix(prefix, message)))
+            self._writer.write(self._writer.data_type(self._sent.serialize(message, prefix)))
         except DDSException as error:
             raise RCLError(f"failed to send {type(message).__name__}: {error}") from error
 

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from cyclonedds.builtin import (
@@ -11,6 +10,7 @@ from cyclonedds.builtin import (
     BuiltinTopicDcpsPublication,
     BuiltinTopicDcpsSubscription,
 )
+from cyclonedds.builtin_types import DcpsEndpoint
 from cyclonedds.core import InstanceState, Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError
@@ -54,33 +54,6 @@ def ros_service(dds_topic: str) -> str | None:
     return None
 
 
-@dataclass(frozen=True)
-class Endpoint:
-    """A writer or reader somewhere in the domain."""
-
-    guid: bytes
-    participant: bytes
-    dds_topic: str
-    dds_type: str
-    qos: Qos
-
-
-@dataclass(frozen=True)
-class RemoteNode:
-    """A node as its participant announces it, with the GUIDs of its endpoints."""
-
-    participant: bytes
-    namespace: str
-    name: str
-    readers: frozenset[bytes]
-    writers: frozenset[bytes]
-
-    @property
-    def full_name(self) -> str:
-        """Namespace and name."""
-        return f"{self.namespace.rstrip('/')}/{self.name}"
-
-
 def _drain(reader: Any) -> Iterator[Any]:
     while True:
         try:
@@ -91,10 +64,6 @@ def _drain(reader: Any) -> Iterator[Any]:
         yield from samples
         if len(samples) < _BATCH:
             return
-
-
-def _guids(gids: Iterable[Any]) -> frozenset[bytes]:
-    return frozenset(bytes(gid.data) for gid in gids)
 
 
 class Graph:
@@ -109,20 +78,15 @@ class Graph:
         # Made when somebody asks first: most programs never do.
         self._endpoint_readers: list[BuiltinDataReader] = []
         self._enclaves: dict[bytes, str] = {}
-        self._writers: dict[bytes, Endpoint] = {}
-        self._readers: dict[bytes, Endpoint] = {}
-        self._announced: dict[bytes, list[RemoteNode]] = {}
+        self._writers: dict[bytes, DcpsEndpoint] = {}
+        self._readers: dict[bytes, DcpsEndpoint] = {}
+        # NodeEntitiesInfo messages by participant.
+        self._announced: dict[bytes, list[Any]] = {}
 
     def tidy(self) -> None:
         """Take what has come since the last query, so that it does not pile up while nobody asks."""
         with self._lock:
             self._update()
-
-    def _look_at_endpoints(self) -> None:
-        """Receive writers and readers from now on, beginning with those that are there."""
-        if not self._endpoint_readers:
-            topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
-            self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]
 
     def _update(self) -> None:
         for sample in _drain(self._participant_reader):
@@ -134,73 +98,70 @@ class Graph:
                 self._announced.pop(guid, None)
         for reader, endpoints in zip(self._endpoint_readers, (self._writers, self._readers), strict=False):
             for sample in _drain(reader):
-                guid, name, type_name = sample.key.bytes, sample.topic_name, sample.type_name or ""
+                name = sample.topic_name
                 # DCPS...: Cyclone's own, read by this participant.
                 if sample.sample_info.instance_state == InstanceState.Alive and name and not name.startswith("DCPS"):
-                    endpoints[guid] = Endpoint(guid, sample.participant_key.bytes, name, type_name, sample.qos)
+                    endpoints[sample.key.bytes] = sample
                 else:
-                    endpoints.pop(guid, None)
+                    endpoints.pop(sample.key.bytes, None)
         for sample in _drain(self._info_reader):
             if sample.sample_info.valid_data:
                 try:
-                    self._take_info(self._deserialize(sample.data))
+                    info = self._deserialize(sample.data)
+                    self._announced[bytes(info.gid.data)] = info.node_entities_info_seq
                 except ValueError as error:
                     faults.count("ros_discovery_info", f"malformed ros_discovery_info: {error}")
 
-    def _take_info(self, info: Any) -> None:
-        guid = bytes(info.gid.data)
-        self._announced[guid] = [
-            RemoteNode(
-                guid, node.node_namespace, node.node_name, _guids(node.reader_gid_seq), _guids(node.writer_gid_seq)
-            )
-            for node in info.node_entities_info_seq
-        ]
-
-    def nodes(self) -> list[RemoteNode]:
-        """Return all nodes of the participants that are alive."""
+    def nodes(self) -> list[tuple[bytes, Any]]:
+        """Return all nodes of the participants that are alive: participant and what it announces of the node."""
         with self._lock:
             self._update()
-            return [node for guid in self._enclaves for node in self._announced.get(guid, ())]
+            return [(guid, node) for guid in self._enclaves for node in self._announced.get(guid, ())]
 
     def enclave(self, participant: bytes) -> str:
-        """Return the enclave a participant announced."""
         return self._enclaves.get(participant, "/")
 
-    def endpoints(self, *, writers: bool) -> list[Endpoint]:
-        """Return all writers or all readers."""
+    def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
         with self._lock:
-            self._look_at_endpoints()
+            if not self._endpoint_readers:
+                topics = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+                self._endpoint_readers = [BuiltinDataReader(self._participant, topic) for topic in topics]
             self._update()
             return list((self._writers if writers else self._readers).values())
 
-    def endpoints_of(self, dds_topic: str, *, writers: bool) -> list[Endpoint]:
-        """Return the writers or the readers of a DDS topic."""
-        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.dds_topic == dds_topic]
+    def endpoints_of(self, dds_topic: str, *, writers: bool) -> list[DcpsEndpoint]:
+        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.topic_name == dds_topic]
 
-    def node_of(self, endpoint: Endpoint) -> RemoteNode | None:
-        """Return the node that announced an endpoint."""
-        nodes = self._announced.get(endpoint.participant, ())
-        return next((node for node in nodes if endpoint.guid in node.writers | node.readers), None)
+    def node_of(self, endpoint: DcpsEndpoint) -> Any:
+        """Return the node that announced an endpoint, None if none did."""
+        nodes = self._announced.get(endpoint.participant_key.bytes, ())
+        guid = endpoint.key.bytes
+        return next((node for node in nodes if guid in _guids(node, True) | _guids(node, False)), None)
 
-    def endpoints_by_node(self, name: str, namespace: str, *, writers: bool) -> list[Endpoint]:
+    def endpoints_by_node(self, name: str, namespace: str, *, writers: bool) -> list[DcpsEndpoint]:
         """Return the writers or the readers of a node; NodeNameNonExistentError if no such node is known."""
-        found = [node for node in self.nodes() if node.name == name and node.namespace == namespace]
+        found = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
         if not found:
             raise NodeNameNonExistentError(
                 f"Cannot get endpoints of node: node '{name}' in namespace '{namespace}' does not exist"
             )
-        guids = frozenset[bytes]().union(*(node.writers if writers else node.readers for node in found))
-        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.guid in guids]
+        guids = set[bytes]().union(*(_guids(node, writers) for node in found))
+        return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.key.bytes in guids]
 
 
-def names_and_types(endpoints: Iterable[Endpoint], demangle: Callable[[str], str | None] | None) -> NamesAndTypes:
+def _guids(node: Any, writers: bool) -> set[bytes]:
+    return {bytes(gid.data) for gid in (node.writer_gid_seq if writers else node.reader_gid_seq)}
+
+
+def names_and_types(endpoints: Iterable[DcpsEndpoint], demangle: Callable[[str], str | None] | None) -> NamesAndTypes:
     """Collect the names that `demangle` gives for the DDS topics, sorted, each with its sorted types.
 
     Without `demangle`, names and types are those of DDS.
     """
     found: dict[str, set[str]] = {}
     for endpoint in endpoints:
-        name = demangle(endpoint.dds_topic) if demangle else endpoint.dds_topic
+        name = demangle(endpoint.topic_name) if demangle else endpoint.topic_name
         if name is not None:
-            found.setdefault(name, set()).add(ros_type(endpoint.dds_type) if demangle else endpoint.dds_type)
+            type_name = endpoint.type_name or ""
+            found.setdefault(name, set()).add(ros_type(type_name) if demangle else type_name)
     return [(name, sorted(types)) for name, types in sorted(found.items())]

@@ -1,29 +1,19 @@
 """Levels of the loggers, and where messages go: the console and /rosout. Follows rcutils."""
 
+from __future__ import annotations
+
 import os
 import re
 import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from rcl_interfaces import msg
 from rclpy.impl.logging_severity import LoggingSeverity
 
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
-
-
-class LogRecord(NamedTuple):
-    """One message, with its place in the code and system time."""
-
-    severity: LoggingSeverity
-    name: str
-    message: str
-    function_name: str
-    file_name: str
-    line_number: int
-    stamp_ns: int
 
 
 _ESCAPES = {r"\a": "\a", r"\b": "\b", r"\n": "\n", r"\r": "\r", r"\t": "\t", r"\x1b": "\x1b"}
@@ -39,6 +29,13 @@ def _switch(name: str) -> bool | None:
     return {"0": False, "1": True}.get(value)
 
 
+def log_message(severity: int, name: str, text: str, function: str, file: str, line: int) -> msg.Log:
+    """Make a message of a logger with its place in the code and the present time."""
+    message = msg.Log(level=int(severity), name=name, msg=text, function=function, file=file, line=line)
+    message.stamp.sec, message.stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
+    return message
+
+
 class Console:
     """Writes messages to stderr; the RCUTILS_* variables of the environment change stream, colour and layout."""
 
@@ -50,24 +47,24 @@ class Console:
         layout = os.environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT
         self._layout = re.sub(r"\\(?:[abnrt]|x1b)", lambda escape: _ESCAPES[escape[0]], layout)
 
-    def format(self, record: LogRecord) -> str:
+    def format(self, record: msg.Log) -> str:
         """Return the message in the layout of the console, without colour."""
-        seconds, nanoseconds = divmod(record.stamp_ns, 1_000_000_000)
+        seconds, nanoseconds = record.stamp.sec, record.stamp.nanosec
         date = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
         values = {
-            "severity": record.severity.name,
+            "severity": LoggingSeverity(record.level).name,
             "name": record.name,
-            "message": record.message,
-            "function_name": record.function_name,
-            "file_name": record.file_name,
-            "line_number": str(record.line_number),
+            "message": record.msg,
+            "function_name": record.function,
+            "file_name": record.file,
+            "line_number": str(record.line),
             "time": f"{seconds:010d}.{nanoseconds:09d}",
             "date_time_with_ms": f"{date}.{nanoseconds // 1_000_000:03d}",
-            "time_as_nanoseconds": f"{record.stamp_ns:019d}",
+            "time_as_nanoseconds": f"{seconds * 1_000_000_000 + nanoseconds:019d}",
         }
         return re.sub(r"{(\w+)}", lambda token: values.get(token[1], token[0]), self._layout)
 
-    def __call__(self, record: LogRecord) -> None:
+    def __call__(self, record: msg.Log) -> None:
         """Write the message; a console that was closed is ignored."""
         stream = sys.stdout if self._use_stdout else sys.stderr
         if stream is None:
@@ -75,7 +72,7 @@ class Console:
         try:
             line = self.format(record)
             if stream.isatty() if self._colorized is None else self._colorized:
-                line = f"{_COLORS[record.severity.name]}{line}{_NORMAL}"
+                line = f"{_COLORS[LoggingSeverity(record.level).name]}{line}{_NORMAL}"
             stream.write(line + "\n")
             if self._flush:
                 stream.flush()
@@ -83,87 +80,13 @@ class Console:
             return
 
 
-class Rosout:
-    """Publishes the messages of the loggers of nodes and of their children."""
-
-    def __init__(self) -> None:
-        self._publishers: dict[str, list[Callable[[Any], None]]] = {}
-        # Name of a child -> name of the logger that publishes for it, number of logger objects.
-        self._children: dict[str, tuple[str, int]] = {}
-        self._lock = threading.RLock()
-        self._state = threading.local()
-
-    def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        """Publish the messages of a node's logger and of its children through `publish`."""
-        with self._lock:
-            publishers = self._publishers.setdefault(logger_name, [])
-            publishers.append(publish)
-        if len(publishers) > 1:
-            text = (
-                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
-                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
-                "publisher."
-            )
-            place = "attach", __file__, 0
-            system.log(LogRecord(LoggingSeverity.WARN, "rcl.logging_rosout", text, *place, time.time_ns()))
-
-    def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        """Undo `attach`."""
-        with self._lock:
-            publishers = self._publishers.get(logger_name, [])
-            if publish in publishers:
-                publishers.remove(publish)
-            if not publishers:
-                self._publishers.pop(logger_name, None)
-
-    def add_child(self, logger_name: str, child_name: str) -> bool:
-        """Let a child publish through its parent's publisher; False if the parent publishes nothing."""
-        with self._lock:
-            owner = self._children.get(logger_name, (logger_name, 0))[0]
-            if owner not in self._publishers:
-                return False
-            self._children[child_name] = owner, self._children.get(child_name, ("", 0))[1] + 1
-            return True
-
-    def remove_child(self, child_name: str) -> None:
-        """Undo one `add_child`."""
-        with self._lock:
-            owner, count = self._children.pop(child_name, ("", 0))
-            if count > 1:
-                self._children[child_name] = owner, count - 1
-
-    def publish(self, record: LogRecord) -> None:
-        """Publish a message if it is one of a node."""
-        with self._lock:
-            name = record.name if record.name in self._publishers else self._children.get(record.name, ("", 0))[0]
-            publishers = self._publishers.get(name, [])[:1]
-        # A message that is logged while another one is published would never come to an end.
-        if not publishers or getattr(self._state, "publishing", False):
-            return
-        message = msg.Log(
-            level=int(record.severity),
-            name=record.name,
-            msg=record.message,
-            file=record.file_name,
-            function=record.function_name,
-            line=record.line_number,
-        )
-        message.stamp.sec, message.stamp.nanosec = divmod(record.stamp_ns, 1_000_000_000)
-        self._state.publishing = True
-        try:
-            publishers[0](message)
-        except RuntimeError:
-            # The publisher was destroyed meanwhile: logging must not fail for that.
-            return
-        finally:
-            self._state.publishing = False
-
-
 class LoggingSystem:
-    """Levels by logger name and the outputs in use; there is one per process."""
+    """Levels by logger name and the outputs in use, among them /rosout; there is one per process."""
 
     def __init__(self) -> None:
-        self.rosout = Rosout()
+        # What publishes to /rosout by name of a node's logger.
+        self._publishers: dict[str, list[Callable[[Any], None]]] = {}
+        self._state = threading.local()
         self.rosout_enabled = False
         self.initialize()
 
@@ -171,7 +94,6 @@ class LoggingSystem:
         """Forget all levels and read the environment again."""
         # That of the root, whose name is empty, is the default of all.
         self._levels = {"": LoggingSeverity.INFO}
-        self._effective: dict[str, LoggingSeverity] = {}
         self._console = Console()
         self.stdout_enabled = True
 
@@ -180,7 +102,6 @@ class LoggingSystem:
         if arguments.default_log_level is not LoggingSeverity.UNSET:
             self._levels[""] = arguments.default_log_level
         self._levels.update(arguments.log_levels)
-        self._effective = {}
         self.stdout_enabled = arguments.stdout_logs
         self.rosout_enabled = arguments.rosout_logs
 
@@ -189,33 +110,59 @@ class LoggingSystem:
         self.stdout_enabled = True
         self.rosout_enabled = False
 
+    def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        """Publish the messages of a node's logger and of its children through `publish`."""
+        publishers = self._publishers.setdefault(logger_name, [])
+        publishers.append(publish)
+        if len(publishers) > 1:
+            text = (
+                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
+                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
+                "publisher."
+            )
+            self.log(log_message(LoggingSeverity.WARN, "rcl.logging_rosout", text, "attach", __file__, 0))
+
+    def detach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
+        publishers = self._publishers.get(logger_name, [])
+        if publish in publishers:
+            publishers.remove(publish)
+
+    def _publish(self, message: msg.Log, ancestor: str) -> None:
+        """Publish a message if its logger, or the ancestor that the logger was made from, is that of a node."""
+        publishers = self._publishers.get(message.name) or self._publishers.get(ancestor)
+        # A message that is logged while another one is published would never come to an end.
+        if not publishers or getattr(self._state, "publishing", False):
+            return
+        self._state.publishing = True
+        try:
+            publishers[0](message)
+        except (RuntimeError, IndexError):
+            # The publisher was destroyed meanwhile: logging must not fail for that.
+            return
+        finally:
+            self._state.publishing = False
+
     def level(self, name: str) -> LoggingSeverity:
         """Return the level set for exactly this logger; UNSET if none is."""
         return self._levels.get(name, LoggingSeverity.UNSET)
 
     def set_level(self, name: str, level: LoggingSeverity) -> None:
-        """Set the level of a logger."""
         self._levels[name] = level
-        self._effective = {}
 
     def effective_level(self, name: str) -> LoggingSeverity:
         """Return the level of a logger or of its nearest ancestor that has one."""
-        found = self._effective.get(name)
-        if found is None:
-            found = self.level(name)
-            if found is LoggingSeverity.UNSET and name:
-                found = self.effective_level(name.rpartition(".")[0])
-            self._effective[name] = found
-        return found
+        while name and not self.level(name):
+            name = name.rpartition(".")[0]
+        return self.level(name)
 
-    def log(self, record: LogRecord) -> None:
-        """Send a message to the outputs if the logger is enabled for it."""
-        if record.severity < self.effective_level(record.name) or record.severity is LoggingSeverity.UNSET:
+    def log(self, message: msg.Log, ancestor: str = "") -> None:
+        """Send a message to the outputs if the logger is enabled for it; `ancestor` is the logger it was made from."""
+        if message.level < self.effective_level(message.name) or message.level == LoggingSeverity.UNSET:
             return
         if self.stdout_enabled:
-            self._console(record)
+            self._console(message)
         if self.rosout_enabled:
-            self.rosout.publish(record)
+            self._publish(message, ancestor)
 
 
 #: The logging system of this process.

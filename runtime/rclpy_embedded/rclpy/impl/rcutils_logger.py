@@ -8,32 +8,22 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import Any
 
-from rclpy.impl.logging_output import LogRecord, system
+from rclpy.impl.logging_output import log_message, system
 from rclpy.impl.logging_severity import LoggingSeverity
 
 #: Files whose frames are not the caller of a logging method; wrappers around a logger may add theirs.
 _internal_callers: list[str] = [__file__]
 
 
-class CallerId(NamedTuple):
-    """Place in the code from which a message is logged."""
-
-    function_name: str
-    file_path: str
-    line_number: int
-    #: Index of the instruction: two calls on one line differ.
-    last_index: int
-
-    @classmethod
-    def current(cls) -> CallerId:
-        """Return the first caller outside of the logging modules."""
-        frame: FrameType = sys._getframe(1)
-        while frame.f_back is not None and any(path in frame.f_code.co_filename for path in _internal_callers):
-            frame = frame.f_back
-        code = frame.f_code
-        return cls(code.co_name, os.path.abspath(code.co_filename), frame.f_lineno, frame.f_lasti)
+def _caller() -> tuple[str, str, int, int]:
+    """Return function, file, line and instruction (two calls on a line differ) outside of the logging modules."""
+    frame: FrameType = sys._getframe(1)
+    while frame.f_back is not None and any(path in frame.f_code.co_filename for path in _internal_callers):
+        frame = frame.f_back
+    code = frame.f_code
+    return code.co_name, os.path.abspath(code.co_filename), frame.f_lineno, frame.f_lasti
 
 
 _OPTIONS = ["throttle_duration_sec", "throttle_time_source_type", "skip_first", "once"]
@@ -55,38 +45,26 @@ def _check_options(options: dict[str, Any]) -> None:
 
 @dataclass
 class _CallSite:
-    """Arguments of the first call at a place in the code, and the state of the filters there."""
+    """Severity, logger and options of the first call at a place in the code, and the state of the filters there."""
 
-    severity: LoggingSeverity
-    name: str
-    options: dict[str, Any]
+    arguments: tuple[LoggingSeverity, str, dict[str, Any]]
     last_ns: int = 0
     has_skipped: bool = False
     has_passed: bool = False
 
-    def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
-        """Raise ValueError if a later call at the place has other arguments."""
-        for what, is_same in (
-            ("Logger severity", severity == self.severity),
-            ("Logger name", name == self.name),
-            ("Requested logging filters", options.keys() == self.options.keys()),
-            ("Logging filter parameters", options == self.options),
-        ):
-            if not is_same:
-                raise ValueError(f"{what} cannot be changed between calls.")
-
     def passes(self) -> bool:
         """Return whether the filters pass this message: throttle, then skip first, then once."""
-        if duration_sec := self.options.get("throttle_duration_sec"):
-            clock = self.options.get("throttle_time_source_type")
+        options = self.arguments[2]
+        if duration_sec := options.get("throttle_duration_sec"):
+            clock = options.get("throttle_time_source_type")
             now_ns = clock.now().nanoseconds if clock else time.time_ns()
             if now_ns < self.last_ns + duration_sec * 1e9:
                 return False
             self.last_ns = now_ns
-        if "skip_first" in self.options and not self.has_skipped:
+        if "skip_first" in options and not self.has_skipped:
             self.has_skipped = True
             return False
-        if "once" in self.options and self.has_passed:
+        if "once" in options and self.has_passed:
             return False
         self.has_passed = True
         return True
@@ -104,12 +82,8 @@ class RcutilsLogger:
 
     def __init__(self, name: str = "") -> None:
         self.name = name
-        self._is_rosout_child = False
-        self._call_sites: dict[CallerId, _CallSite] = {}
-
-    def __del__(self) -> None:
-        if self._is_rosout_child:
-            system.rosout.remove_child(self.name)
+        self._ancestor = name
+        self._call_sites: dict[tuple[str, str, int, int], _CallSite] = {}
 
     def get_child(self, name: str) -> RcutilsLogger:
         """Return a logger below this one. If this logger publishes to /rosout, so does the child."""
@@ -117,7 +91,7 @@ class RcutilsLogger:
             raise ValueError("Child logger name must not be empty.")
         child = RcutilsLogger(f"{self.name}.{name}" if self.name else name)
         if self.name:
-            child._is_rosout_child = system.rosout.add_child(self.name, child.name)
+            child._ancestor = self._ancestor
         return child
 
     def set_level(self, level: LoggingSeverity | int) -> None:
@@ -147,12 +121,16 @@ class RcutilsLogger:
         options = {key: value for key, value in kwargs.items() if value}
         if not isinstance(message, str):
             raise TypeError(f"a log message must be a str, got {type(message).__name__}: use str(...)")
-        caller = CallerId.current()
-        site = self._call_sites.setdefault(caller, _CallSite(severity, name, options))
-        site.check_unchanged(severity, name, options)
+        caller, arguments = _caller(), (severity, name, options)
+        site = self._call_sites.setdefault(caller, _CallSite(arguments))
+        if site.arguments != arguments:
+            raise ValueError(
+                f"severity, logger and filters of a log call cannot be changed between calls: {site.arguments} were "
+                f"given at first, now {arguments}"
+            )
         if not site.passes():
             return False
-        system.log(LogRecord(severity, name, message, *caller[:3], time.time_ns()))
+        system.log(log_message(severity, name, message, *caller[:3]), self._ancestor)
         return True
 
     debug = _logging_at(LoggingSeverity.DEBUG)

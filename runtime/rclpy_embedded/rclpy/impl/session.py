@@ -23,9 +23,16 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 
 from rosidl_embedded.typesupport import TypeSupport, get_message, type_support
 
-_DiscoveryOptions = tuple[str, list[str]]
-# Domain, its discovery options, and the number of sessions in it.
-_domains: dict[int, tuple[Domain, _DiscoveryOptions, int]] = {}
+
+@dataclass
+class _Domain:
+    entity: Domain
+    #: Discovery range and static peers.
+    options: tuple[str, list[str]]
+    sessions: int = 0
+
+
+_domains: dict[int, _Domain] = {}
 _domains_lock = threading.Lock()
 # While a topic's type information is hidden, the same topic cannot be made again.
 _topics_lock = threading.Lock()
@@ -67,12 +74,10 @@ class LocalNode(Handle):
 
     @property
     def full_name(self) -> str:
-        """Namespace and name."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     @property
     def logger_name(self) -> str:
-        """Name of the node's logger."""
         return self.full_name[1:].replace("/", ".")
 
 
@@ -91,27 +96,20 @@ class Session(Handle):
         self.publisher = Publisher(self.participant)
         self.subscriber = Subscriber(self.participant)
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
-        self._info_writer = self.writer("ros_discovery_info", self.info_support, _INFO_WRITER)
-        self.info_reader = self.reader("ros_discovery_info", self.info_support, _INFO_READER)
+        self._info_writer = self.create(Writer, "ros_discovery_info", self.info_support, _INFO_WRITER)
+        self.info_reader = self.create(Reader, "ros_discovery_info", self.info_support, _INFO_READER)
         #: What is known of all participants of the domain.
         self.graph = Graph(self.participant, self.info_reader, self.info_support.deserialize)
         _sessions.add(self)
 
-    def writer(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Writer:
-        """Create a writer; `prefix` precedes the type hash in its USER_DATA."""
-        return self._create(Writer, self.publisher, dds_topic, support, profile, prefix)
-
-    def reader(self, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = "") -> Reader:
-        """Create a reader; `prefix` precedes the type hash in its USER_DATA."""
-        return self._create(Reader, self.subscriber, dds_topic, support, profile, prefix)
-
-    def _create(
-        self, kind: type[_Kind], parent: Entity, dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str
+    def create(
+        self, kind: type[_Kind], dds_topic: str, support: TypeSupport, profile: QoSProfile, prefix: str = ""
     ) -> _Kind:
+        """Create a writer or reader; `prefix` precedes the type hash in its USER_DATA."""
         self.check(f"failed to create an endpoint of '{dds_topic}'")
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
-            return kind(parent, topic, qos)
+            return kind(self.publisher if kind is Writer else self.subscriber, topic, qos)
 
     def check(self, complaint: str) -> None:
         """Raise an RCLError with `complaint` if the context was shut down."""
@@ -126,26 +124,22 @@ class Session(Handle):
         return f"{raw[0]:2x}." + ".".join(f"{byte:x}" for byte in raw[1:])
 
     def add_node(self, node: LocalNode) -> None:
-        """Announce a node."""
         with self._lock:
             self._nodes.append(node)
             self._announce()
 
     def remove_node(self, node: LocalNode) -> None:
-        """Stop announcing a node."""
         with self._lock:
             if not self._closed:
                 self._nodes.remove(node)
                 self._announce()
 
     def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
-        """Announce endpoints of a node, in one message."""
         with self._lock:
             node.endpoints.extend(endpoints)
             self._announce()
 
     def remove_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
-        """Stop announcing endpoints of a node, then delete them."""
         with self._lock:
             if self._closed:
                 return
@@ -172,7 +166,6 @@ class Session(Handle):
         self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(message)))
 
     def close(self) -> None:
-        """Leave the domain."""
         with self._lock:
             if not self._closed:
                 self._closed = True
@@ -185,23 +178,22 @@ def _acquire_domain(domain_id: int) -> None:
     options = discovery_range(), static_peers()
     with _domains_lock:
         if domain_id not in _domains:
-            _domains[domain_id] = Domain(domain_id, configuration(domain_id)), options, 0
-        domain, present, users = _domains[domain_id]
-        if options != present:
+            _domains[domain_id] = _Domain(Domain(domain_id, configuration(domain_id)), options)
+        domain = _domains[domain_id]
+        if options != domain.options:
+            present = domain.options
             raise RCLError(
                 f"a context of this process is in domain {domain_id} with the discovery range {present[0]} and the "
                 f"static peers {present[1]}; it cannot be joined with {options[0]} and {options[1]}"
             )
-        _domains[domain_id] = domain, present, users + 1
+        domain.sessions += 1
 
 
 def _release_domain(domain_id: int) -> None:
     with _domains_lock:
-        domain, options, users = _domains.pop(domain_id)
-        if users > 1:
-            _domains[domain_id] = domain, options, users - 1
-        else:
-            delete(domain)
+        _domains[domain_id].sessions -= 1
+        if not _domains[domain_id].sessions:
+            delete(_domains.pop(domain_id).entity)
 
 
 @atexit.register

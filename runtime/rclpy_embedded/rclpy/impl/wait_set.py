@@ -67,7 +67,6 @@ class ConditionSet:
         return max(0, triggered)
 
     def close(self) -> None:
-        """Delete the DDS entities."""
         with self._guard_lock:
             delete(self._waitset)
             delete(self._guard)

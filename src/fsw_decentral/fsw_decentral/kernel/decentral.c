@@ -317,10 +317,10 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
     configure_loops(c);
   }
   const int is_known = is_finite(in->applied_force_kn + in->applied_speed_rpm);
-  const double told_kn = is_known ? in->applied_force_kn : c->proposed_force_kn;
-  const double told_rpm = is_known ? in->applied_speed_rpm : c->proposed_speed_rpm;
-  const double applied_kn = clipped(told_kn, t->force_min_kn, t->force_max_kn);
-  const double applied_rpm = clipped(told_rpm, t->speed_min_rpm, t->speed_max_rpm);
+  const double given_kn = is_known ? in->applied_force_kn : c->proposed_force_kn;
+  const double given_rpm = is_known ? in->applied_speed_rpm : c->proposed_speed_rpm;
+  const double applied_kn = clipped(given_kn, t->force_min_kn, t->force_max_kn);
+  const double applied_rpm = clipped(given_rpm, t->speed_min_rpm, t->speed_max_rpm);
   if (is_finite(in->reference_depth_mm + in->reference_temperature_c)) {
     c->reference_depth_mm = in->reference_depth_mm;
     c->reference_temperature_c = in->reference_temperature_c;
@@ -333,11 +333,11 @@ void fsw_decentral_step(fsw_decentral *c, const fsw_decentral_input *in, fsw_dec
     speed_rpm = applied_rpm;
     out->reason = FSW_DECENTRAL_OVERFLOW;
   }
-  if (is_beyond(told_kn, t->force_min_kn, t->force_max_kn, t->force_step_kn) ||
-      is_beyond(told_rpm, t->speed_min_rpm, t->speed_max_rpm, t->speed_step_rpm))
+  if (is_beyond(given_kn, t->force_min_kn, t->force_max_kn, t->force_step_kn) ||
+      is_beyond(given_rpm, t->speed_min_rpm, t->speed_max_rpm, t->speed_step_rpm))
     out->reason = FSW_DECENTRAL_OUT_OF_BOUNDS;
-  out->force_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, told_kn, t->force_step_kn);
-  out->speed_rpm = limited(speed_rpm, t->speed_min_rpm, t->speed_max_rpm, told_rpm, t->speed_step_rpm);
+  out->force_kn = limited(force_kn, t->force_min_kn, t->force_max_kn, given_kn, t->force_step_kn);
+  out->speed_rpm = limited(speed_rpm, t->speed_min_rpm, t->speed_max_rpm, given_rpm, t->speed_step_rpm);
   out->healthy = out->reason == FSW_DECENTRAL_PROPOSING;
   out->active_limits = 0;
   if (out->force_kn != force_kn || out->speed_rpm != speed_rpm)

@@ -48,24 +48,24 @@ typedef struct {
 } fsw_decentral_input;
 
 /* Why a proposal is not healthy. */
-enum {
+typedef enum {
   FSW_DECENTRAL_PROPOSING,
   FSW_DECENTRAL_NO_DEPTH,                    /* force held */
   FSW_DECENTRAL_NO_TORQUE,                   /* for longer than blind_limit_s */
   FSW_DECENTRAL_NO_TEMPERATURE,              /* likewise */
   FSW_DECENTRAL_OVERFLOW,                    /* samples beyond all range: the loops start again */
   FSW_DECENTRAL_OUT_OF_BOUNDS                /* what is applied is more than a step outside the bounds */
-};
+} fsw_decentral_reason;
 
 /* Limits that a proposal touches, as bits. */
-enum {
+typedef enum {
   FSW_DECENTRAL_FORCE_MIN = 1,
   FSW_DECENTRAL_FORCE_MAX = 2,
   FSW_DECENTRAL_SPEED_MIN = 4,
   FSW_DECENTRAL_SPEED_MAX = 8,
   FSW_DECENTRAL_FORCE_RATE = 16,
   FSW_DECENTRAL_SPEED_RATE = 32
-};
+} fsw_decentral_limit;
 
 typedef struct {
   double force_kn, speed_rpm;                /* the proposal */

@@ -1,6 +1,5 @@
-/* An FMU is the functions of FMI 2.0 (fmu.c) about a unit: fmu_plant.c, or fmu_controller.c with fmu_nmpc.c or
- * fmu_decentral.c. The unit's memory is the struct fmu_unit (fmu_plant.h, ...), its variables are the structs of
- * variables.h, which is generated. */
+/* An FMU is the functions of FMI 2.0 (fmu.c) about a unit: fmu_plant.c, or fmu_controller.c with tune.h. The unit's memory
+ * is the struct fmu_unit (fmu_unit.h), its variables are the structs of variables.h, which is generated. */
 #ifndef FMU_H
 #define FMU_H
 

@@ -3,8 +3,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "fmu_controller.h"
+#include "fmu.h"
 #include "signals.h" /* generated: give_input, show_output */
+#include "tune.h"    /* controller_tune: puts the FMU's parameters into the exported tuning; 1 with a message if it cannot */
 
 static int refuse(char *message) {
   snprintf(message, FMU_MESSAGE, "parameters: cannot be used together; " CONTROLLER_NEEDS);

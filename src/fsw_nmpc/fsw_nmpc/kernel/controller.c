@@ -17,12 +17,12 @@
 #define FAR 0.5
 #define SHORT_SOLVE 12
 
-int fsw_controller_bytes(void) { return (int)sizeof(fsw_controller); }
+int fsw_nmpc_bytes(void) { return (int)sizeof(fsw_nmpc); }
 
-#ifndef FSW_CONTROLLER_ID
-#define FSW_CONTROLLER_ID "unknown"
+#ifndef FSW_NMPC_ID
+#define FSW_NMPC_ID "unknown"
 #endif
-const char *fsw_controller_id(void) { return FSW_CONTROLLER_ID; }
+const char *fsw_nmpc_id(void) { return FSW_NMPC_ID; }
 
 static int rises_to(const int *values, int n, int most) {
   for (int i = 0; i < n; i++)
@@ -31,17 +31,17 @@ static int rises_to(const int *values, int n, int most) {
 }
 
 /* Whether a model fits what this was compiled for, and its tables into each other. */
-static int fits(const fsw_model *m) {
+static int fits(const fsw_nmpc_model *m) {
   const int n = m->n_blocks, nv = 2 * n;
   if (!m->step_interval || !m->interval_block || !m->interval_ticks || !m->block_reach || !m->out_step || !m->depth_width ||
-      !m->temp_width || !m->time_s || !m->modes || !m->weight_start || !m->weight_segment || !m->weight ||
+      !m->temperature_width || !m->time_s || !m->modes || !m->weight_start || !m->weight_segment || !m->weight ||
       !m->ahead_power || !m->torque_par)
     return 0;
   if (n < 1 || n > FSW_MAX_BLOCKS || m->n_out < 1 || m->n_out > FSW_MAX_OUT || m->n_steps < 1) return 0;
   if (m->n_steps > FSW_MAX_STEPS || m->n_history < 1 || m->n_history > FSW_MAX_HISTORY || m->n_weights < 0) return 0;
   if (!rises_to(m->step_interval, m->n_steps, m->n_out - 1) || !rises_to(m->interval_block, m->n_out, n - 1)) return 0;
   if (!rises_to(m->out_step, m->n_out, m->n_steps - 1) || !rises_to(m->depth_width, m->n_out, nv)) return 0;
-  if (!rises_to(m->temp_width, m->n_out, nv) || !rises_to(m->weight_start, m->n_steps + 1, m->n_weights)) return 0;
+  if (!rises_to(m->temperature_width, m->n_out, nv) || !rises_to(m->weight_start, m->n_steps + 1, m->n_weights)) return 0;
   if (m->interval_block[m->n_out - 1] != n - 1 || m->weight_start[m->n_steps] != m->n_weights) return 0;
   for (int i = 1; i < m->n_out; i++)
     if (m->interval_block[i] > m->interval_block[i - 1] + 1) return 0;
@@ -65,7 +65,7 @@ static double total(const double *values, int n) {
 }
 
 /* Whether the numbers of a model whose sizes fit are finite, and its horizon has an end. */
-static int is_finite_model(const fsw_model *m) {
+static int is_finite_model(const fsw_nmpc_model *m) {
   const double any[10] = {m->slow_pole,          m->fast_gain,          m->softening_per_c,         m->inertia_nm_s_per_rpm,
                           m->operating_force_kn, m->operating_depth_mm, m->operating_temperature_c, m->operating_power_kw,
                           m->depth_gain[0],      m->depth_gain[1]};
@@ -84,7 +84,7 @@ static int is_finite_model(const fsw_model *m) {
   return fsw_is_finite(sum);
 }
 
-static int is_usable(const fsw_tuning *t) {
+static int is_usable(const fsw_nmpc_tuning *t) {
   double sum = 0.0, least = 0.0;
   const double one[4] = {t->tolerance, t->offset_keep, t->jump_sigmas, t->blind_limit_s};
   for (int i = 0; i < 4; i++) add(one[i], &sum, &least);
@@ -102,60 +102,60 @@ static int is_usable(const fsw_tuning *t) {
   return t->max_iterations >= 1 && t->max_iterations <= MOST_ITERATIONS && t->plan_reuse >= 0;
 }
 
-int fsw_controller_init(fsw_controller *c, const fsw_model *model, const fsw_tuning *tuning) {
+int fsw_nmpc_init(fsw_nmpc *c, const fsw_nmpc_model *model, const fsw_nmpc_tuning *tuning) {
   if (!fits(model) || !is_finite_model(model) || !is_usable(tuning)) return 1;
   c->model = *model;
   c->tuning = *tuning;
   c->bad_cycles = 0;
   for (int q = 0; q < 2; q++) c->applied[q] = 0.5 * (tuning->input_min[q] + tuning->input_max[q]);
-  fsw_controller_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
+  fsw_nmpc_reset(c, model->operating_force_kn, 0.5 * (tuning->input_min[1] + tuning->input_max[1]));
   return 0;
 }
 
-int fsw_controller_configure(fsw_controller *c, const fsw_tuning *tuning) {
+int fsw_nmpc_configure(fsw_nmpc *c, const fsw_nmpc_tuning *tuning) {
   if (!is_usable(tuning)) return 1;
   c->tuning = *tuning;
   return 0;
 }
 
-static void clear_plan(fsw_controller *c) {
+static void clear_plan(fsw_nmpc *c) {
   for (int j = 0; j < 2 * c->model.n_blocks; j++) c->plan.moves[j] = c->plan.start[j] = 0.0;
   c->plan.is_cold = 1;
   c->plan.has_outputs = 0;
 }
 
 /* Distance of what is applied from the bounds; positive outside. */
-static double outside(const fsw_controller *c, int q) {
-  const double above = c->told[q] - c->tuning.input_max[q], below = c->tuning.input_min[q] - c->told[q];
+static double outside(const fsw_nmpc *c, int q) {
+  const double above = c->unclipped[q] - c->tuning.input_max[q], below = c->tuning.input_min[q] - c->unclipped[q];
   return above > below ? above : below;
 }
 
 /* Whether no command is both within the bounds and one step of what is applied. */
-static int is_out_of_bounds(const fsw_controller *c) {
+static int is_out_of_bounds(const fsw_nmpc *c) {
   for (int q = 0; q < 2; q++)
     if (outside(c, q) > c->tuning.move_max[q] + ROUNDED) return 1;
   return 0;
 }
 
-/* The command in force, or the last one where it is not finite: `told` as it is; `applied`, with which all is computed,
+/* The command in force, or the last one where it is not finite: `unclipped` as it is; `applied`, with which all is computed,
  * cut to the bounds, and the last one where it is too far outside to be believed. */
-static void take_applied(fsw_controller *c, double force_kn, double speed_rpm) {
+static void take_applied(fsw_nmpc *c, double force_kn, double speed_rpm) {
   const double given[2] = {force_kn, speed_rpm};
   const int is_known = fsw_is_finite(force_kn + speed_rpm);
-  for (int q = 0; q < 2; q++) c->told[q] = is_known ? given[q] : c->applied[q];
+  for (int q = 0; q < 2; q++) c->unclipped[q] = is_known ? given[q] : c->applied[q];
   const int is_believed = !is_out_of_bounds(c);
   for (int q = 0; q < 2; q++)
-    c->applied[q] = fsw_clip(is_believed ? c->told[q] : c->applied[q], c->tuning.input_min[q], c->tuning.input_max[q]);
+    c->applied[q] = fsw_clip(is_believed ? c->unclipped[q] : c->applied[q], c->tuning.input_min[q], c->tuning.input_max[q]);
 }
 
 /* Nearest to `wanted` within one step of what is applied and the bounds; the bounds win over the step. */
-static double limited(const fsw_controller *c, int q, double wanted) {
-  const fsw_tuning *t = &c->tuning;
-  const double near = fsw_clip(wanted, c->told[q] - t->move_max[q], c->told[q] + t->move_max[q]);
+static double limited(const fsw_nmpc *c, int q, double wanted) {
+  const fsw_nmpc_tuning *t = &c->tuning;
+  const double near = fsw_clip(wanted, c->unclipped[q] - t->move_max[q], c->unclipped[q] + t->move_max[q]);
   return fsw_clip(near, t->input_min[q], t->input_max[q]);
 }
 
-void fsw_input_clear(fsw_input *in) {
+void fsw_nmpc_input_clear(fsw_nmpc_input *in) {
   in->depth_mm = in->torque_nm = in->temperature_c = in->force_kn = in->speed_rpm = NAN;
   in->applied_force_kn = in->applied_speed_rpm = in->reference_depth_mm = in->reference_temperature_c = NAN;
   in->depth_fresh = in->torque_fresh = in->temperature_fresh = in->n_changes = 0;
@@ -163,7 +163,7 @@ void fsw_input_clear(fsw_input *in) {
   for (int i = 0; i < FSW_MAX_CHANGES; i++) in->change[i].at_s = in->change[i].depth_mm = in->change[i].temperature_c = NAN;
 }
 
-void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm) {
+void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm) {
   c->estimator.started = 0;
   c->has_corridor = c->has_rate = c->has_reference = 0;
   c->bad_in_a_row = 0;
@@ -173,17 +173,17 @@ void fsw_controller_reset(fsw_controller *c, double force_kn, double speed_rpm) 
 }
 
 /* Bring the estimator to this tick; 0 while there is nothing to start from. */
-static int estimate(fsw_controller *c, const fsw_input *in) {
+static int estimate(fsw_nmpc *c, const fsw_nmpc_input *in) {
   const double dt_s = in->dt_s > 0.0 ? in->dt_s : FSW_TICK_S;
   const int is_gap = !(dt_s < LONGEST_GAP_S);
-  fsw_input now = *in;
+  fsw_nmpc_input now = *in;
   now.applied_force_kn = c->applied[0];
   now.applied_speed_rpm = c->applied[1];
   c->late_s += is_gap ? LONGEST_GAP_S : dt_s;
   int ticks = (int)(c->late_s / FSW_TICK_S + 0.5);
   c->late_s -= ticks * FSW_TICK_S;
   if (c->estimator.started && ticks * FSW_TICK_S < LONGEST_GAP_S) {
-    fsw_input nothing = now;
+    fsw_nmpc_input nothing = now;
     nothing.depth_fresh = nothing.torque_fresh = nothing.temperature_fresh = 0;
     for (; ticks > 0; ticks--)
       if (!fsw_estimator_step(&c->estimator, &c->model, &c->tuning, ticks > 1 ? &nothing : &now)) break;
@@ -195,15 +195,15 @@ static int estimate(fsw_controller *c, const fsw_input *in) {
   return fsw_estimator_start(&c->estimator, &c->model, &now);
 }
 
-static void pose(fsw_controller *c, const fsw_input *in) {
+static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_start *s = &c->problem.start;
   const double *x = c->estimator.x;
   for (int i = 0; i < 5; i++) s->x[i] = x[i];
   for (int k = 0; k < 3 * c->model.n_history; k++) s->history[k] = c->estimator.history[k];
   s->force_kn = c->applied[0];
   s->speed_rpm = c->applied[1];
-  s->force_offset_kn = x[FSW_FORCE] + c->estimator.beyond[0];
-  s->speed_offset_rpm = c->estimator.beyond[1];
+  s->force_offset_kn = x[FSW_FORCE] + c->estimator.offset[0];
+  s->speed_offset_rpm = c->estimator.offset[1];
   s->heat_offset_kw = x[FSW_HEAT];
   s->torque_scale = x[FSW_SCALE];
   s->depth_offset_mm = x[FSW_DEPTH_OFFSET];
@@ -211,19 +211,19 @@ static void pose(fsw_controller *c, const fsw_input *in) {
   fsw_trajectories(c, in);
 }
 
-static void tell_estimates(const fsw_controller *c, fsw_output *out) {
+static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
-  static const int told[5] = {FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET};
+  static const int shown[5] = {FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET};
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
   out->torque_nm = e->x[FSW_MOTOR];
   for (int i = 0; i < 5; i++) {
-    out->disturbance[i] = e->x[told[i]];
-    out->deviation[i] = sqrt(e->p[told[i]][told[i]]);
+    out->disturbance[i] = e->x[shown[i]];
+    out->deviation[i] = sqrt(e->p[shown[i]][shown[i]]);
   }
 }
 
-int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out) {
+int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) {
   take_applied(c, in->applied_force_kn, in->applied_speed_rpm);
   if (fsw_is_finite(in->reference_depth_mm) && fsw_is_finite(in->reference_temperature_c)) {
     c->reference[0] = in->reference_depth_mm;
@@ -233,7 +233,7 @@ int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out
   out->force_kn = limited(c, 0, c->applied[0]);
   out->speed_rpm = limited(c, 1, c->applied[1]);
   out->healthy = out->blind = out->has_plan = 0;
-  out->fate = FSW_UNSOLVED;
+  out->solve_status = FSW_NOT_SOLVED;
   out->iterations = 0;
   out->bad_cycles = c->bad_cycles;
   out->bad_in_a_row = c->bad_in_a_row;
@@ -252,13 +252,13 @@ int fsw_controller_begin(fsw_controller *c, const fsw_input *in, fsw_output *out
 }
 
 /* Why a solution cannot be used: FSW_OK if it is finite and keeps all limits. */
-static int judge(const fsw_controller *c, const double *moves, const double *depth, const double *temp) {
-  const fsw_model *m = &c->model;
-  const fsw_tuning *t = &c->tuning;
+static int judge(const fsw_nmpc *c, const double *moves, const double *depth, const double *temp) {
+  const fsw_nmpc_model *m = &c->model;
+  const fsw_nmpc_tuning *t = &c->tuning;
   double sum = 0.0;
   for (int j = 0; j < 2 * m->n_blocks; j++) sum += moves[j];
   for (int i = 0; i < m->n_out; i++) sum += depth[i] + temp[i];
-  if (!fsw_is_finite(sum)) return FSW_FAILED;
+  if (!fsw_is_finite(sum)) return FSW_NOT_FINITE;
   for (int q = 0; q < 2; q++) {
     const double now = c->applied[q], slack = ACCEPTED * t->move_max[q];
     const double low = t->input_min[q], high = t->input_max[q];
@@ -268,17 +268,17 @@ static int judge(const fsw_controller *c, const double *moves, const double *dep
       const double move = moves[2 * b + q], most = t->move_max[q] * m->block_reach[b];
       if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
       input += move;
-      reach += FSW_RETURN_SHARE * most; /* an input outside its bounds must come back, as fast as it may */
+      reach += FSW_RETURN_PERCENT / 100.0 * most; /* an input outside its bounds must come back, as fast as it may */
       if (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i]) continue;
-      if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_BEYOND;
-      if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_BEYOND;
+      if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
+      if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
     }
   }
   return FSW_OK;
 }
 
 /* Outputs of the plan one tick later, along the horizon's points. */
-static void shift_outputs(fsw_controller *c) {
+static void shift_outputs(fsw_nmpc *c) {
   const double *time_s = c->model.time_s;
   const int n = c->model.n_out;
   for (int q = 0; q < 2; q++) {
@@ -293,8 +293,8 @@ static void shift_outputs(fsw_controller *c) {
 
 /* The plan one tick later: an interval does what it did, less the part that has come into the interval before it; a
  * block does the mean of its intervals. */
-static void shift_plan(fsw_controller *c) {
-  const fsw_model *m = &c->model;
+static void shift_plan(fsw_nmpc *c) {
+  const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
   double sum[FSW_MAX_VARS];
   int size[FSW_MAX_BLOCKS];
@@ -315,8 +315,8 @@ static void shift_plan(fsw_controller *c) {
   if (p->is_cold && p->has_outputs) shift_outputs(c);
 }
 
-static void tell_plan(const fsw_controller *c, fsw_output *out) {
-  const fsw_model *m = &c->model;
+static void tell_plan(const fsw_nmpc *c, fsw_nmpc_output *out) {
+  const fsw_nmpc_model *m = &c->model;
   double force = c->applied[0], speed = c->applied[1];
   out->has_plan = c->plan.has_outputs;
   for (int i = 0; i < m->n_out; i++) {
@@ -329,14 +329,14 @@ static void tell_plan(const fsw_controller *c, fsw_output *out) {
   }
 }
 
-void fsw_controller_end(fsw_controller *c, const double *moves, const double *depth, const double *temp, int fate,
-                        fsw_output *out) {
-  const fsw_model *m = &c->model;
+void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
+                        fsw_nmpc_output *out) {
+  const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
-  out->fate = fate == FSW_OK ? judge(c, moves, depth, temp) : fate;
+  out->solve_status = status == FSW_OK ? judge(c, moves, depth, temp) : status;
   out->healthy = 1;
   out->reason = FSW_PROPOSING;
-  if (out->fate == FSW_OK) {
+  if (out->solve_status == FSW_OK) {
     for (int j = 0; j < 2 * m->n_blocks; j++) p->moves[j] = moves[j];
     for (int i = 0; i < m->n_out; i++) {
       p->output[0][i] = depth[i];
@@ -371,7 +371,7 @@ void fsw_controller_end(fsw_controller *c, const double *moves, const double *de
 }
 
 /* Whether the next move is so far from the one about which the model was linearised that a second solve is worth it. */
-static int is_far(const fsw_controller *c, const double *moves, const double *about) {
+static int is_far(const fsw_nmpc *c, const double *moves, const double *about) {
   for (int q = 0; q < 2; q++)
     if (fabs(moves[q] - about[q]) > FAR * c->tuning.move_max[q]) return 1;
   return 0;
@@ -379,25 +379,25 @@ static int is_far(const fsw_controller *c, const double *moves, const double *ab
 
 /* One real-time iteration from where the last plan leads; a second one about its solution if that is far, or from no
  * moves at all if it failed. */
-void fsw_controller_step(fsw_controller *c, const fsw_input *in, fsw_output *out) {
+void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) {
   double v[FSW_MAX_VARS], about[FSW_MAX_VARS], depth[FSW_MAX_OUT], temp[FSW_MAX_OUT];
   const int nv = 2 * c->model.n_blocks;
-  if (!fsw_controller_begin(c, in, out)) return;
+  if (!fsw_nmpc_begin(c, in, out)) return;
   for (int j = 0; j < nv; j++) v[j] = c->plan.start[j];
-  int fate = FSW_OK, iterations = 0;
+  int status = FSW_OK, iterations = 0;
   for (int attempt = 0; attempt < 2; attempt++) {
     double size = 0.0;
     for (int j = 0; j < nv; j++) {
       about[j] = v[j];
       size += fabs(v[j]);
     }
-    fate = fsw_solve(c, &c->problem, v, depth, temp, out);
+    status = fsw_solve(c, &c->problem, v, depth, temp, out);
     iterations += out->iterations;
-    if (fate == FSW_OK) fate = judge(c, v, depth, temp);
-    if (fate == FSW_OK ? iterations > SHORT_SOLVE || !is_far(c, v, about) : size == 0.0) break;
-    if (fate != FSW_OK)
+    if (status == FSW_OK) status = judge(c, v, depth, temp);
+    if (status == FSW_OK ? iterations > SHORT_SOLVE || !is_far(c, v, about) : size == 0.0) break;
+    if (status != FSW_OK)
       for (int j = 0; j < nv; j++) v[j] = 0.0;
   }
   out->iterations = iterations;
-  fsw_controller_end(c, v, depth, temp, fate, out);
+  fsw_nmpc_end(c, v, depth, temp, status, out);
 }

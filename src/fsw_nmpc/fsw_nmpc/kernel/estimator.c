@@ -35,7 +35,7 @@ static const double START_DEVIATION[N] = {5e-3, 1e-3, 0.5, 0.2, 2.0, 0.2, 0.15, 
 
 enum { DEPTH, TORQUE, TEMPERATURE };
 
-fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm) {
+fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_mm) {
   double out[3];
   const double *arg[3] = {&force_kn, &depth_mm, m->torque_par};
   double *res[1] = {out};
@@ -44,14 +44,14 @@ fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm) {
   return t;
 }
 
-double fsw_friction(const fsw_model *m, double speed_rpm) {
+double fsw_friction(const fsw_nmpc_model *m, double speed_rpm) {
   return m->friction[0] + (m->friction[1] + m->friction[2] * speed_rpm) * speed_rpm;
 }
 
 static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
 
 /* Depth that the tool feels and, unless row is NULL, its derivative by the states. */
-double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[N]) {
+double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[N]) {
   const double *x = e->x;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double pushed = e->acting_force_kn + x[FSW_FORCE] - m->operating_force_kn;
@@ -66,7 +66,7 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[
 }
 
 /* What a drive adds to the command. It may lag: as long as what acts lies among the commands of the last ticks, nothing
- * new is known. So `beyond` changes no more than it must for `acting - beyond` to lie among them. */
+ * new is known. So `offset` changes no more than it must for `acting - offset` to lie among them. */
 static void take_drive(fsw_estimator *e, int input, double acting, double applied) {
   double *command = e->command[input], low = applied, high = applied;
   for (int k = FSW_LATEST - 1; k > 0; k--) {
@@ -75,11 +75,11 @@ static void take_drive(fsw_estimator *e, int input, double acting, double applie
     high = command[k] > high ? command[k] : high;
   }
   command[0] = applied;
-  e->beyond[input] = fsw_clip(e->beyond[input], acting - high, acting - low);
+  e->offset[input] = fsw_clip(e->offset[input], acting - high, acting - low);
 }
 
 /* Inputs that acted: as the drives report them, as commanded where they do not. */
-static void take_inputs(fsw_estimator *e, const fsw_input *in) {
+static void take_inputs(fsw_estimator *e, const fsw_nmpc_input *in) {
   e->acting_force_kn = fsw_is_finite(in->force_kn) ? in->force_kn : in->applied_force_kn;
   e->acting_speed_rpm = fsw_is_finite(in->speed_rpm) ? in->speed_rpm : in->applied_speed_rpm;
   take_drive(e, 0, e->acting_force_kn, in->applied_force_kn);
@@ -90,7 +90,7 @@ static int plausible_depth(double depth_mm) { return depth_mm > 0.0 && depth_mm 
 static int plausible_rise(double rise_c) { return rise_c > -LARGEST_DEVIATION_C && rise_c < LARGEST_DEVIATION_C; }
 
 /* Whether states and variances are finite and where a weld can be. */
-static int is_sound(const fsw_estimator *e, const fsw_model *m) {
+static int is_sound(const fsw_estimator *e, const fsw_nmpc_model *m) {
   double sum = 0.0;
   for (int i = 0; i < N; i++) {
     if (!(e->p[i][i] >= 0.0)) return 0;
@@ -101,14 +101,14 @@ static int is_sound(const fsw_estimator *e, const fsw_model *m) {
 }
 
 /* Begin at rest at a measurement; 0 if a sensor that is needed is missing or an input is absurd. */
-int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in) {
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_input *in) {
   const double rise_c = in->temperature_c - m->operating_temperature_c;
   if (!in->depth_fresh || !in->temperature_fresh || !plausible_depth(in->depth_mm) || !plausible_rise(rise_c)) return 0;
   for (int k = 0; k < FSW_LATEST; k++) {
     e->command[0][k] = in->applied_force_kn;
     e->command[1][k] = in->applied_speed_rpm;
   }
-  e->beyond[0] = e->beyond[1] = 0.0;
+  e->offset[0] = e->offset[1] = 0.0;
   take_inputs(e, in);
   const double torque = fsw_torque_at(m, e->acting_force_kn, in->depth_mm).value;
   const double friction = fsw_friction(m, e->acting_speed_rpm);
@@ -139,7 +139,7 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *i
 }
 
 /* Rows of a[] that do not change while it runs. */
-static void constant_rows(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t) {
+static void constant_rows(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   const double *mode = m->modes;
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) e->a[i][j] = i == j ? 1.0 : 0.0;
@@ -155,7 +155,7 @@ static void constant_rows(fsw_estimator *e, const fsw_model *m, const fsw_tuning
 }
 
 /* p = a p a' + walk */
-static void predict_covariance(fsw_estimator *e, const fsw_tuning *t) {
+static void predict_covariance(fsw_estimator *e, const fsw_nmpc_tuning *t) {
   double ap[N][N];
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) {
@@ -172,7 +172,7 @@ static void predict_covariance(fsw_estimator *e, const fsw_tuning *t) {
 }
 
 /* One tick of the model, as in predict.c, and of the covariance. */
-static void predict(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t) {
+static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t) {
   const double *mode = m->modes, motor_decay = mode[3], lag = mode[4];
   double *x = e->x, left_row[N], right_row[N];
   const double force = e->acting_force_kn + x[FSW_FORCE], pushed = force - m->operating_force_kn;
@@ -237,8 +237,8 @@ static double spread(const fsw_estimator *e, const double row[N], double cross[N
 
 /* Scalar Kalman update with the measurement's linearisation `row`. A jump widens the variances of the states in `jumping`,
  * by the squares of their shares. */
-static void update(fsw_estimator *e, const fsw_tuning *t, int sensor, const double row[N], double innovation, double noise,
-                   const double jumping[N]) {
+static void update(fsw_estimator *e, const fsw_nmpc_tuning *t, int sensor, const double row[N], double innovation,
+                   double noise, const double jumping[N]) {
   double cross[N];
   double expected = spread(e, row, cross) + noise * noise + LEAST_VARIANCE;
   const double excess = innovation * innovation - t->jump_sigmas * t->jump_sigmas * expected;
@@ -262,7 +262,7 @@ static int seen(fsw_estimator *e, int sensor, int is_valid) {
   return is_valid;
 }
 
-static void correct(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
+static void correct(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   double row[N], jumping[N];
   for (int s = 0; s < 3; s++) e->innovation[s] = e->expected[s] = 0.0;
 
@@ -295,7 +295,7 @@ static void correct(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, c
 
 /* Advance one tick: predict with the inputs that acted during it, correct with the sensors at its end. Returns whether
  * the estimate is sound; if it is not, it has ended and must be started anew. */
-int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in) {
+int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in) {
   take_inputs(e, in);
   predict(e, m, t);
   correct(e, m, t, in);

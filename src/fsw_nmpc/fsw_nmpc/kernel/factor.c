@@ -84,7 +84,7 @@ static int cholesky(double (*k)[FSW_STRIDE], double *per_diagonal, int n) {
         const double f = above[c];
         for (int l = c; l < n; l++) row[l] -= f * above[l];
       }
-      if (!fsw_is_finite(row[c])) return FSW_FAILED;
+      if (!fsw_is_finite(row[c])) return FSW_NOT_FINITE;
       /* lost to rounding near the solution, where pivots differ by many decades: this variable stays where it is */
       const double per = per_diagonal[c] = row[c] > 0.0 ? 1.0 / sqrt(row[c]) : 0.0;
       for (int l = c; l < n; l++) row[l] *= per;

@@ -2,11 +2,13 @@
 #ifndef FSW_WORKSPACE_H
 #define FSW_WORKSPACE_H
 
-#define FSW_PAD 8                                    /* rows of matrices are padded with zeros to a multiple of this */
-#define FSW_STRIDE ((FSW_MAX_VARS + FSW_PAD - 1) / FSW_PAD * FSW_PAD)
-#define FSW_MAX_ROWS (2 * FSW_MAX_OUT)               /* depth and temperature at every output point */
-#define FSW_MAX_SOFT (2 * FSW_MAX_ROWS + FSW_MAX_VARS) /* above and below the dead-bands; the moves */
-#define FSW_MAX_HARD (4 * FSW_MAX_VARS)              /* moves above, below; inputs at the end of every block above, below */
+enum {
+  FSW_PAD = 8,                                       /* rows of matrices are padded with zeros to a multiple of this */
+  FSW_STRIDE = (FSW_MAX_VARS + FSW_PAD - 1) / FSW_PAD * FSW_PAD,
+  FSW_MAX_ROWS = 2 * FSW_MAX_OUT,                    /* depth and temperature at every output point */
+  FSW_MAX_SOFT = 2 * FSW_MAX_ROWS + FSW_MAX_VARS,    /* above and below the dead-bands; the moves */
+  FSW_MAX_HARD = 4 * FSW_MAX_VARS                    /* moves above, below; inputs at the end of every block above, below */
+};
 
 /* Soft sides: e = t - s, the violation t >= 0 costs `weight` each (dual pi), the slack s >= 0 has the dual lambda, and
  * lambda + pi = weight. */

@@ -2,7 +2,7 @@
 #ifndef FSW_INTERNAL_H
 #define FSW_INTERNAL_H
 
-#include "fsw_controller.h"
+#include "fsw_nmpc.h"
 
 #define FSW_KW_PER_NM_RPM (3.14159265358979323846 / 30000.0)
 
@@ -11,23 +11,24 @@ static inline double fsw_clip(double x, double low, double high) { return x < lo
 
 /* torque.c, through torque.h */
 typedef struct { double value, by_force, by_depth; } fsw_torque;
-fsw_torque fsw_torque_at(const fsw_model *m, double force_kn, double depth_mm);
-double fsw_friction(const fsw_model *m, double speed_rpm);
+fsw_torque fsw_torque_at(const fsw_nmpc_model *m, double force_kn, double depth_mm);
+double fsw_friction(const fsw_nmpc_model *m, double speed_rpm);
 
 /* estimator.c */
-int fsw_estimator_start(fsw_estimator *e, const fsw_model *m, const fsw_input *in);
-int fsw_estimator_step(fsw_estimator *e, const fsw_model *m, const fsw_tuning *t, const fsw_input *in);
-double fsw_contact_depth(const fsw_estimator *e, const fsw_model *m, double row[FSW_STATES]);
+int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_input *in);
+int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_nmpc_input *in);
+double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
 /* trajectory.c */
-void fsw_trajectories(fsw_controller *c, const fsw_input *in);
+void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in);
 
 /* predict.c */
-int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fsw_workspace *w);
+int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w);
 
 /* rows.c */
 double fsw_dot(const double *a, const double *b, int n);
-void fsw_build(const fsw_model *m, const fsw_tuning *t, const fsw_problem *problem, const double *v, fsw_workspace *w);
+void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
+               fsw_workspace *w);
 void fsw_row_products(const fsw_workspace *w, const double *z, double *value, double *input);
 void fsw_add_transposed(const fsw_workspace *w, const double *row_force, const double *input_force, double *out);
 

@@ -5,7 +5,7 @@
  * arrive in (16) one dead time later with weights that were computed once, exactly. */
 #include "internal.h"
 
-static fsw_torque scaled_torque(const fsw_model *m, double scale, double force, double depth) {
+static fsw_torque scaled_torque(const fsw_nmpc_model *m, double scale, double force, double depth) {
   const fsw_torque t = fsw_torque_at(m, force, depth), s = {scale * t.value, scale * t.by_force, scale * t.by_depth};
   return s;
 }
@@ -18,7 +18,7 @@ static void torque_row(fsw_torque t, const double *count, const double *dz, int 
   }
 }
 
-int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
+int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
   fsw_path *p = &w->scratch.path;
   const int nv = 2 * m->n_blocks;
   double creep = s->x[0], slow = s->x[1], copper = s->x[2], tool = s->x[3], motor = s->x[4];
@@ -119,16 +119,16 @@ int fsw_predict_into(const fsw_model *m, const fsw_start *s, const double *v, fs
       w->output[out] = depth + s->depth_offset_mm;
       w->output[below] = m->operating_temperature_c + tool + s->temp_offset_c;
       for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = p->d_depth[j];
-      for (int j = 0; j < m->temp_width[out]; j++) w->by[below][j] = p->d_tool[j];
+      for (int j = 0; j < m->temperature_width[out]; j++) w->by[below][j] = p->d_tool[j];
       out++;
     }
   }
-  return fsw_is_finite(sum) ? FSW_OK : FSW_FAILED;
+  return fsw_is_finite(sum) ? FSW_OK : FSW_NOT_FINITE;
 }
 
-int fsw_predict(fsw_controller *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
+int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
                 double *by_temp) {
-  const fsw_model *m = &c->model;
+  const fsw_nmpc_model *m = &c->model;
   fsw_workspace *w = &c->workspace;
   const int nv = 2 * m->n_blocks;
   const int status = fsw_predict_into(m, start, v, w);
@@ -138,7 +138,7 @@ int fsw_predict(fsw_controller *c, const fsw_start *start, const double *v, doub
     if (by_depth == 0 || by_temp == 0) continue;
     for (int j = 0; j < nv; j++) {
       by_depth[i * nv + j] = j < m->depth_width[i] ? w->by[i][j] : 0.0;
-      by_temp[i * nv + j] = j < m->temp_width[i] ? w->by[m->n_out + i][j] : 0.0;
+      by_temp[i * nv + j] = j < m->temperature_width[i] ? w->by[m->n_out + i][j] : 0.0;
     }
   }
   return status;

@@ -20,7 +20,8 @@ double fsw_dot(const double *restrict a, const double *restrict b, int n) {
 
 static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
 
-static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_start *s, const double *v, fsw_workspace *w) {
+static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_start *s, const double *v,
+                            fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
   double intervals[FSW_MAX_BLOCKS], reach[2] = {0.0, 0.0};
   const double now[2] = {s->force_kn, s->speed_rpm};
@@ -41,7 +42,7 @@ static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_s
       w->soft.weight[w->n_moves] = 2.0 * weight; /* put behind the rows' sides when their number is known */
       w->move[w->n_moves++] = j;
     }
-    reach[q] += FSW_RETURN_SHARE * w->size[j]; /* an input outside its bounds must come back as fast as it may */
+    reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j]; /* an input outside its bounds must come back as fast as it may */
     const double low = t->input_min[q] - now[q], high = t->input_max[q] - now[q];
     w->input_low[j] = low < reach[q] ? low : reach[q];
     w->input_high[j] = high > -reach[q] ? high : -reach[q];
@@ -49,7 +50,8 @@ static void build_variables(const fsw_model *m, const fsw_tuning *t, const fsw_s
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }
 
-void fsw_build(const fsw_model *m, const fsw_tuning *t, const fsw_problem *problem, const double *v, fsw_workspace *w) {
+void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
+               fsw_workspace *w) {
   const int n_out = m->n_out;
   double weight[FSW_MAX_ROWS];
   int n = 0;
@@ -57,7 +59,7 @@ void fsw_build(const fsw_model *m, const fsw_tuning *t, const fsw_problem *probl
   w->n_depth = w->n_soft_rows = 0;
   for (int r = 0; r < 2 * n_out; r++) {
     const int q = r >= n_out, i = q ? r - n_out : r;
-    const int width = q ? m->temp_width[i] : m->depth_width[i];
+    const int width = q ? m->temperature_width[i] : m->depth_width[i];
     double *a = w->by[r], at_zero = w->output[r]; /* the linear model's output without moves */
     for (int j = 0; j < width; j++) {
       at_zero -= a[j] * v[j];

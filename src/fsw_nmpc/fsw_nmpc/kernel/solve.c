@@ -244,38 +244,38 @@ static void advance(fsw_workspace *w, double alpha) {
 }
 
 /* Outputs of the linear model at the solution. */
-static void outputs(const fsw_model *m, const fsw_workspace *w, double *depth, double *temp) {
+static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *depth, double *temp) {
   for (int r = 0; r < 2 * m->n_out; r++) {
     const int is_temp = r >= m->n_out, i = is_temp ? r - m->n_out : r;
-    const double value = w->output[r] + fsw_dot(w->by[r], w->z, is_temp ? m->temp_width[i] : m->depth_width[i]);
+    const double value = w->output[r] + fsw_dot(w->by[r], w->z, is_temp ? m->temperature_width[i] : m->depth_width[i]);
     if (is_temp) temp[i] = value;
     else depth[i] = value;
   }
 }
 
-int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_output *out) {
-  const fsw_model *m = &c->model;
-  const fsw_tuning *t = &c->tuning;
+int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out) {
+  const fsw_nmpc_model *m = &c->model;
+  const fsw_nmpc_tuning *t = &c->tuning;
   fsw_workspace *w = &c->workspace;
-  int fate = FSW_CAP, n = 0;
+  int status = FSW_ITERATION_CAP, n = 0;
   double gap = 0.0, primal = 0.0, dual = 0.0, cost = 0.0;
   out->iterations = 0;
-  if (fsw_predict_into(m, &problem->start, v, w) != FSW_OK) return FSW_FAILED;
+  if (fsw_predict_into(m, &problem->start, v, w) != FSW_OK) return FSW_NOT_FINITE;
   fsw_build(m, t, problem, v, w);
   start(w);
   const double pairs = 2.0 * n_soft(w) + 4.0 * w->nv;
   for (;; n++) {
     gap = residuals(w, &primal, &dual);
     cost = cost_of(w);
-    if (!fsw_is_finite(gap + cost)) { fate = FSW_FAILED; break; }
+    if (!fsw_is_finite(gap + cost)) { status = FSW_NOT_FINITE; break; }
     /* |z| <= 1, so a stationarity residual is worth at most nv times itself of cost */
     const double loss = t->tolerance * (1.0 + fabs(cost)), stationary = loss / w->nv;
     if (gap <= loss && primal <= PRIMAL_TOLERANCE && dual <= (stationary > DUAL_TOLERANCE ? stationary : DUAL_TOLERANCE)) {
-      fate = FSW_OK;
+      status = FSW_OK;
       break;
     }
     if (n >= t->max_iterations) break;
-    if (fsw_factorise(w) != FSW_OK) { fate = FSW_FAILED; break; }
+    if (fsw_factorise(w) != FSW_OK) { status = FSW_NOT_FINITE; break; }
     double reached;
     const double ahead = direction(w, 0.0, 0.0, &reached);
     const double ratio = reached / gap, wanted = ratio * ratio * ratio * gap, least = LEAST_SHARE * loss;
@@ -283,7 +283,7 @@ int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *
     const double alpha = direction(w, (wanted > least ? wanted : least) / pairs, ahead > SHORT_STEP ? 1.0 : ahead, 0);
     advance(w, alpha < 1.0 ? STEP_TO_BOUNDARY * alpha : 1.0);
   }
-  if (fate != FSW_FAILED) {
+  if (status != FSW_NOT_FINITE) {
     for (int j = 0; j < w->nv; j++) v[j] = w->z[j] * w->scale[j];
     outputs(m, w, depth, temp);
   }
@@ -292,5 +292,5 @@ int fsw_solve(fsw_controller *c, const fsw_problem *problem, double *v, double *
   out->primal_residual = primal;
   out->dual_residual = dual;
   out->cost = cost;
-  return fate;
+  return status;
 }

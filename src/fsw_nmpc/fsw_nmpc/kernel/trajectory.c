@@ -105,7 +105,7 @@ static double half_time_s(const approach *a, double size) {
 }
 
 /* Targets of output q: the set-point now, and those to come, each as early as it has to be begun. */
-static int targets_of(const approach *a, const fsw_controller *c, const fsw_input *in, int q, target *targets) {
+static int targets_of(const approach *a, const fsw_nmpc *c, const fsw_nmpc_input *in, int q, target *targets) {
   int n = 1;
   targets[0].at_s = -1e9;
   targets[0].value = c->reference[q];
@@ -123,8 +123,8 @@ static int targets_of(const approach *a, const fsw_controller *c, const fsw_inpu
 
 /* Rates of the temperature at the slowest and the fastest speed while the depth stays at its set-point: as the copper
  * softens the force gives way, and with it the torque. `power` holds the temperature. */
-static void held_rates(const fsw_controller *c, double power, double depth_mm, double depth_gain, double rate[2]) {
-  const fsw_model *m = &c->model;
+static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double depth_gain, double rate[2]) {
+  const fsw_nmpc_model *m = &c->model;
   const double *x = c->estimator.x, speed[2] = {c->tuning.input_min[1], c->tuning.input_max[1]};
   const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
   const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
@@ -137,9 +137,9 @@ static void held_rates(const fsw_controller *c, double power, double depth_mm, d
 }
 
 /* What force and speed can do together, about the present state. */
-static void authority(const fsw_controller *c, double copper_c, approach *depth, approach *temp) {
-  const fsw_model *m = &c->model;
-  const fsw_tuning *t = &c->tuning;
+static void authority(const fsw_nmpc *c, double copper_c, approach *depth, approach *temp) {
+  const fsw_nmpc_model *m = &c->model;
+  const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
@@ -171,8 +171,8 @@ static void authority(const fsw_controller *c, double copper_c, approach *depth,
 }
 
 /* Rate of the depth under the inputs that act. */
-static motion depth_now(const fsw_controller *c) {
-  const fsw_model *m = &c->model;
+static motion depth_now(const fsw_nmpc *c) {
+  const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
   double row[FSW_STATES];
   motion now;
@@ -185,8 +185,8 @@ static motion depth_now(const fsw_controller *c) {
 
 /* Copper and tool, as the sensor would show them, one dead time from now, and the copper's rate then under the power
  * that goes in now: nothing that is done now changes them. */
-static motion temperature_ahead(const fsw_controller *c) {
-  const fsw_model *m = &c->model;
+static motion temperature_ahead(const fsw_nmpc *c) {
+  const fsw_nmpc_model *m = &c->model;
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
@@ -204,7 +204,7 @@ static motion temperature_ahead(const fsw_controller *c) {
 
 /* The rate that an approach begins with: as it is, and the rate that the last approach had for this tick. Where one output
  * gives way to the other, the rate would fall behind a little at every tick; so it is made up for. */
-static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
+static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double begin_s, const target *targets,
                       int n_targets) {
   motion next;
   if (c->has_rate) now->rate += KEPT[q] * (c->rate[q] - now->rate);
@@ -213,9 +213,9 @@ static void keep_rate(fsw_controller *c, const approach *a, int q, motion *now, 
   c->rate[q] = next.rate;
 }
 
-static void approaches(fsw_controller *c, const fsw_input *in, double *depth, double *temp) {
-  const fsw_model *m = &c->model;
-  const fsw_tuning *t = &c->tuning;
+static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
+  const fsw_nmpc_model *m = &c->model;
+  const fsw_nmpc_tuning *t = &c->tuning;
   approach to_depth = {t->time_s[0], FORCE_TIME_S, AT_REST_MM, 0.0, 0.0, 0.0, 0.0};
   approach to_temp = {t->time_s[1], POWER_TIME_S, AT_REST_C, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
@@ -235,8 +235,8 @@ static void approaches(fsw_controller *c, const fsw_input *in, double *depth, do
 }
 
 /* Centre of the corridor of output q, now and over the horizon. */
-static void corridor(fsw_controller *c, int q, double output, double *path) {
-  const fsw_tuning *t = &c->tuning;
+static void corridor(fsw_nmpc *c, int q, double output, double *path) {
+  const fsw_nmpc_tuning *t = &c->tuning;
   const double goal = c->reference[q];
   if (t->trajectory == FSW_CONSTANT) c->corridor[q] = goal;
   else if (t->trajectory == FSW_RECENTRED || !c->has_corridor) c->corridor[q] = output;
@@ -249,7 +249,7 @@ static void corridor(fsw_controller *c, int q, double output, double *path) {
 }
 
 /* Dead-bands about the trajectories of this tick, into c->problem. */
-void fsw_trajectories(fsw_controller *c, const fsw_input *in) {
+void fsw_trajectories(fsw_nmpc *c, const fsw_nmpc_input *in) {
   double path[2][FSW_MAX_OUT];
   if (c->tuning.trajectory == FSW_APPROACH) {
     approaches(c, in, path[0], path[1]);

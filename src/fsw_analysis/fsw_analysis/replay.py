@@ -1,0 +1,425 @@
+"""Deterministic replay: drives a controller by a bag and compares what it proposes with what was recorded.
+
+Time comes from the bag alone. At every tick the controller gets what its node had then: the samples of that stamp,
+judged by the same sensor validity, the set-points in force and the command applied before. So the build that was
+recorded reproduces its proposals bit by bit on the same kind of processor, and another build, tuning or controller
+shows where it first differs and by how much.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fsw_analysis.messages import SENSOR_FIELDS, Kind, Table, WeldMessages, recorded_parameters
+from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
+from fsw_analysis.weld_signals import experiment_time_s
+from fsw_control.contract import Command, Controller, Proposal, Reference
+from fsw_control.host import NO_SET_POINT, answer
+from fsw_control.message_synchronizer import JUMP_NS
+from fsw_control.parameters import Source, load, load_source, validate
+from fsw_control.references import ReferencePlan
+from fsw_control.units import NANOSECONDS, kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
+from fsw_control.validity import SensorGuard, sensor_limits
+from fsw_control.weld import TICK_S
+from fsw_recorder.errors import BagError
+
+#: from the controller's parameters to the controller
+Make = Callable[[dict[str, Any]], Controller]
+#: force [N], speed [rad/s], and health with its reason where it is compared, too
+Recorded = tuple[float, float, tuple[bool, str] | None]
+Entry = TypeVar("Entry")
+
+_TICK_NS = round(TICK_S * NANOSECONDS)
+#: times above this are of the wall clock
+_REAL_TIME_NS = NANOSECONDS * 10**8
+_INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
+_PROPOSAL: dict[str, Kind] = {**_INPUTS, "healthy": "number", "reason": "text"}
+
+
+@dataclass(frozen=True, slots=True)
+class TickDifference:
+    """One tick at which the replayed proposal is not the recorded one.
+
+    Attributes
+    ----------
+    tick : int
+        From the first replayed tick on.
+    time_s : float
+        On the scenario's clock; in real time the first replayed tick is at 0.1 s.
+    force_kn, speed_rpm : float
+        Replayed minus recorded; NaN where one of both is not finite.
+    size : float
+        The larger difference, relative to 1 kN or 1 rpm plus the recorded value; infinite where one is not finite or
+        something else differs.
+    text : str
+        What else differs (health and its reason); empty when only the numbers do.
+    """
+
+    tick: int
+    time_s: float
+    force_kn: float
+    speed_rpm: float
+    size: float
+    text: str = ""
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Replayed proposals against recorded ones or applied commands.
+
+    Attributes
+    ----------
+    title : str
+        What is compared.
+    ticks : int
+        Ticks that both have.
+    differences : list of TickDifference
+        In order of time; empty when all are equal bit by bit.
+    tolerance : float
+        Size of a difference up to which proposals count as equal.
+    """
+
+    title: str
+    ticks: int
+    differences: list[TickDifference] = field(default_factory=list)
+    tolerance: float = 0.0
+
+    @property
+    def identical(self) -> bool:
+        """Whether all proposals are equal bit by bit."""
+        return not self.differences
+
+    @property
+    def beyond(self) -> list[TickDifference]:
+        """The differences that are larger than the tolerance."""
+        return [one for one in self.differences if one.size > self.tolerance]
+
+    def values(self) -> dict[str, Any]:
+        """The result as plain values for JSON; sizes of differences are absolute, and None without any."""
+        first = next(iter(self.beyond), None)
+        result: dict[str, Any] = {
+            "title": self.title,
+            "ticks": self.ticks,
+            "differing": len(self.beyond),
+            "first_tick": first and first.tick,
+            "first_s": first and first.time_s,
+        }
+        for name in ("force_kn", "speed_rpm"):
+            sizes = [(abs(getattr(one, name)), one.time_s) for one in self.differences]
+            known = [one for one in sizes if math.isfinite(one[0])]
+            largest, at_s = max(known, default=(0.0, None))
+            mean = sum(size for size, _ in known) / max(self.ticks, 1)
+            result[name] = {"largest": largest, "largest_s": at_s, "mean": mean}
+        return result
+
+    def lines(self) -> list[str]:
+        """The result in words."""
+        if self.identical:
+            return [f"{self.title}: all {self.ticks} proposals reproduced bit by bit"]
+        first = (self.beyond or self.differences)[0]
+        what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (f", {first.text}" if first.text else "")
+        verdict = f"all {self.ticks} proposals reproduced within the tolerance of {self.tolerance:g}"
+        if self.beyond:
+            verdict = f"{len(self.beyond)} of {self.ticks} proposals differ"
+        force, speed = (self.values()[name] for name in ("force_kn", "speed_rpm"))
+        return [
+            f"{self.title}: {verdict}",
+            f"first at tick {first.tick}, {first.time_s:.1f} s: {what} (replayed minus recorded)",
+            f"largest: {1e3 * force['largest']:.6g} N, {speed['largest']:.6g} rpm; "
+            f"mean: {1e3 * force['mean']:.6g} N, {speed['mean']:.6g} rpm",
+        ]
+
+
+@dataclass(slots=True)
+class Replay:
+    """A controller's new answers to the recorded measurements.
+
+    Attributes
+    ----------
+    controller : str
+        Its name.
+    parameters : dict
+        With which it ran, those of its node included.
+    stamps, came : list of int
+        Stamp of each tick, and when its last sample had been received [ns].
+    is_part : bool
+        Whether only the first seconds of the weld were replayed.
+    time_s : list of float
+        Of each tick on the scenario's clock.
+    proposals : list of Proposal
+        One per tick.
+    own, applied : list of tuple or None
+        At each tick what the controller proposed when the bag was recorded, and what was applied.
+    notes : list of str
+        What may keep a replay from being exact (no parameters in the bag, parameters changed on the way, …).
+    comparable : bool
+        False when the bag begins in mid-weld, so that the controller's state then is unknown.
+    """
+
+    controller: str
+    parameters: dict[str, Any]
+    stamps: list[int]
+    came: list[int]
+    is_part: bool
+    time_s: list[float]
+    proposals: list[Proposal]
+    own: list[Recorded | None]
+    applied: list[Recorded | None]
+    notes: list[str]
+    comparable: bool
+
+    def against_own(self, title: str, tolerance: float = 0.0) -> Comparison:
+        """Compare with the controller's recorded proposals, of which there are none where it was not in the weld."""
+        return self._against(self.own, title, tolerance)
+
+    def against_applied(self, title: str, tolerance: float = 0.0) -> Comparison:
+        """Compare with the commands that were applied."""
+        return self._against(self.applied, title, tolerance)
+
+    def _against(self, recorded: Sequence[Recorded | None], title: str, tolerance: float) -> Comparison:
+        differences = []
+        for tick, (time_s, proposal, was) in enumerate(zip(self.time_s, self.proposals, recorded, strict=True)):
+            found = was and _difference(proposal, *was)
+            if found:
+                differences.append(TickDifference(tick, time_s, *found))
+        return Comparison(title, sum(was is not None for was in recorded), differences, tolerance)
+
+
+def replay(
+    messages: WeldMessages,
+    name: str,
+    make: Make,
+    described: Source = None,
+    changed: Mapping[str, Any] | None = None,
+    duration_s: float = math.inf,
+) -> Replay:
+    """Replay a weld to a controller.
+
+    Parameters
+    ----------
+    messages : WeldMessages
+        Of a bag with the sensor topics, commands and set-points.
+    name : str
+        The controller's name. Where the bag has its proposals, their ticks are replayed, else those of the sensors.
+    make : callable
+        Makes the controller from its parameters.
+    described : (str, str) or path, optional
+        Where its parameters are described; their values are taken from the bag where it has them.
+    changed : mapping, optional
+        Parameters, on top of the recorded ones.
+    duration_s : float, optional
+        How much of the weld.
+
+    Raises
+    ------
+    ParameterError
+        A changed parameter is unknown or does not fit.
+    BagError
+        The bag lacks a topic, or the controller refuses its recorded parameters.
+    """
+    of_node, of_controller = load("fsw_control", "controller.yaml"), load_source(described)
+    validate(of_node | of_controller, changed or {})
+    recorded = _Inputs(messages, name)
+    values, notes = recorded.parameters(name)
+    try:
+        settings, own = (
+            validate(specs, {key: value for key, value in {**values, **(changed or {})}.items() if key in specs})
+            for specs in (of_node, of_controller)
+        )
+        controller = make(own)
+    except Exception as error:  # a user's controller may fail in any way
+        raise BagError(f"{messages.path}: controller {name} refuses its recorded parameters: {error}") from None
+    references = recorded.set_points(notes)
+    comparable = not recorded.in_mid_weld(name, notes)
+    n = recorded.stamps.size
+    if duration_s < math.inf:
+        n = int(np.searchsorted(recorded.stamps, recorded.stamps[0] + round((duration_s - 0.5 * TICK_S) * NANOSECONDS)))
+    stamps, came, time_s = (one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s))
+    return Replay(
+        controller=name,
+        parameters=settings | own,
+        stamps=stamps,
+        came=came,
+        is_part=n < recorded.stamps.size,
+        time_s=time_s,
+        proposals=recorded.show(controller, settings, references, stamps),
+        own=recorded.own_rows()[:n],
+        applied=recorded.applied_rows(stamps),
+        notes=notes,
+        comparable=comparable,
+    )
+
+
+def _difference(
+    proposal: Proposal, force_n: float, speed_rad_s: float, was: tuple[bool, str] | None
+) -> tuple[float, float, float, str] | None:
+    """Force [kN], speed [rpm], size and words by which a proposal differs from the recorded one; None if in nothing."""
+    new_force_n, new_speed_rad_s = n_from_kn(proposal.command.force_kn), rad_s_from_rpm(proposal.command.speed_rpm)
+    now = (proposal.healthy, proposal.reason)
+    text = "" if was in (None, now) else f"was {_health(*was or now)}, is {_health(*now)}"
+    if _same(new_force_n, force_n) and _same(new_speed_rad_s, speed_rad_s) and not text:
+        return None
+    force_kn, speed_rpm = kn_from_n(new_force_n - force_n), rpm_from_rad_s(new_speed_rad_s - speed_rad_s)
+    sizes = (abs(force_kn) / (1.0 + abs(kn_from_n(force_n))), abs(speed_rpm) / (1.0 + abs(rpm_from_rad_s(speed_rad_s))))
+    return force_kn, speed_rpm, math.inf if text or not all(map(math.isfinite, sizes)) else max(sizes), text
+
+
+def _same(first: float, second: float) -> bool:
+    return first == second or (math.isnan(first) and math.isnan(second))
+
+
+def _health(healthy: bool, reason: str) -> str:
+    return ("healthy" if healthy else "not healthy") + (f" ({reason})" if reason else "")
+
+
+class _Inputs:
+    """What a bag holds for the replay of one controller."""
+
+    def __init__(self, messages: WeldMessages, name: str) -> None:
+        self._messages = messages
+        sensors = {name: messages.table(topic, {field: "number"}) for name, (topic, field) in SENSOR_FIELDS.items()}
+        self._sent, self._held = (read_set_points(messages, topic) for topic in (SENT, HELD))
+        missing = [SENSOR_FIELDS[sensor][0] for sensor, table in sensors.items() if not table]
+        missing += [] if self._sent or self._held else [SENT]
+        if missing:
+            raise BagError(f"{messages.path}: cannot be replayed, it has no {', '.join(missing)}")
+        self._own = messages.table(f"/fsw/{name}/proposal", _PROPOSAL)
+        self._stated = read_set_points(messages, f"/fsw/{name}/reference")
+        self._plans = read_plans(messages)
+        #: stamp and command, in order of receipt
+        self._commands = _commands(messages.table("/fsw/command", _INPUTS))
+        #: what the drives reported, by stamp
+        self._drives = dict(_commands(messages.table("/fsw/drives", _INPUTS)))
+        #: value by stamp, by sensor; of several with one stamp the first
+        self._samples: dict[str, dict[int, float]] = {}
+        received: dict[int, int] = {}
+        for sensor, table in sensors.items():
+            values = table.column(SENSOR_FIELDS[sensor][1]).tolist()
+            self._samples[sensor] = dict(zip(table.stamp_ns[::-1].tolist(), values[::-1], strict=True))
+            for stamp_ns, log_ns in zip(table.stamp_ns.tolist(), table.log_ns.tolist(), strict=True):
+                received[stamp_ns] = max(log_ns, received.get(stamp_ns, log_ns))
+        self._samples["depth"] = {stamp_ns: mm_from_m(value) for stamp_ns, value in self._samples["depth"].items()}
+        self.stamps = self._own.stamp_ns if self._own else np.array(sorted(received), np.int64)
+        self.time_s = experiment_time_s(self.stamps)
+        answered = self._own.log_ns.tolist() if self._own else [0] * len(self.stamps)
+        #: when the last sample of each tick had been received; of one without samples the proposal
+        self.came = np.array([received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)], np.int64)
+
+    def parameters(self, name: str) -> tuple[dict[str, Any], list[str]]:
+        """Recorded parameters of the controller's node, with notes; without them it begins at the first command."""
+        notes = []
+        try:
+            values = recorded_parameters(self._messages.attachments, self._messages.namespace, name)
+        except BagError as error:
+            notes.append(f"{error}; its defaults are used")
+            first = next((command for _, command in self._commands), None)
+            values = {"initial_force": first.force_kn, "initial_speed": first.speed_rpm} if first else {}
+        changes = self._messages.table("/parameter_events", {"node": "text"})
+        own = changes.column("node") == f"{self._messages.namespace}/fsw_{name}"
+        if self._own and bool((own & (changes.log_ns > self._own.log_ns[0])).any()):
+            notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
+        return values, notes
+
+    def in_mid_weld(self, name: str, notes: list[str]) -> bool:
+        """Whether the controller had answered before the bag begins: it states set-points that it followed before."""
+        before = any(0 < one.stamp_ns < self.stamps[0] for one in self._stated[:1])
+        if before:
+            notes.append(f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ")
+        return before
+
+    def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
+        """Set-points with the stamp of the tick from which the controller followed each, as it states itself.
+
+        Where the bag lacks that, those hold that had come when the samples of a tick had: the proposal, which is later
+        by the time of the solution, is too late to judge by.
+        """
+        known = {(round(one.depth_mm, 9), one.temperature_c): one.reference for one in (*self._sent, *self._held)}
+        # a conversion on the wire may change the last bit
+        points = [
+            (one.stamp_ns, known.get((round(one.depth_mm, 9), one.temperature_c), one.reference))
+            for one in self._stated
+        ]
+        first_reason = self._own.column("reason")[0] if self._own else ""
+        if not points or (points[0][0] > self.stamps[0] and first_reason != NO_SET_POINT):
+            sent = timeline(self._sent, self._held, self.stamps, self.came, notes)
+            points = [*(one for one in sent if not points or one[0] < points[0][0]), *points]
+        if self._by_hand():
+            what = "what announces them" if self._stated else "they, and what announces them,"
+            notes.append(
+                f"set-points were sent by hand in real time: when {what} reached the controller, the bag does not show "
+                "exactly; proposals after one may differ"
+            )
+        return points
+
+    def _by_hand(self) -> bool:
+        """Whether set-points came in real time for the present tick or at once, not ahead as a programme sends them."""
+        coming = [one for one in self._sent if self.came[0] > _REAL_TIME_NS and one.log_ns > self.came[0]]
+        newest = self.stamps[np.searchsorted(self.came, [one.log_ns for one in coming]) - 1].tolist()
+        return any(one.stamp_ns <= stamp + _TICK_NS for one, stamp in zip(coming, newest, strict=True))
+
+    def show(
+        self,
+        controller: Controller,
+        settings: Mapping[str, Any],
+        references: Iterable[tuple[int, Reference]],
+        stamps: Sequence[int],
+    ) -> list[Proposal]:
+        """The controller's answers to the recorded measurements."""
+        guard = SensorGuard(sensor_limits(settings))
+        applied = Command(settings["initial_force"], settings["initial_speed"])
+        controller.reset(applied)
+        waiting: deque[tuple[int, Reference | None]] = deque(references)
+        plans, commands = deque(self._plans), deque(self._commands)
+        reference: Reference | None = None
+        plan, last_ns = ReferencePlan(), None
+        proposals: list[Proposal] = []
+        for stamp_ns, came_ns in zip(stamps, self.came.tolist(), strict=False):
+            reference = _latest(waiting, stamp_ns, reference)
+            plan = _latest(plans, came_ns, plan)
+            applied = _latest(commands, stamp_ns - 1, applied)
+            if last_ns is not None and not 0 < stamp_ns - last_ns <= JUMP_NS:
+                guard.reset()
+                controller.reset(applied)
+                last_ns = None
+            dt_s = settings["period"] if last_ns is None else (stamp_ns - last_ns) / NANOSECONDS
+            last_ns = stamp_ns
+            values = {sensor: samples[stamp_ns] for sensor, samples in self._samples.items() if stamp_ns in samples}
+            measurement = guard.measure(stamp_ns * 1e-9, values, self._drives.get(stamp_ns))
+            followed = reference and replace(reference, coming=plan.after(stamp_ns, reference))
+            proposals.append(answer(controller, measurement, followed, applied, dt_s))
+        return proposals
+
+    def own_rows(self) -> list[Recorded | None]:
+        """What the controller proposed when the bag was recorded, at each tick."""
+        if not self._own:
+            return [None] * len(self.stamps)
+        columns = (self._own.column(path).tolist() for path in _PROPOSAL)
+        return [(force, speed, (bool(healthy), reason)) for force, speed, healthy, reason in zip(*columns, strict=True)]
+
+    def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
+        """What was applied, at each tick; of several commands with one stamp the first, as in the plant."""
+        commands = dict(reversed(self._commands))
+        found = (commands.get(stamp_ns) for stamp_ns in stamps)
+        return [one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found]
+
+
+def _latest(waiting: deque[tuple[int, Entry]], until_ns: int, present: Entry) -> Entry:
+    """Take the entries up to a time out of the queue; the last of them, or else the present one."""
+    while waiting and waiting[0][0] <= until_ns:
+        _, present = waiting.popleft()
+    return present
+
+
+def _commands(table: Table) -> list[tuple[int, Command]]:
+    columns = (table.stamp_ns, table.column("axial_force"), table.column("spindle_speed"))
+    return [
+        (stamp_ns, Command(kn_from_n(force), rpm_from_rad_s(speed)))
+        for stamp_ns, force, speed in zip(*(values.tolist() for values in columns), strict=True)
+        if math.isfinite(force) and math.isfinite(speed)
+    ]

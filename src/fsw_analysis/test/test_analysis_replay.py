@@ -1,0 +1,270 @@
+"""Deterministic replay: the recorded build reproduces its proposals, a different one is detected."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from fsw_analysis.messages import WeldMessages
+from fsw_analysis.replay import Replay, replay
+from fsw_analysis.shadow import write_shadow
+from fsw_analysis.signals import load_weld
+from fsw_control.contract import Coming, Command, Measurement, Proposal, Reference
+from fsw_control.units import m_from_mm, n_from_kn, rad_s_from_rpm
+from fsw_recorder import BagError
+from fsw_recorder.bag_reader import BagReader
+from fsw_recorder.bag_writer import BagWriter, RecordedTopic
+from fsw_recorder.interface_text import interface_definition, interface_hash
+from fsw_test_support.sample_weld import SampleTypes
+
+TICK_NS = 100_000_000
+INITIAL = Command(80.0, 400.0)
+
+
+class Integrator:
+    """Moves the applied force by a share of the depth error, and remembers the sum of all errors."""
+
+    name = "simple"
+    tolerated_sensors: tuple[str, ...] = ()
+
+    def __init__(self, gain: float = 0.3, odd_tick: int = -1) -> None:
+        self.gain, self.odd_tick = gain, odd_tick
+        self.total, self.ticks = 0.0, 0
+
+    def reset(self, applied: Command) -> None:
+        self.total, self.ticks = 0.0, 0
+
+    def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+        ahead = [one.depth_mm for one in reference.coming][:1]
+        error = sum([reference.depth_mm, *ahead]) / (1 + len(ahead)) - measurement.depth_mm
+        self.total += error * dt_s
+        self.ticks += 1
+        extra = 1e-9 if self.ticks - 1 == self.odd_tick else 0.0
+        force = applied.force_kn + self.gain * error + 0.01 * self.total + extra
+        return Proposal(
+            Command(force, applied.speed_rpm + 0.001 * (reference.temperature_c - measurement.temperature_c))
+        )
+
+
+def record(
+    bag: Path,
+    ticks: int = 60,
+    jump_at: int = -1,
+    lost_sensor_at: int = -1,
+    space: str = "",
+    kept: bool = False,
+    begin_ns: int = 1,
+    by_hand: bool = False,
+    late: str = "",
+    stated: bool = False,
+    announced: bool = False,
+) -> Path:
+    """Bag of a run in which `Integrator` answers a made-up depth, as its node would.
+
+    ``late``: at tick 30 other set-points come "before the samples" of the tick or "before its proposal", and the
+    controller follows them from the next tick on; ``stated``: it says which ones it follows. ``announced``: before
+    tick 20 a change at tick 40 is announced.
+    """
+    types = SampleTypes()
+    kinds = {
+        "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
+        "/fsw/spindle_torque": "fsw_msgs/msg/SpindleTorque",
+        "/fsw/thermocouple": "sensor_msgs/msg/Temperature",
+        "/fsw/reference": "fsw_msgs/msg/WeldReference",
+        "/fsw/reference_plan": "fsw_msgs/msg/WeldReferencePlan",
+        "/fsw/supervisor/reference": "fsw_msgs/msg/WeldReference",
+        "/fsw/command": "fsw_msgs/msg/WeldCommand",
+        "/fsw/simple/proposal": "fsw_msgs/msg/WeldCommand",
+        "/fsw/simple/reference": "fsw_msgs/msg/WeldReference",
+    }
+    controller, applied = Integrator(), INITIAL
+    controller.reset(applied)
+    stamp, last, now = 1_000_000_000 + begin_ns // TICK_NS * TICK_NS, None, begin_ns
+    with BagWriter(bag) as writer:
+        for name, kind in kinds.items():
+            writer.add_topic(RecordedTopic(space + name, kind, interface_definition(kind), interface_hash(kind)))
+        values = {"initial_force": 80.0, "initial_speed": 400.0, "period": 0.1}
+        text = yaml.safe_dump({f"{space}/fsw_simple": {"ros__parameters": values}})
+        file = f"{space}/fsw_simple".strip("/").replace("/", ".")
+        writer.attach(f"parameters/{file}.yaml", "application/yaml", text.encode())
+
+        def put(topic: str, at_once: bool = False, **fields: Any) -> None:
+            nonlocal now
+            now += 1000
+            at = 0 if at_once else stamp
+            header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}
+            writer.write(space + topic, types.serialize(kinds[topic], {"header": header, **fields}), now, now - 1)
+
+        put("/fsw/supervisor/reference" if kept else "/fsw/reference", depth=0.0027, temperature=850.0)
+        reference = Reference(0.0027 * 1e3, 850.0)
+        for tick in range(ticks):
+            stamp += TICK_NS + (50 * TICK_NS if tick == jump_at else 0)
+            depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)
+            if tick == jump_at:
+                controller.reset(applied)
+                last = None
+            if tick == 30 and late == "before the samples":
+                put("/fsw/reference", at_once=True, depth=0.0028, temperature=855.0)
+            if stated and tick in (0, 31):
+                stated_mm = reference.depth_mm if tick == 0 or not late else 0.0028 * 1e3
+                put("/fsw/simple/reference", depth=m_from_mm(stated_mm), temperature=855.0 if tick and late else 850.0)
+            if tick == 31 and late:
+                reference = Reference(0.0028 * 1e3, 855.0)
+            if announced and tick == 20:
+                at = stamp + 20 * TICK_NS
+                header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}
+                put("/fsw/reference_plan", references=[{"header": header, "depth": 0.0028, "temperature": 855.0}])
+                reference = replace(reference, coming=(Coming(at / 1e9, 0.0028 * 1e3, 855.0),))
+            if announced and tick == 40:  # it does not come true
+                reference = replace(reference, coming=())
+            put("/fsw/depth", depth=depth_m)
+            put("/fsw/spindle_torque", torque=1050.0 + tick % 3)
+            if tick != lost_sensor_at:
+                put("/fsw/thermocouple", temperature=temperature)
+            else:
+                temperature = 849.0 + 0.01 * ((tick - 1) % 5)  # the last good sample stands in
+            if by_hand and tick == 30:
+                put("/fsw/reference", depth=0.0027, temperature=850.0)
+            if tick == 30 and late == "before its proposal":
+                put("/fsw/reference", at_once=True, depth=0.0028, temperature=855.0)
+            dt_s = 0.1 if last is None else (stamp - last) / 1e9
+            last = stamp
+            measured = Measurement(stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
+            command = controller.step(measured, reference, applied, dt_s).command
+            wire = {"axial_force": n_from_kn(command.force_kn), "spindle_speed": rad_s_from_rpm(command.speed_rpm)}
+            put("/fsw/simple/proposal", source="simple", healthy=True, **wire)
+            put("/fsw/command", source="simple", healthy=True, **wire)
+            applied = Command(wire["axial_force"] * 1e-3, wire["spindle_speed"] / (3.141592653589793 / 30.0))
+    return bag
+
+
+def check(bag: Path, kind: type[Integrator] = Integrator, **changes: Any) -> Replay:
+    return replay(WeldMessages(bag), "simple", lambda _: kind(**changes))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"jump_at": 20},
+        {"lost_sensor_at": 30},
+        {"space": "/hall/cell1"},
+        {"kept": True},
+        {"late": "before its proposal"},
+        {"late": "before its proposal", "stated": True},
+        {"late": "before the samples", "stated": True},
+        {"announced": True},
+    ],
+)
+def test_same_build_is_reproduced_bit_by_bit(tmp_path: Path, options: dict[str, Any]) -> None:
+    again = check(record(tmp_path / "bag", **options))
+    result = again.against_own("simple")
+    assert result.identical and result.ticks == 60 and again.notes == []
+    assert result.lines() == ["simple: all 60 proposals reproduced bit by bit"]
+
+
+def test_first_difference_is_found_however_small(tmp_path: Path) -> None:
+    result = check(record(tmp_path / "bag"), odd_tick=33).against_own("simple")
+    assert [one.tick for one in result.differences] == [33]
+    assert result.differences[0].time_s == pytest.approx(4.4)  # the first stamp is 1.1 s
+    assert result.differences[0].force_kn == pytest.approx(1e-9, abs=2e-11) and result.differences[0].speed_rpm == 0.0
+    assert "1 of 60 proposals differ" in "\n".join(result.lines()) and "tick 33" in "\n".join(result.lines())
+    values = json.loads(json.dumps(result.values(), allow_nan=False))
+    assert (values["differing"], values["first_tick"], values["speed_rpm"]["largest"]) == (1, 33, 0.0)
+    force = values["force_kn"]
+    assert force["largest_s"] == pytest.approx(4.4) and force["mean"] == pytest.approx(force["largest"] / 60)
+
+
+def test_differences_within_the_tolerance_count_as_equal(tmp_path: Path) -> None:
+    again = check(record(tmp_path / "bag"), odd_tick=33)
+    for tolerance, beyond in ((1e-10, 0), (1e-12, 1)):  # 1e-9 kN of some 80 kN is 1.2e-11
+        result = again.against_own("simple", tolerance)
+        assert not result.identical and len(result.beyond) == beyond
+        assert ("within the tolerance" in result.lines()[0]) == (not beyond)
+
+
+def test_no_tolerance_covers_health_or_what_is_not_finite(tmp_path: Path) -> None:
+    class Broken(Integrator):
+        def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+            return Proposal(applied, healthy=False)
+
+    again = check(record(tmp_path / "bag"), Broken)
+    assert len(again.against_own("simple", 1e9).beyond) == 60
+    assert again.against_applied("applied", 1e9).beyond == []  # of a command only the values are compared
+
+
+@pytest.mark.parametrize("stated", [False, True])
+@pytest.mark.parametrize(("begin", "by_hand", "noted"), [(1, True, False), (2**60, True, True), (2**60, False, False)])
+def test_set_points_by_hand_in_real_time_are_told(
+    tmp_path: Path, begin: int, by_hand: bool, noted: bool, stated: bool
+) -> None:
+    bag = record(tmp_path / "bag", begin_ns=begin, by_hand=by_hand, stated=stated)
+    assert any("by hand in real time" in note for note in check(bag).notes) == noted
+
+
+def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
+    """A recorder that was started again gets the set-points that the controller stated before, as they are latched."""
+    with BagReader(record(tmp_path / "whole", stated=True)) as reader, BagWriter(tmp_path / "rest") as writer:
+        for topic in reader.topics().values():
+            writer.add_topic(topic)
+        for file in reader.attachments():
+            writer.attach(file.name, file.media_type, file.data)
+        depths = 0
+        for record_ in reader.records():
+            depths += record_.topic == "/fsw/depth"
+            if depths > 20 or record_.topic.endswith("/reference"):
+                writer.write(record_.topic, record_.data, record_.log_time_ns, record_.publish_time_ns)
+    again = check(tmp_path / "rest")
+    result = again.against_own("simple")
+    assert (result.ticks, result.identical, again.comparable) == (40, False, False)
+    assert any("mid-weld" in note for note in again.notes)
+    assert check(tmp_path / "whole").comparable
+
+
+def test_another_build_differs_from_the_start(tmp_path: Path) -> None:
+    result = check(record(tmp_path / "bag"), gain=0.31).against_own("simple")
+    assert len(result.differences) == 60 and result.differences[0].tick == 0
+
+
+def test_health_is_compared_too(tmp_path: Path) -> None:
+    class Broken(Integrator):
+        def step(self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float) -> Proposal:
+            raise RuntimeError("broken")
+
+    result = check(record(tmp_path / "bag"), Broken).against_own("simple")
+    assert "not healthy (controller raised RuntimeError: broken)" in result.differences[0].text
+
+
+def test_bag_that_cannot_be_replayed(weld_bag: Path, genuine: Path) -> None:
+    with pytest.raises(BagError, match="has no"):
+        check(genuine / "mcap_default")
+    again = replay(WeldMessages(weld_bag), "nmpc", lambda _: Integrator())
+    assert not again.against_own("nmpc").identical and any("no parameters" in note for note in again.notes)
+
+
+@pytest.mark.parametrize("space", ["", "/hall/cell1"])
+@pytest.mark.parametrize("duration_s", [math.inf, 2.0])
+def test_bag_of_a_shadow_holds_what_the_controller_was_shown(tmp_path: Path, space: str, duration_s: float) -> None:
+    bag = record(tmp_path / "bag", space=space)
+    messages = WeldMessages(bag)
+    shown = replay(messages, "simple", lambda _: Integrator(gain=0.5), changed={"period": 0.2}, duration_s=duration_s)
+    ticks = 60 if duration_s == math.inf else 20
+    assert len(shown.proposals) == ticks and shown.against_applied("applied").ticks == ticks
+    write_shadow(shown, bag, space, tmp_path / "shadow")
+    with BagReader(tmp_path / "shadow") as reader:
+        info = reader.info()
+    assert info.problems == [] and info.custom_data["shadow_of"] == "bag"
+    assert info.counts[f"{space}/fsw/depth"] == info.counts[f"{space}/fsw/simple/proposal"] == ticks
+    again = check(tmp_path / "shadow", gain=0.5)
+    assert again.against_own("simple").identical and again.notes == [] and again.parameters["period"] == 0.2
+    assert load_weld(tmp_path / "shadow").n_ticks == ticks
+
+
+def test_a_controller_that_was_not_in_the_weld_gets_the_ticks_of_the_sensors(tmp_path: Path) -> None:
+    result = replay(WeldMessages(record(tmp_path / "bag", jump_at=20)), "other", lambda _: Integrator())
+    assert len(result.stamps) == 60 and result.parameters["initial_force"] == pytest.approx(80.0, abs=0.1)
+    assert result.against_own("nothing").ticks == 0 and result.against_applied("applied").ticks == 60

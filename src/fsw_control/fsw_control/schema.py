@@ -1,0 +1,237 @@
+"""Declarative checks of what people write, in files and requests: one base model, one kind of error, one text format.
+
+A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``, RANGE a
+:class:`fsw_control.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same
+definition come the check, the error texts, the JSON Schema and the reference pages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+import yaml
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from fsw_control.ranges import Range
+from fsw_control.yaml_text import load_yaml
+
+_MOST_PROBLEMS = 10
+_NAME = "^[A-Za-z0-9_]+$"
+#: what a value is not, by pydantic's type of error
+_KINDS = {
+    **dict.fromkeys(("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+}
+
+T = TypeVar("T")
+#: a list in the file
+Many = Annotated[tuple[T, ...], Strict(False)]
+#: a number without decimals, also as 1e6
+Whole = Annotated[int, BeforeValidator(lambda value: int(value) if _is_whole(value) else value)]
+#: a word without spaces
+Name = Annotated[str, Field(pattern=_NAME)]
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, float) and value.is_integer()
+
+
+class InputError(ValueError):
+    """Something that a person or a file gave is wrong; the message is one line: where, what, and what is allowed."""
+
+
+class Model(BaseModel):
+    """Base of all models: immutable, without unknown keys; numbers are finite, and neither true nor text is one.
+
+    A key without a value counts as left out.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _prepare(cls, content: Any, info: ValidationInfo) -> Any:
+        """Note which model a mapping is for, so that an error about a key can name those that there are."""
+        if info.context is not None:
+            info.context[id(content)] = cls
+        if isinstance(content, dict):
+            return {key: value for key, value in content.items() if value is not None}
+        return content
+
+
+M = TypeVar("M", bound=Model)
+
+
+def problem(text: str, *path: str | int) -> ValidationError:
+    """The error for a validator to raise when something is wrong further inside, at ``path``."""
+    # braces would be taken for the names of a template
+    error = PydanticCustomError("problem", "{text}", {"text": text})
+    return ValidationError.from_exception_data("", [InitErrorDetails(type=error, loc=path, input=None)])
+
+
+def needs_one(entry: M, *keys: str) -> M:
+    """For a validator: the entry, if at least one of the keys is given."""
+    if all(getattr(entry, key) is None for key in keys):
+        raise ValueError(f"needs {', '.join(keys[:-1])} or {keys[-1]}")
+    return entry
+
+
+def validate(model: type[M], content: Any, where: str) -> M:
+    """Content of a file or a request as a model.
+
+    Parameters
+    ----------
+    model : type of Model
+    content : Any
+        As YAML or JSON has it.
+    where : str
+        The file or the request, for the message.
+
+    Raises
+    ------
+    InputError
+        If it does not fit; the message lists all problems with their places.
+    """
+    models: dict[int, type[Model]] = {}
+    try:
+        return model.model_validate(content, context=models)
+    except ValidationError as error:
+        problems = list(dict.fromkeys(_problem(one, content, models) for one in error.errors(include_url=False)))
+        if len(problems) > _MOST_PROBLEMS:
+            problems[_MOST_PROBLEMS:] = [f"and {len(problems) - _MOST_PROBLEMS} more"]
+        raise InputError(f"{where}: {'; '.join(problems)}") from None
+
+
+def content_of(text: str, where: str) -> Any:
+    """Content of YAML text.
+
+    Raises
+    ------
+    InputError
+        If it is not valid or gives a key twice; the message says where.
+    """
+    try:
+        return load_yaml(text)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise InputError(f"{where}{line}: not valid YAML: {error.problem or 'broken'}") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def shipped_names(folder: Path) -> list[str]:
+    """Names of the YAML files in a folder."""
+    return sorted(path.stem for path in folder.glob("*.yaml"))
+
+
+def read_text(source: str | Path, what: str, shipped: Path | None = None) -> str:
+    """Text of a file, or of one in the folder ``shipped`` by its name.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read; ``what`` says what it should be.
+    """
+    names = shipped_names(shipped) if shipped else []
+    file = Path(source)
+    try:
+        if shipped and str(source) in names and not file.is_file():
+            file = shipped / f"{source}.yaml"
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        known = f"; give a YAML file or one of {', '.join(names)}" if names else ""
+        raise InputError(f"cannot read {what} {source}: {error.strerror}{known}") from None
+    except ValueError:  # also a path with a null byte
+        raise InputError(f"cannot read {what} {str(source)!r}: not a text file in UTF-8") from None
+
+
+def json_schema(model: type[Model]) -> dict[str, Any]:
+    """JSON Schema of a model, for editors."""
+    found = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return found | model.model_json_schema(schema_generator=_GenerateJsonSchema)
+
+
+def range_of(model: type[Model], field: str) -> Range:
+    """Range of a number in a model."""
+    info = model.model_fields[field]
+    inside = (one for kind in get_args(info.annotation) for one in get_args(kind)[1:])  # of one that may be left out
+    return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
+
+
+class _GenerateJsonSchema(GenerateJsonSchema):
+    """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        found = super().default_schema(schema)
+        return {key: value for key, value in found.items() if key != "default" or value not in (None, [])}
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> str:
+    """One problem in words, with its place."""
+    path, inside, parent = "", content, content
+    for step in error["loc"][: -1 if error["type"] == "missing" else None]:
+        parent = inside
+        if isinstance(inside, dict) and step in inside:
+            path, inside = f"{path}.{step}" if path else str(step), inside[step]
+        elif isinstance(inside, list) and isinstance(step, int):
+            path, inside = f"{path}[{step}]", inside[step]
+        # any other step is the tag of a union
+    return " ".join(f"{path} {_text(error, models.get(id(parent)))}".split())
+
+
+def _text(error: ErrorDetails, model: type[Model] | None) -> str:
+    kind, ctx, key = error["type"], error.get("ctx", {}), error["loc"][-1] if error["loc"] else ""
+    shown = f"{error['input']!r:.60}"
+    if kind == "missing":
+        return f"lacks {key}"
+    if kind in ("extra_forbidden", "invalid_key"):
+        known = list(model.model_fields) if model else []
+        near = get_close_matches(str(key), known, 1)
+        return f"is an unknown key; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}"
+    if kind == "union_tag_not_found":
+        return f"lacks {_plain(ctx['discriminator'])}"
+    if kind == "union_tag_invalid":
+        return f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; one of {_plain(ctx['expected_tags'])}"
+    if kind == "literal_error":
+        return f"is {shown}; one of {_plain(ctx['expected'])}"
+    if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:
+        return f"is {shown}, not a name (letters, digits, _)"
+    if kind in _KINDS:
+        return f"is {shown}, not {_KINDS[kind]}"
+    if kind == "value_error":
+        return str(ctx["error"])
+    if kind == "problem":
+        return error["msg"]
+    return f"is {shown}: {error['msg']}"
+
+
+def _plain(quoted: str) -> str:
+    return quoted.replace("'", "")

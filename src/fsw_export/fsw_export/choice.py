@@ -1,0 +1,89 @@
+"""What is exported: a unit with its model, tuning and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from fsw_control.yaml_text import load_yaml
+from fsw_export.errors import ExportError
+from fsw_model import ModelParameters, ProcessModel, nominal
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A unit with its model, tuning and parameters.
+
+    Attributes
+    ----------
+    unit : str
+        ``nmpc``, ``decentral`` or ``plant``.
+    model_file, tuning_file : Path, optional
+        The paper's model and the default tuning where they are not given.
+    values : mapping of str to Any
+        Parameters of the controller's node or of the plant.
+    """
+
+    unit: str
+    model_file: Path | None = None
+    tuning_file: Path | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def model(self) -> ModelParameters:
+        """Parameters of the process."""
+        return nominal() if self.model_file is None else ModelParameters.from_file(self.model_file)
+
+    @cached_property
+    def parameters(self) -> dict[str, Any]:
+        """All that is not left to the defaults of the controller's node or of the plant.
+
+        Raises
+        ------
+        ExportError
+            If there cannot be a tuning, or its file cannot be used.
+        """
+        if self.unit == "decentral":
+            return self._of_spindle() | self._gains() | dict(self.values)
+        if self.unit == "plant" and self.tuning_file is not None:
+            raise ExportError("the plant has no tuning; leave out --tuning")
+        files = {"model_file": self.model_file, "tuning_file": self.tuning_file}
+        return dict(self.values) | {name: str(path) for name, path in files.items() if path is not None}
+
+    @property
+    def origin(self) -> str:
+        """Model and tuning in words."""
+        model = f"model `{self.model_file.name}`" if self.model_file else "the paper's model"
+        default = "default tuning" + " but for" * bool(self.values)
+        tuning = f"tuning `{self.tuning_file.name}`" if self.tuning_file else default
+        return ", ".join([model, tuning, *(f"`{name}={value}`" for name, value in self.values.items())])
+
+    def _of_spindle(self) -> dict[str, Any]:
+        """What the decentralized controller knows of the process, as parameters of its node."""
+        return {
+            "friction.constant": self.model.friction_constant_nm,
+            "friction.linear": self.model.friction_linear_nm_per_rpm,
+            "friction.quadratic": self.model.friction_quadratic_nm_per_rpm2,
+            "spindle_inertia": self.model.spindle_inertia_kgm2,
+            "nominal_torque": ProcessModel(self.model).equilibrium().outputs.process_torque_nm,
+        }
+
+    def _gains(self) -> dict[str, Any]:
+        """Parameters of the decentralized controller's node from the tuning file."""
+        path = self.tuning_file
+        if path is None:
+            return {}
+        try:
+            content = load_yaml(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ExportError(f"cannot read tuning {path}: {error.strerror}") from None
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ExportError(f"{path}: not valid YAML: {error}") from None
+        if not isinstance(content, dict):
+            raise ExportError(f"{path}: must map names of parameters to values, e.g. depth_gain: 120.0")
+        return content

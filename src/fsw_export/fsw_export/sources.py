@@ -1,0 +1,129 @@
+"""The controllers as C sources: libraries, sizes, tables and signals."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from fsw_control.c_library import CLibrary
+from fsw_decentral import DecentralController
+from fsw_decentral.library import KERNEL as DECENTRAL
+from fsw_export.errors import ExportError
+from fsw_export.signals import DECENTRAL_INPUTS, DECENTRAL_OUTPUTS, NMPC_INPUTS, NMPC_OUTPUTS, Signal
+from fsw_export.templates import render
+from fsw_nmpc import NmpcController
+from fsw_nmpc.library import KERNEL as NMPC
+from fsw_nmpc.library import Tables
+
+
+@dataclass(frozen=True)
+class ControllerSources:
+    """All of a controller that an exported folder or FMU is made of.
+
+    Attributes
+    ----------
+    name : str
+        ``nmpc`` or ``decentral``.
+    title : str
+    library : CLibrary
+    sizes : dict of str to int
+        Macros that lower the header's sizes to those of the model.
+    arrays : dict of str to array
+        Tables that the structs' pointers of the same name refer to.
+    structs : dict of str to Any
+        What the controller is initialised with, by kind: ``model``, ``tuning``.
+    inputs, outputs : tuple of Signal
+    """
+
+    name: str
+    title: str
+    library: CLibrary
+    sizes: Mapping[str, int]
+    arrays: Mapping[str, Any]
+    structs: Mapping[str, Any]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+
+    @property
+    def prefix(self) -> str:
+        """What the names of all functions, structs and files begin with."""
+        return self.library.package
+
+    @property
+    def exported(self) -> list[str]:
+        """Arguments of ``<prefix>_init`` after the controller."""
+        return [f"&{self.prefix}_exported_{kind}" for kind in self.structs]
+
+    @cached_property
+    def _tables(self) -> str:
+        ffi = self.library.ffi
+        structs = {  # a pointer is the name of its array
+            kind: {
+                field: field if member.type.kind == "pointer" else getattr(struct, field)
+                for field, member in ffi.typeof(struct).item.fields
+            }
+            for kind, struct in self.structs.items()
+        }
+        arrays = {name: array.ravel().tolist() for name, array in self.arrays.items()}
+        return render("tables.c", prefix=self.prefix, arrays=arrays, structs=structs)
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of sources, model and tuning; ``<prefix>_id()`` returns it."""
+        return hashlib.sha256(f"{self.library.source_id()}\0{self._tables}".encode()).hexdigest()[:16]
+
+    def files(self) -> dict[str, str]:
+        """Text of every source file by name, tables included."""
+        texts = {p.name: p.read_text(encoding="utf-8") for p in sorted(self.library.folder.glob("*.[ch]"))}
+        header = texts[f"{self.prefix}.h"]
+        for size, value in self.sizes.items():
+            header = re.sub(rf"#ifndef {size}\n(#define {size} )\d+(.*\n)#endif\n", rf"\g<1>{value}\2", header)
+        guard = f"#define {self.prefix.upper()}_H\n"
+        identity = f'#define {self.prefix.upper()}_ID "{self.digest}" /* of sources, model and tuning */\n'
+        texts[f"{self.prefix}.h"] = header.replace(guard, f"{guard}{identity}", 1)
+        texts[f"{self.prefix}_tables.h"] = render("tables.h", prefix=self.prefix, structs=self.structs)
+        texts[f"{self.prefix}_tables.c"] = self._tables
+        return texts
+
+
+def sources_of(controller: NmpcController | DecentralController) -> ControllerSources:
+    """Sources of a controller with its model and tuning.
+
+    Raises
+    ------
+    ExportError
+        If it is not solved by the library alone.
+    """
+    if isinstance(controller, DecentralController):
+        return ControllerSources(
+            name="decentral",
+            title="decentralized control of depth and temperature",
+            library=DECENTRAL,
+            sizes={},
+            arrays={},
+            structs={"tuning": DECENTRAL.ffi.addressof(controller.library.state, "tuning")},
+            inputs=DECENTRAL_INPUTS,
+            outputs=DECENTRAL_OUTPUTS,
+        )
+    if controller.solver is not None:
+        raise ExportError("solver must be rti, the library's own")
+    tables = Tables(controller.settings.model, controller.library.horizon)
+    return ControllerSources(
+        name="nmpc",
+        title="nonlinear model predictive control of depth and temperature",
+        library=NMPC,
+        sizes={
+            "FSW_MAX_BLOCKS": tables.model.n_blocks,
+            "FSW_MAX_STEPS": tables.model.n_steps,
+            "FSW_MAX_OUT": tables.model.n_out,
+            "FSW_MAX_HISTORY": tables.model.n_history,
+        },
+        arrays=tables.arrays,
+        structs={"model": tables.model, "tuning": controller.settings.struct()},
+        inputs=NMPC_INPUTS,
+        outputs=NMPC_OUTPUTS,
+    )

@@ -1,0 +1,243 @@
+/* The NMPC of depth and temperature, whole: estimator, reference trajectories, optimal control problem, solver,
+ * acceptance, fallback and limits.
+ *
+ * Portable C99: no heap, no globals, no recursion, of libm only sqrt and fabs, and no loop without a bound. All memory is
+ * the struct fsw_nmpc. Every size that a model brings is checked. NaN, missing and late samples are arguments.
+ *
+ * Units: mm, degC, kN, rpm, kW, N m, s. Moves: v[2 b] is the force move (kN per interval) and v[2 b + 1] the speed move
+ * (rpm per interval) of block b; within a block the input ramps by the same move every interval. Of two outputs or two
+ * inputs in an array the first is depth or force, the second temperature or speed. */
+#ifndef FSW_NMPC_H
+#define FSW_NMPC_H
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) || defined(_M_FP_FAST)
+#error "NaN is an argument of this library: compile without -ffast-math, -Ofast, /fp:fast"
+#endif
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Sizes, which a build may lower to those of its model. */
+#ifndef FSW_MAX_BLOCKS
+#define FSW_MAX_BLOCKS 54
+#endif
+#ifndef FSW_MAX_STEPS
+#define FSW_MAX_STEPS 80                     /* model steps of the horizon */
+#endif
+#ifndef FSW_MAX_OUT
+#define FSW_MAX_OUT 54                       /* output points, one per interval */
+#endif
+#ifndef FSW_MAX_HISTORY
+#define FSW_MAX_HISTORY 100                  /* ticks of dead time */
+#endif
+#define FSW_TICK_S 0.1
+enum {
+  FSW_MAX_VARS = 2 * FSW_MAX_BLOCKS,
+  FSW_LATEST = 20,                           /* ticks by which a drive may be late */
+  FSW_MAX_CHANGES = 8,                       /* future set-points that are known */
+  FSW_MODES = 10,
+  FSW_STATES = 10,
+  FSW_RETURN_PERCENT = 98                    /* share of the largest moves with which an input outside its bounds returns */
+};
+
+/* The model: constant tables. */
+typedef struct {
+  int n_steps;                 /* model steps: every interval is one or more of them; the first is one tick */
+  int n_out;                   /* output points = intervals */
+  int n_blocks;                /* blocks of moves */
+  int n_history;               /* power segments before now, one per tick */
+  int n_weights;               /* entries of weight */
+  const int *step_interval;    /* [n_steps] interval of each step */
+  const int *interval_block;   /* [n_out] block of each interval, rising */
+  const double *interval_ticks;/* [n_out] length of each interval */
+  const double *block_reach;   /* [n_blocks] largest move of a block's intervals, in largest moves of a tick */
+  const int *out_step;         /* [n_out] the step whose end is the output point */
+  const int *depth_width;      /* [n_out] how many leading variables the depth at the output point depends on */
+  const int *temperature_width;       /* [n_out] likewise for the temperature */
+  const double *time_s;        /* [n_out] */
+  const double *modes;         /* [n_steps * FSW_MODES] gain of creep; decay and gain of slow; decay of the motor torque,
+                                  its lag over the step's length; copper and tool: cc, tc, tt, gains of a heat offset */
+  const int *weight_start;     /* [n_steps + 1] first delayed-power weight of each step */
+  const int *weight_segment;   /* power segment, history first */
+  const double *weight;        /* 6 per entry: copper, then tool, by the three coefficients of the power */
+  const double *ahead_power;   /* [2 * 3 n_history] copper, then tool, one dead time on, by the power under way */
+  double ahead_mode[FSW_MODES];/* as modes, for one step of the dead time */
+  const double *torque_par;    /* [6] parameters of the torque function */
+  double friction[3];          /* (23) */
+  double depth_gain[2];        /* of creep and slow, mm/(kN s) */
+  double slow_pole;            /* 1/s */
+  double fast_gain;            /* depth of the settled fast mode, mm/kN */
+  double softening_per_c;
+  double thermal_gain_c_per_kw, copper_lag_s, tool_lag_s, dead_time_s;
+  double inertia_nm_s_per_rpm; /* torque that shows while the speed changes */
+  double operating_force_kn, operating_depth_mm, operating_temperature_c, operating_power_kw;
+} fsw_nmpc_model;
+
+/* Reference trajectories, see trajectory.c. */
+typedef enum { FSW_APPROACH, FSW_CONSTANT, FSW_COLD_START, FSW_RECENTRED } fsw_trajectory;
+
+typedef struct {
+  int trajectory;
+  int max_iterations;          /* of the interior-point method */
+  int plan_reuse;              /* ticks that a failed solve is bridged by the last plan */
+  double time_s[2];            /* time constants of the trajectories */
+  double corridor_decay[2];    /* exp(-tick / time_s) */
+  double dead_band[2];
+  double weight[2];            /* L1 cost outside the dead-band, per output point; 0: none */
+  double square[2];            /* quadratic cost on the deviation from the trajectory; 0: none */
+  double move_weight[2];       /* L1 cost of an interval's move, per kN and per rpm */
+  double move_square[2];       /* quadratic, per kN^2 and per rpm^2 */
+  double move_max[2], input_min[2], input_max[2];
+  double tolerance;            /* of the solver: complementarity gap relative to 1 + |cost| */
+  double noise[3];             /* standard deviations: depth, torque, temperature */
+  double walk[FSW_STATES];     /* random walk of each state per tick */
+  double offset_keep;          /* share of the leaking offsets that is left after a tick */
+  double jump_sigmas;          /* a measurement further off is a jump; 0: never */
+  double blind_limit_s;        /* longest time without a sensor */
+} fsw_nmpc_tuning;
+
+/* States of the estimator; copper and tool are deviations from the operating temperature. */
+typedef enum {
+  FSW_CREEP, FSW_SLOW, FSW_COPPER, FSW_TOOL, FSW_MOTOR,
+  FSW_FORCE, FSW_HEAT, FSW_SCALE, FSW_DEPTH_OFFSET, FSW_TEMP_OFFSET
+} fsw_state;
+
+typedef struct { double at_s, depth_mm, temperature_c; } fsw_change; /* a set-point from at_s after now */
+
+typedef struct {
+  double depth_mm, torque_nm, temperature_c;
+  int depth_fresh, torque_fresh, temperature_fresh; /* whether it is a good sample of this tick */
+  double force_kn, speed_rpm;                       /* inputs that act, as the drives report them; NaN: unknown */
+  double applied_force_kn, applied_speed_rpm;       /* command in force until now; NaN: as before */
+  double reference_depth_mm, reference_temperature_c; /* NaN: as before */
+  double dt_s;                                      /* since the last tick; counts as one tick where not above 0 */
+  int n_changes;
+  fsw_change change[FSW_MAX_CHANGES];               /* in order of time */
+} fsw_nmpc_input;
+
+typedef enum {
+  FSW_OK,
+  FSW_ITERATION_CAP,
+  FSW_NOT_FINITE,
+  FSW_TOO_FAST,                            /* the solution moves faster than the limits */
+  FSW_OUTSIDE_BOUNDS,                      /* the solution leaves the bounds */
+  FSW_NOT_SOLVED                           /* nothing to solve */
+} fsw_solve_status;
+
+/* Why the proposal is as it is. */
+typedef enum {
+  FSW_PROPOSING,
+  FSW_WAITING_FOR_SENSORS,
+  FSW_WAITING_FOR_REFERENCE,
+  FSW_SOLVER_FAILED,
+  FSW_BLIND,
+  FSW_OUT_OF_BOUNDS
+} fsw_reason;
+
+/* Sensors missing for too long, as bits. */
+typedef enum { FSW_NO_DEPTH = 1, FSW_NO_TORQUE = 2, FSW_NO_TEMPERATURE = 4 } fsw_missing;
+
+typedef struct {
+  double force_kn, speed_rpm;              /* the proposal */
+  int healthy, reason;
+  int blind;                               /* bits of fsw_missing */
+  int solve_status, iterations, bad_cycles, bad_in_a_row;
+  double gap, primal_residual, dual_residual, cost;
+  double depth_mm, temperature_c, torque_nm; /* estimates of what the sensors show */
+  double disturbance[5], deviation[5];     /* force, heat, torque scale, offsets of depth and temperature */
+  int has_plan;
+  double plan_depth_mm[FSW_MAX_OUT], plan_temperature_c[FSW_MAX_OUT];
+  double plan_force_kn[FSW_MAX_OUT], plan_speed_rpm[FSW_MAX_OUT];
+} fsw_nmpc_output;
+
+/* What a prediction starts from. */
+typedef struct {
+  double x[5];                             /* creep, slow; copper, tool (deviations); motor torque */
+  double history[3 * FSW_MAX_HISTORY];     /* power deviation P0, P1, P2 of each tick (predict.c), oldest first */
+  double force_kn, speed_rpm;              /* inputs until now */
+  double force_offset_kn, heat_offset_kw, torque_scale, depth_offset_mm, temp_offset_c;
+  double speed_offset_rpm;
+} fsw_start;
+
+/* One tick's problem: start, and the dead-bands about the trajectories. */
+typedef struct {
+  fsw_start start;
+  double low[2][FSW_MAX_OUT], high[2][FSW_MAX_OUT];
+} fsw_problem;
+
+typedef struct {
+  double x[FSW_STATES], p[FSW_STATES][FSW_STATES], a[FSW_STATES][FSW_STATES];
+  double history[3 * FSW_MAX_HISTORY];
+  double acting_force_kn, acting_speed_rpm, last_speed_rpm;
+  double command[2][FSW_LATEST];           /* commands of the last ticks, newest first */
+  double offset[2];                        /* what the drives add to the command */
+  double blind_s[3];
+  int started;
+  double innovation[3], expected[3];       /* of the last tick: innovation and its variance; 0 where there was none */
+} fsw_estimator;
+
+typedef struct {
+  double moves[FSW_MAX_VARS];              /* the last accepted moves, seen from the present tick */
+  double start[FSW_MAX_VARS];              /* where the next solve starts */
+  double output[2][FSW_MAX_OUT];           /* outputs that they lead to */
+  int is_cold, has_outputs;
+} fsw_plan;
+
+#include "fsw_workspace.h"
+
+typedef struct {
+  fsw_nmpc_model model;
+  fsw_nmpc_tuning tuning;
+  fsw_estimator estimator;
+  fsw_plan plan;
+  fsw_problem problem;
+  double corridor[2], rate[2];             /* of the trajectories of the last tick */
+  int has_corridor, has_rate, has_reference;
+  double applied[2], reference[2], late_s;
+  double unclipped[2];                     /* what is applied, before it is clipped to the bounds */
+  int bad_in_a_row, bad_cycles;
+  fsw_workspace workspace;
+} fsw_nmpc;
+
+int fsw_nmpc_bytes(void);
+
+/* Digest of the sources that this was made from, as given by the build. */
+const char *fsw_nmpc_id(void);
+
+/* Take a model and a tuning; the model's tables must outlive the controller. Returns 0, or 1 when a size or an index is
+ * beyond what this was compiled for, a table is missing or not finite, or the tuning cannot be used: the controller must
+ * not be used then. No other function may be called before. */
+int fsw_nmpc_init(fsw_nmpc *c, const fsw_nmpc_model *model, const fsw_nmpc_tuning *tuning);
+
+/* Another tuning; estimate and plan go on. Returns 0, or 1 when a value is not finite or out of range: the tuning is then
+ * as before. */
+int fsw_nmpc_configure(fsw_nmpc *c, const fsw_nmpc_tuning *tuning);
+
+/* Forget the past; the next step starts from these inputs, or, where they are not finite, from those applied last. */
+void fsw_nmpc_reset(fsw_nmpc *c, double force_kn, double speed_rpm);
+
+/* An input of which nothing is known: no sample, NaN, one tick since the last. */
+void fsw_nmpc_input_clear(fsw_nmpc_input *in);
+
+/* One tick, to be called once every FSW_TICK_S: the largest moves are per call. Whatever the input, the proposal is within
+ * the bounds, and within one move of the applied command; where both cannot be, it is the nearest bound and not healthy. */
+void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
+
+/* The same in two halves, for another solver in between: begin returns whether there is a problem to solve (in
+ * c->problem, to be started from c->plan.start); end takes its answer. */
+int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out);
+void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
+                  fsw_nmpc_output *out);
+
+/* Predict along the moves v [2 n_blocks]; fills the outputs [n_out] and, when by_depth is not NULL, the sensitivities
+ * [n_out * 2 n_blocks], row by row. Returns FSW_OK, or FSW_NOT_FINITE when something is not finite. */
+int fsw_predict(fsw_nmpc *c, const fsw_start *start, const double *v, double *depth, double *temp, double *by_depth,
+                double *by_temp);
+
+/* One real-time iteration about the moves in v, which are replaced by the solution. */
+int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
