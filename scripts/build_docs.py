@@ -36,11 +36,13 @@ from mkdocs.structure.files import File
 
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
+from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
 from fsw_control.ranges import Range
 from fsw_control.schema import Model, json_schema
 from fsw_hmi.main import parser as hmi_parser
-from fsw_model import nominal
+from fsw_machine.machine_file import MachineFile
+from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
@@ -212,9 +214,19 @@ def scenarios() -> str:
     return page("Scenario files", *lines)
 
 
-def scenario_schema() -> str:
-    """JSON Schema of scenario files."""
-    return json.dumps({"title": "FSW scenario"} | json_schema(Scenario), indent=2) + "\n"
+def json_schemas() -> dict[str, str]:
+    """A JSON Schema of each kind of file that users write, for editors."""
+    kinds: dict[str, type[Model]] = {
+        "scenario": Scenario,
+        "campaign": Campaign,
+        "machine": MachineFile,
+        "model": ModelParameters,
+        "tuning": Tuning,
+    }
+    return {
+        f"{name}.schema.json": json.dumps({"title": f"FSW {name}"} | json_schema(model), indent=2) + "\n"
+        for name, model in kinds.items()
+    }
 
 
 def command_line() -> dict[str, str]:
@@ -362,7 +374,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 def reference() -> dict[str, str]:
     """The generated files of the reference, by name."""
     pages = {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
-    return {f"{name}.md": text for name, text in pages.items()} | {"scenario.schema.json": scenario_schema()}
+    return {f"{name}.md": text for name, text in pages.items()} | json_schemas()
 
 
 def main() -> int:

@@ -10,7 +10,6 @@ from fsw.demo import _controllers, parser
 from fsw.main import main
 from fsw_analysis.replay import Comparison, TickDifference
 from fsw_campaign import definition
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_weld
 from fsw_control.schema import InputError
 from fsw_scenario import scenario_file
@@ -50,7 +49,7 @@ def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
     own(tmp_path, "return Proposal(Command(80.0, 400.0))")
     assert campaign.digest != before
     file.write_text(file.read_text().replace("own.py:Own", "own.py:None"))
-    with pytest.raises(CampaignError, match="no class None"):
+    with pytest.raises(InputError, match="no class None"):
         definition.load(file)
 
 

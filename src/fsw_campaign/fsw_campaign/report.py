@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign import figures, quality
 from fsw_campaign.dataset import load
-from fsw_campaign.definition import Limit
+from fsw_campaign.definition import Bounds, Limit
 from fsw_campaign.distributions import Distribution
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.quality import Requirement
@@ -95,9 +95,9 @@ def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str,
         "best": _best(results),
         "complete": results.complete.size,
         "begun": np.unique(results.table["index"].to_numpy()).size,
-        "distributions": [(one.path, _words(one)) for one in results.campaign.distributions],
+        "distributions": [(path, _words(one)) for path, one in results.campaign.distributions.items()],
         "versions": list(zip(*np.unique(results.texts("versions"), return_counts=True), strict=True)),
-        "limits": [_limit(one) for one in results.campaign.limits],
+        "limits": [_limit(signal, one) for signal, one in results.campaign.limits.items()],
         "inside": _inside(results),
         "one_by_one": _one_by_one(results, requirements),
         "figures_of_merit": _figures_of_merit(results),
@@ -145,16 +145,17 @@ def _best(results: Results) -> dict[str, Any] | None:
 
 
 def _words(one: Distribution) -> str:
-    if one.kind == "choice":
-        return f"one of {', '.join(map(str, one.choices))}"
-    mean = f", mean {one.mean:g}, deviation {one.deviation:g}" if one.kind == "normal" else ""
-    return f"{one.kind}, {one.low:g} to {one.high:g}{mean}"
+    if one.choice:
+        return f"one of {', '.join(map(str, one.choice))}"
+    mean = f", mean {one.normal.mean:g}, deviation {one.normal.deviation:g}" if one.normal else ""
+    low, high = one.bounds
+    return f"{one.kind}, {low:g} to {high:g}{mean}"
 
 
-def _limit(one: Limit) -> str:
-    low = f"from {one.low:g} " if one.low is not None else ""
-    high = f"to {one.high:g}" if one.high is not None else ""
-    return f"`{one.signal}` {low}{high}, outside for at most {one.at_most_s:g} s"
+def _limit(signal: str, one: Limit) -> str:
+    low = f"from {one.min:g} " if one.min is not None else ""
+    high = f"to {one.max:g}" if one.max is not None else ""
+    return f"`{signal}` {low}{high}, outside for at most {one.at_most_s:g} s"
 
 
 def _inside(results: Results) -> list[list[str]]:
@@ -169,9 +170,12 @@ def _inside(results: Results) -> list[list[str]]:
 
 def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[list[str]]:
     """Share of the welds that keep each limit of the campaign, and each further one, alone."""
-    own = [(_limit(one), {f"outside_{one.signal}_s": (0.0, one.at_most_s)}) for one in results.campaign.limits]
+    own = [
+        (_limit(signal, one), {f"outside_{signal}_s": Bounds(max=one.at_most_s)})
+        for signal, one in results.campaign.limits.items()
+    ]
     rows, all_met = [], results.texts("status") == OK
-    for words, bounds in [*own, *((one.words, one.bounds) for one in requirements)]:
+    for words, bounds in [*own, *((one.words, one.limits) for one in requirements)]:
         met = results.meets(bounds)
         if met is not None:
             all_met &= met

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign.dataset import SCENARIO
-from fsw_campaign.definition import Campaign, Entrant
+from fsw_campaign.definition import Bounds, Campaign, Entrant
 from fsw_campaign.welds import OK
 from fsw_scenario import scenario_file
 
@@ -92,7 +92,7 @@ class Results:
     @property
     def columns(self) -> list[str]:
         """Columns with figures, on which limits may be set."""
-        parameters = {one.path for one in self.campaign.distributions}
+        parameters = self.campaign.distributions
         return [one.name for one in self.table.schema if pa.types.is_floating(one.type) and one.name not in parameters]
 
     @cached_property
@@ -100,14 +100,14 @@ class Results:
         """Whether each row is inside all limits of the campaign."""
         return np.asarray(self.table["inside"].to_numpy(zero_copy_only=False), dtype=bool)
 
-    def meets(self, bounds: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_] | None:
+    def meets(self, bounds: Mapping[str, Bounds]) -> NDArray[np.bool_] | None:
         """Whether each row ended with figures within bounds, by column; None where no row has one of the figures."""
         found = self.texts("status") == OK
-        for column, (low, high) in bounds.items():
+        for column, one in bounds.items():
             values = self.table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
             if not np.isfinite(values).any():
                 return None
-            found &= (values >= low) & (values <= high)
+            found &= one.hold(values)
         return np.asarray(found)
 
     def share(self, good: NDArray[np.bool_], label: str) -> tuple[int, int, float, float]:
@@ -140,13 +140,13 @@ class Results:
         values = self.numbers(column, label)
         known = np.isfinite(values)
         found = {}
-        for one in self.campaign.distributions:
+        for path, one in self.campaign.distributions.items():
             if isinstance(one.extremes[0], str):
                 continue
-            parameter = self.numbers(one.path, label)[known]
+            parameter = self.numbers(path, label)[known]
             varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(values[known]) > 0.0
             correlation = float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
-            found[one.path] = correlation, first_order(parameter, values[known]) if varies else float("nan")
+            found[path] = correlation, first_order(parameter, values[known]) if varies else float("nan")
         return found
 
     @property
@@ -185,7 +185,7 @@ class Results:
 
 def arguments(folder: Path, entrant: Entrant, campaign: Campaign, row: Mapping[str, Any]) -> list[str]:
     """Arguments of ``fsw.py`` with which the weld of a row is run again."""
-    paths = dict.fromkeys(["plant.seed", *(one.path for one in campaign.distributions)])
+    paths = dict.fromkeys(["plant.seed", *campaign.distributions])
     name = campaign.scenario["name"]
     is_shipped = name in scenario_file.shipped() and campaign.scenario == scenario_file.content_of(
         scenario_file.text_of(name)

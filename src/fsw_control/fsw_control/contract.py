@@ -82,7 +82,13 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the manipulated variables."""
+    """Bounds and largest change per tick of the manipulated variables.
+
+    Raises
+    ------
+    ValueError
+        When a minimum is not below its maximum.
+    """
 
     force_min_kn: float = weld.FORCE_MIN_KN
     force_max_kn: float = weld.FORCE_MAX_KN
@@ -91,18 +97,15 @@ class Limits:
     force_step_kn: float = weld.FORCE_STEP_KN
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
+    def __post_init__(self) -> None:
+        bounds = (("force", self.force_min_kn, self.force_max_kn), ("speed", self.speed_min_rpm, self.speed_max_rpm))
+        for name, low, high in bounds:
+            if not low < high:
+                raise ValueError(f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})")
+
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
-        """Limits from the parameters of a controller.
-
-        Raises
-        ------
-        ValueError
-            When a minimum is not below its maximum.
-        """
-        for low, high in (("force_min", "force_max"), ("speed_min", "speed_max")):
-            if not values[low] < values[high]:
-                raise ValueError(f"{low} must be below {high}")
+        """Limits from the parameters of a controller."""
         names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
         return cls(*(values[name] for name in names))
 

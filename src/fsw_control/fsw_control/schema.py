@@ -222,7 +222,7 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
     if kind == "missing":
         return f"lacks {key}"
     if kind in ("extra_forbidden", "invalid_key"):
-        known = list(model.model_fields) if model else []
+        known = [field.alias or name for name, field in model.model_fields.items()] if model else []
         near = get_close_matches(str(key), known, 1)
         return f"is an unknown key; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}"
     if kind == "union_tag_not_found":
@@ -235,6 +235,10 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
         return f"is {shown}, not a name (letters, digits, _)"
     if kind in _KINDS:
         return f"is {shown}, not {_KINDS[kind]}"
+    if kind == "too_short":
+        return f"needs at least {ctx['min_length']} entries"
+    if kind == "too_long":
+        return f"may have at most {ctx['max_length']} entries"
     if kind == "value_error":
         return str(ctx["error"])
     if kind == "problem":

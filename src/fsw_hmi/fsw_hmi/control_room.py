@@ -189,7 +189,7 @@ class ControlRoom:
         if holder is session:
             return Verdict(number, DONE, "you have control already")
         if message.get("from") != (holder and holder.id):
-            who = f"{holder.who} has control now" if holder else "nobody has control now"
+            who = f"{holder.who} has control now" if holder else "control is free now"
             return Verdict(number, REFUSED, f"{who}: look again", asked=asked)
         self._holder = session.id
         taken = f"control taken from {holder.who}" if holder else "control taken"

@@ -51,7 +51,7 @@ class _Call:
     repeat: bool
     asked_s: float = 0.0
     future: Future | None = None
-    told: bool = False
+    is_answered: bool = False
 
 
 class Orders:
@@ -122,16 +122,16 @@ class Orders:
         self.look()
 
     def look(self) -> None:
-        """Ask where nobody could be asked yet, and give up what takes too long."""
+        """Send requests whose service was not there yet, and time out the others."""
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
                 asked = call.asked_s and f"the {call.offered_by} did not answer in time"
                 why = asked or f"there is no {call.offered_by} to ask"
-                if not call.repeat or call.told:
+                if not call.repeat or call.is_answered:
                     self._end(call, TIMED_OUT, why)
                 else:
-                    call.told, call.due_s = True, now_s + _REPEAT_FOR_S
+                    call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
                     call.answer(TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more")
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
@@ -163,7 +163,7 @@ class Orders:
             call.answer(outcome, message)
 
     def _drop(self, call: _Call) -> None:
-        """Forget a question that nobody waits for any longer."""
+        """Drop a pending request."""
         if call.future is not None:
             future, call.future = call.future, None
             call.client.remove_pending_request(future)

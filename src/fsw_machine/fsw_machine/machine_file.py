@@ -64,6 +64,10 @@ def _security(value: Any) -> Any:
     return None if value == "none" else value
 
 
+def _or_none(schema: dict[str, Any]) -> None:
+    schema["anyOf"] = [{"const": "none"}, {"$ref": schema.pop("$ref")}]
+
+
 _File = Annotated[Path, BeforeValidator(_file)]
 _Word = Annotated[str, Field(min_length=1)]
 
@@ -162,7 +166,9 @@ class MachineFile(Model):
     endpoint: Annotated[str, AfterValidator(_endpoint)]
     namespace: str = ""
     """URI of the namespace of all node ids without ``ns=``; empty: namespace 0"""
-    security: Annotated[Security | None, BeforeValidator(_security)] = Field(default=None, validate_default=True)
+    security: Annotated[Security | None, BeforeValidator(_security)] = Field(
+        default=None, validate_default=True, json_schema_extra=_or_none
+    )
     user: User | None = None
     nodes: Nodes
 

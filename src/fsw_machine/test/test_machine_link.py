@@ -20,7 +20,7 @@ from fsw_machine.opcua_link import (
     LinkSettings,
     Lost,
     MachineLink,
-    Standing,
+    Stalled,
     Written,
     _variant,
     password,
@@ -216,7 +216,7 @@ def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain,
 def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_text):
     changes = {"nodes__cycle__node": "s=Weld.Heartbeat"}  # constant, because nobody writes it
     linked = connect(write_machine_file(folder / "still.yaml", plain[1], shipped_text, **changes))
-    assert linked.next(Standing).age_s > 0.3
+    assert linked.next(Stalled).age_s > 0.3
 
 
 def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):

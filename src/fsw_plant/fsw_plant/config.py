@@ -10,7 +10,6 @@ from typing import Any
 
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
-from fsw_control.schema import InputError
 from fsw_model import STEP_S, ModelParameters
 
 
@@ -63,21 +62,18 @@ class PlantConfig:
             If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
-        limits = Limits(
-            force_min_kn=checked["limits.force_min_kn"],
-            force_max_kn=checked["limits.force_max_kn"],
-            speed_min_rpm=checked["limits.speed_min_rpm"],
-            speed_max_rpm=checked["limits.speed_max_rpm"],
-            force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
-            speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
-        )
-        for what, low, high in (
-            ("force", limits.force_min_kn, limits.force_max_kn),
-            ("speed", limits.speed_min_rpm, limits.speed_max_rpm),
-        ):
-            if low >= high:
-                raise ParameterError(f"limits.{what}_min ({low:g}) must be below limits.{what}_max ({high:g})")
-        return cls(checked, limits, _model(checked))
+        try:
+            limits = Limits(
+                force_min_kn=checked["limits.force_min_kn"],
+                force_max_kn=checked["limits.force_max_kn"],
+                speed_min_rpm=checked["limits.speed_min_rpm"],
+                speed_max_rpm=checked["limits.speed_max_rpm"],
+                force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
+                speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
+            )
+            return cls(checked, limits, _model(checked))
+        except ValueError as error:
+            raise ParameterError(str(error)) from None
 
 
 def json_schema() -> dict[str, Any]:
@@ -116,8 +112,5 @@ def _model(values: Mapping[str, Any]) -> ModelParameters:
     """The parameters of the model file, each with its factor."""
     file = values["model_file"]
     factors = {name: values[f"model.{name}"] for name in ModelParameters.model_fields}
-    try:
-        parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
-        return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
-    except InputError as error:
-        raise ParameterError(str(error)) from None
+    parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
+    return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
