@@ -45,7 +45,7 @@ from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_scenario import scenario_file
-from fsw_scenario.scenario_file import ScenarioFile
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
 
@@ -205,7 +205,7 @@ def scenarios() -> str:
     lines = [
         "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
         "editors: [scenario.schema.json](scenario.schema.json).",
-        *model_tables(ScenarioFile),
+        *model_tables(Scenario),
         "",
         f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
         f"{CANISTER_DIAMETER_MM:g} mm.",
@@ -217,7 +217,7 @@ def scenarios() -> str:
 def json_schemas() -> dict[str, str]:
     """A JSON Schema of each kind of file that users write, for editors."""
     kinds: dict[str, type[Model]] = {
-        "scenario": ScenarioFile,
+        "scenario": Scenario,
         "campaign": Campaign,
         "machine": MachineFile,
         "model": ModelParameters,

@@ -46,7 +46,7 @@ MAY_IMPORT = {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign", "fsw_msgs"),
     },
-    "fsw_bringup": {"fsw_scenario"},
+    "fsw_bringup": {"fsw_scenario", "fsw_control"},
 }
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {

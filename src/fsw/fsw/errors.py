@@ -15,7 +15,6 @@ from fsw_identification.weld_data import IdentificationError
 from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
-from fsw_scenario.scenario import ScenarioError
 
 
 class CommandError(Exception):
@@ -27,7 +26,6 @@ _SHOWN = (
     CampaignError,
     IdentificationError,
     InputError,
-    ScenarioError,
     ParameterError,
     OperatingPointError,
     BagError,

@@ -14,7 +14,6 @@ from fsw_campaign.welds import run_weld
 from fsw_control.schema import InputError
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
-from fsw_scenario.scenario import ScenarioError
 from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]
@@ -89,7 +88,7 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
 
     def maker(name):
         if names[name] == 3:
-            raise ScenarioError("unknown")
+            raise InputError("unknown")
 
     different, not_comparable = ([name for name, one in names.items() if one in kinds] for kinds in ((1, 4), (4,)))
     bag_with(monkeypatch, list(names), different, not_comparable)

@@ -11,7 +11,8 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkab
 
 from fsw_control import weld
 
-SENSORS = ("depth", "torque", "thermocouple")
+Sensor = Literal["depth", "torque", "thermocouple"]
+SENSORS: tuple[str, ...] = get_args(Sensor)
 #: sources of commands that are no controllers: modes of the supervisor
 BuiltInSource = Literal["manual", "hold", "safe_stop"]
 BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
@@ -153,7 +154,7 @@ class Plan:
 
 @dataclass(slots=True)  # made at every tick; frozen, it would take four times as long
 class Diagnosis:
-    """What a controller reports besides its command (all optional)."""
+    """What a controller reports in addition to its command (all optional)."""
 
     depth_estimate_mm: float = float("nan")
     temperature_estimate_c: float = float("nan")

@@ -184,6 +184,11 @@ def range_of(model: type[Model], field: str) -> Range:
     return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
 
 
+def without_default(schema: dict[str, Any]) -> None:
+    """For ``Field(json_schema_extra=...)``: the default stands for a value that is left out, and is none to write."""
+    del schema["default"]
+
+
 class _GenerateJsonSchema(GenerateJsonSchema):
     """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
 

@@ -29,6 +29,7 @@ from fsw_hmi.requests import (
 )
 from fsw_msgs import srv
 from fsw_msgs.srv import SetDisturbance, SetFault, SetMode, SwitchController
+from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 
 SAFE_STOP = "safe_stop"
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
@@ -169,17 +170,15 @@ class Orders:
 
 
 def _disturbance(action: Disturb) -> SetDisturbance.Request:
-    to_wire = {"depth": units.m_from_mm, "axial_force": units.n_from_kn, "spindle_speed": units.rad_s_from_rpm}
     return SetDisturbance.Request(
         channel=action.channel,
         shape=action.shape,
-        amplitude=to_wire.get(action.channel, float)(action.amplitude),
+        amplitude=units.to_si(action.amplitude, amplitude_unit(action.channel)),
         duration=action.duration_s,
         period=action.period_s,
     )
 
 
 def _fault(action: Fail) -> SetFault.Request:
-    in_metres = action.sensor == "depth" and action.kind != "delay"
-    magnitude = units.m_from_mm(action.magnitude) if in_metres else action.magnitude
+    magnitude = units.to_si(action.magnitude, magnitude_unit(action.sensor, action.kind))
     return SetFault.Request(sensor=action.sensor, kind=action.kind, magnitude=magnitude, duration=action.duration_s)

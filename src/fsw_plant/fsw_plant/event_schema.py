@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import model_validator
 
+from fsw_control.contract import SENSORS, Sensor
 from fsw_control.ranges import Range
 from fsw_control.schema import Model, range_of, validate
 from fsw_control.weld import TICK_S
@@ -21,7 +22,6 @@ FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
 Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque"]
 Shape = Literal["step", "ramp", "sine", "pulse", "none"]
-Sensor = Literal["depth", "torque", "thermocouple"]
 Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none"]
 DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
@@ -104,7 +104,7 @@ DISTURBANCE_AMPLITUDE = {
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
 FAULT_MAGNITUDE = {
     sensor: (key, range_of(FaultEntry, key))
-    for sensor, key in zip(get_args(Sensor), list(FaultEntry.model_fields)[2:], strict=False)
+    for sensor, key in zip(SENSORS, list(FaultEntry.model_fields)[2:], strict=False)
 }
 
 
