@@ -30,7 +30,7 @@ from report import parser, save, show
 from controller_comparison.processes import RANDOM, random_factors
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_identification.estimation import identify
-from fsw_identification.summary import Summary, told_disturbances
+from fsw_identification.summary import disturbances
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant.config import specs
@@ -105,7 +105,7 @@ def one(job):
     errors = {name: getattr(fit.parameters, name) / getattr(truth, name) - 1.0 for name in fit.free}
     deviations = {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
     moved = abs(signals.truth.depth_mm - DEPTH_MM).max(), abs(signals.truth.temperature_c - TEMPERATURE_C).max()
-    return errors, deviations, seconds, moved, told_disturbances(Summary("", fit))
+    return errors, deviations, seconds, moved, disturbances(fit)
 
 
 def identified(name, jobs):

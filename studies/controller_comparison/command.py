@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from clairvoyant_bounds.bounds import bounds
 from controller_comparison import figures, other_models, report, study
 from controller_comparison.processes import SWEEP
-from fsw_scenario.standard_cases import DECENTRALIZED
-from fsw_scenario.sweep_figure import draw_sweep
+from fsw_scenario.standard_runs import draw_sweep
 
 WORKSPACE = Path(__file__).resolve().parents[2]
 
@@ -25,8 +24,18 @@ def publish(table: list[str]) -> None:
     readme = WORKSPACE / "README.md"
     before, _, rest = readme.read_text(encoding="utf-8").partition("<!-- results -->\n")
     _, end, after = rest.partition("<!-- results: end -->")
-    readme.write_text("\n".join([f"{before}<!-- results -->", *table[:-1], f"{end}{after}"]), encoding="utf-8")
+    readme.write_text("\n".join([f"{before}<!-- results -->", *table, f"{end}{after}"]), encoding="utf-8")
     figures.set_point_steps(WORKSPACE / "docs" / "figures" / "reference_tracking.png")
+
+
+def compare(out: Path, plants: int) -> dict[str, Any]:
+    """All parts but other models; draws the figures."""
+    data = {"nominal": study.nominal(), "sweep": study.sweep(SWEEP), "bounds": bounds()}
+    data |= {"margins": study.margins(), "aggressiveness": study.aggressiveness(), "wins": study.wins()}
+    data["random"] = study.random_plants(plants)
+    figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
+    figures.random_plants(data["random"], out / "random_plants.png")
+    return data
 
 
 def main() -> int:
@@ -42,44 +51,25 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
-    if arguments.publish:
-        arguments.out = WORKSPACE / "docs" / "results"
-    if arguments.plants < 1:
-        parser.error(f"--plants is {arguments.plants}: must be at least 1")
-    out: Path = arguments.out
+    out: Path = WORKSPACE / "docs" / "results" if arguments.publish else arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    began, shown_s = time.monotonic(), -1.0
-
-    def progress(what: str) -> None:
-        nonlocal shown_s
-        elapsed_s = time.monotonic() - began
-        if elapsed_s - shown_s > 1.0:
-            shown_s = elapsed_s
-            print(f"[{elapsed_s:5.0f} s] {what}", file=sys.stderr, flush=True)
-
-    plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")} if arguments.quick else SWEEP
-    data = {"nominal": study.nominal(progress), "sweep": study.sweep(progress, plants)}
+    began = time.monotonic()
+    if arguments.quick:
+        plants = {name: SWEEP[name] for name in ("nominal", "dead time 3.8 s")}
+        data = {"nominal": study.nominal(), "sweep": study.sweep(plants)}
+    else:
+        data = compare(out, arguments.plants)
     figures.papers(out)
     figures.corridors(out)
     draw_sweep(data["sweep"], out / "sweep.png")
-    if not arguments.quick:
-        data["bounds"] = bounds(progress)
-        figures.fronts(data["bounds"], data["nominal"], out / "fronts.png")
-        data["margins"] = study.margins(progress)
-        data["aggressiveness"] = study.aggressiveness(progress)
-        data["wins"] = study.wins(progress)
-        data["random"] = study.random_plants(progress, arguments.plants)
-        figures.random_plants(data["random"], out / "random_plants.png")
-        if arguments.publish:
-            publish(report.summary(data["nominal"], data["bounds"]))
+    if arguments.publish:
+        publish(report.summary(data["nominal"], data["bounds"]))
     models = out / "other_models.json"
     if arguments.models > 0:
-        models.write_text(json.dumps(other_models.study(progress, arguments.models), indent=1) + "\n", encoding="utf-8")
+        models.write_text(json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8")
     if models.exists() and not arguments.quick:
         data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
     (out / "README.md").write_text(report.page(data), encoding="utf-8")
-    if "random" in data:  # the figure and the page show no more of them
-        data["random"] = study.ratios(data["random"], DECENTRALIZED)
     (out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")
     return 0

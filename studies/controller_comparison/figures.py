@@ -11,12 +11,9 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from controller_comparison.study import ratios
+from controller_comparison.study import CONTROLLERS
 from fsw_analysis.figure_style import COLOURS, CONTROLLER_COLOURS, STYLE
 from fsw_analysis.figures import Run, draw, draw_outputs
-from fsw_nmpc import NmpcController
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.standard_cases import CONTROLLERS, DECENTRALIZED, scenario
 from fsw_scenario.standard_runs import JUDGED, Job, weld
 
 
@@ -37,15 +34,14 @@ def corridors(folder: Path) -> None:
     runs = []
     for name in ("constant", "cold_start", "recentred"):
         with TemporaryDirectory() as scratch:
-            file = Path(scratch) / "tuning.yaml"
+            file = Path(scratch) / f"{name}.yaml"
             file.write_text(f"trajectory: {name}\n", encoding="utf-8")
-            controller = NmpcController({"preset": "paper", "tuning_file": str(file)})
-        loop = ClosedLoop(scenario("tracking", {"noise": False}, "nmpc"), {"nmpc": controller})
-        runs.append(Run(name, loop.run()))
+            job = Job("nmpc", "tracking", parameters={"preset": "paper", "tuning_file": str(file)})
+            runs.append(Run(name, weld(job)))
     _draw(runs, (6, 7), folder, "corridors")
 
 
-def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str = "") -> None:
+def _draw(runs: list[Run], numbers: Sequence[int], folder: Path, name: str) -> None:
     *_, overview = draw(runs, numbers, folder, name)
     overview.unlink()  # it shows the same once more
 
@@ -73,13 +69,13 @@ def random_plants(data: Mapping[str, Any], path: Path) -> None:
     with rc_context(STYLE):
         canvas = Canvas(figsize=(8.0, 4.2), layout="constrained")
         axis = canvas.subplots()
-        for colour, (key, values) in zip(COLOURS, ratios(data, DECENTRALIZED).items(), strict=False):
+        for colour, (key, values) in zip(COLOURS, data["ratios"].items(), strict=False):
             axis.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=colour, label=JUDGED[key])
         axis.axvline(1.0, color="black", linewidth=0.8)
         axis.set(
             xlabel="IAE, default NMPC over the better PI tuning",
             ylabel="plants [%]",
-            title=f"{len(data)} random plants, sensor noise on",
+            title=f"{data['plants']} random plants, sensor noise on",
             xscale="log",
         )
         ticks = [0.5, 0.7, 1.0, 1.4, 2.0]

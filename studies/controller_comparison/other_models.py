@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,9 +12,9 @@ from typing import Any
 import yaml
 
 from controller_comparison.processes import DEAD_TIME_S, random_factors
+from fsw.progress import ProgressBar
 from fsw_model import nominal
-from fsw_scenario.standard_cases import DEFAULT
-from fsw_scenario.standard_events import CASES
+from fsw_scenario.standard_cases import CASES, DEFAULT
 from fsw_scenario.standard_runs import Job, figures, judged
 from fsw_scenario.tune_decentral import NAMES, tune
 
@@ -30,19 +28,17 @@ FACTORS = {
     "depth_pole_slow_s": (0.5, 2.0),
     "dead_time_s": (1.8 / DEAD_TIME_S, 4.0 / DEAD_TIME_S),
 }
-#: Evaluations of the search for a decentralized tuning.
-EVALUATIONS = 600
 
 
-def compare(factors: dict[str, float], evaluations: int = EVALUATIONS) -> dict[str, Any]:
+def compare(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
     """Tune for one model and run all three controllers on it, without noise: the judged figures by controller."""
     parameters = nominal().scaled(**factors)
     plant = {f"model.{name}": factor for name, factor in factors.items()}
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "model.yaml"
-        file.write_text(yaml.safe_dump(asdict(parameters)), encoding="utf-8")
+        file.write_text(yaml.safe_dump(dict(parameters)), encoding="utf-8")
         own: dict[str, dict[str, Any]] = {
-            f"decentral:{name}": asdict(tune(name, parameters, evaluations)) for name in NAMES
+            f"decentral:{name}": dict(tune(name, parameters, evaluations)) for name in NAMES
         }
         own[DEFAULT] = {"model_file": str(file)}
         return {
@@ -51,13 +47,13 @@ def compare(factors: dict[str, float], evaluations: int = EVALUATIONS) -> dict[s
         }
 
 
-def study(progress: Callable[[str], None], count: int, evaluations: int = EVALUATIONS) -> dict[str, Any]:
-    """`compare` on `count` models, on all cores."""
+def study(count: int) -> dict[str, Any]:
+    """`compare` on `count` models, on all cores, with 600 evaluations of each search."""
     data = {}
     drawn = random_factors(count, FACTORS)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for i, found in enumerate(pool.map(partial(compare, evaluations=evaluations), drawn)):
-            progress(f"model {i + 1} of {count}")
-            found[DEFAULT]["factors"] = drawn[i]
-            data[f"{i + 1}"] = found
+    with ProcessPoolExecutor(os.cpu_count()) as pool, ProgressBar("other models", count) as bar:
+        for i, found in enumerate(pool.map(partial(compare, evaluations=600), drawn), start=1):
+            found[DEFAULT]["factors"] = drawn[i - 1]
+            data[f"{i}"] = found
+            bar(i)
     return data

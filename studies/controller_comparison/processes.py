@@ -1,23 +1,27 @@
-"""Processes that differ from the model, and further cases, for the comparison."""
+"""Cases, and processes that differ from the model."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Mapping
+from pathlib import Path
 
 from fsw_model import nominal
 
-DEAD_TIME_S = nominal().dead_time_s
-#: Cases that no controller was tuned on.
+
+def own_case(name: str) -> str:
+    """The scenario file of a case of this study."""
+    return str(Path(__file__).parent / "cases" / f"{name}.yaml")
+
+
+REST, SMALL_STEPS, INPUT_DISTURBANCES = map(own_case, ("rest", "small_steps", "input_disturbances"))
+#: Cases that no controller was tuned on: own ones, and scenarios shipped with fsw_scenario.
 VALIDATION_CASES = (
-    "other_sizes",
-    "input_disturbances",
-    "ramp_and_sine",
-    "simultaneous_events",
-    "quick",
-    "saturation",
+    *(own_case("other_sizes"), INPUT_DISTURBANCES),
+    *("ramp_and_sine", "simultaneous_events", "quick", "saturation"),
 )
 
+DEAD_TIME_S = nominal().dead_time_s
 #: Processes that differ from the model: factors on its parameters, and the plant's own parameters.
 SWEEP: dict[str, dict[str, float]] = {
     "nominal": {},
@@ -32,19 +36,12 @@ SWEEP: dict[str, dict[str, float]] = {
     **{f"dead time {s:g} s": {"model.dead_time_s": s / DEAD_TIME_S} for s in (1.8, 3.8)},
     "drive lag 0.3 s": {"actuators.lag_s": 0.3},
 }
-#: The nine of the count of wins.
+#: The nine besides the nominal one of the count of wins.
 FIXED = (
-    "thermal gain × 0.7",
-    "thermal gain × 1.4",
-    "depth gain × 0.7",
-    "depth gain × 1.4",
-    "softening × 0.5",
-    "softening × 2",
-    "dead time 1.8 s",
-    "dead time 3.8 s",
-    "drive lag 0.3 s",
+    *("thermal gain × 0.7", "thermal gain × 1.4", "depth gain × 0.7", "depth gain × 1.4"),
+    *("softening × 0.5", "softening × 2", "dead time 1.8 s", "dead time 3.8 s", "drive lag 0.3 s"),
 )
-#: Of the random processes: independent, uniform.
+#: Ranges of the factors of the random processes.
 RANDOM: dict[str, tuple[float, float]] = {
     "model.thermal_gain_c_per_kw": (0.7, 1.4),
     "model.copper_lag_s": (0.7, 1.4),

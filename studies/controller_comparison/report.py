@@ -1,49 +1,28 @@
-"""The results of the comparison as a page of text and tables."""
+"""The results of the comparison as a page: rows of its tables, for the template ``page.md.j2``."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from controller_comparison.study import FINALISTS, quantiles, ratios
-from fsw_scenario.standard_cases import CONSERVATIVE, CONTROLLERS, DECENTRALIZED, DEFAULT
-from fsw_scenario.standard_events import CASES, DISTURBANCES, EVENTS, SET_POINTS
-from fsw_scenario.standard_runs import JUDGED, KPIS, VARIATIONS, failed
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
 
+from controller_comparison.study import CONTROLLERS, FINALISTS, KPIS, TOLERANCE, VARIATIONS, ratios
+from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANCES, EVENTS, SET_POINTS
+from fsw_scenario.standard_runs import JUDGED, failed
+
+Rows = list[list[str]]
+#: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
-_WHY_WORSE = (
-    "Twice the thermal gain, or half the copper's lag, doubles the gain of a fast temperature loop, and the margin is",
-    "2.4 (see above): a smaller `temperature_aggressiveness` swings less there. With 0.85 of the torque the speed that",
-    "holds the temperature is near its bound, and the depth waits for it; the temperature has half the conservative",
-    "PI's error.",
-    "",
-)
-_WHY_LOST = (
-    "Every loss is in comparison.json. Why they are lost:",
-    "",
-    "- Depth, ISE and some IAE: the tight tuning moves the force at its full rate and lets the temperature go by",
-    "  some °C. The NMPC accelerates the depth only as fast as the speed can hold the temperature (to 0.1 °C).",
-    "- Total variation: the speed holds the temperature while the depth moves, and force and speed together move the",
-    "  temperature sooner. That costs movement in simulations without noise, where the PI tunings hardly move.",
-    "- Peaks of the other output on processes that differ from the model: what the NMPC does to decouple the outputs",
-    "  is then of the wrong size. They are small on the nominal process.",
-    "- Saturation: the NMPC changes the temperature only as fast as the speed can, and keeps the depth.",
-    "",
-)
-_BOUNDS = (
-    "The clairvoyant optimum knows the process, the event and all that follows; every move is free within the drives'",
-    "limits. The lower row minimises that output alone: no controller can be below it. The upper row minimises",
-    "100 per mm and 1 per °C together.",
-    "",
-    "![Fronts between depth and temperature, and the controllers](fronts.png)",
-    "",
-)
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = ["| " + " | ".join(header) + " |", "|---|" + "---:|" * (len(header) - 1)]
-    return [*lines, *("| " + " | ".join(row) + " |" for row in rows), ""]
+def table(rows: Rows) -> str:
+    """Markdown of a table; the first row is its header."""
+    header, *body = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([header, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
 
 
 def _iae(found: Mapping[str, Any], event: str) -> str:
@@ -52,230 +31,142 @@ def _iae(found: Mapping[str, Any], event: str) -> str:
     return f"{found[event][key]:.3g}"
 
 
-def events(nominal: Mapping[str, Any], bounds: Mapping[str, Any], kind: str = "clean") -> list[str]:
-    """IAE of each event, and the largest error it leaves in the other output."""
-    found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
-    rows = [[label, *(_iae(of, event) for event in _EVENTS)] for label, of in found.items()]
-    if kind == "clean" and bounds:
+def errors(nominal: Mapping[str, Any], kind: str, bounds: Mapping[str, Any] | None = None) -> Rows:
+    """IAE of each event."""
+    rows = [["IAE", *(f"{e} [{'mm s' if EVENTS[e].of_depth else '°C s'}]" for e in _EVENTS)]]
+    rows += [[label, *(_iae(nominal[label][kind]["events"], event) for event in _EVENTS)] for label in CONTROLLERS]
+    if bounds:
         joint = {e: bounds[e]["joint"][0 if EVENTS[e].of_depth else 1] for e in _EVENTS}
         rows.append(["clairvoyant, both outputs", *(f"{joint[e]:.3g}" for e in _EVENTS)])
         rows.append(["clairvoyant, that output alone", *(f"{bounds[e]['alone']:.3g}" for e in _EVENTS)])
-    lines = _table(["IAE", *(f"{e} [{'mm s' if EVENTS[e].of_depth else '°C s'}]" for e in _EVENTS)], rows)
+    return rows
 
-    def other(event: Mapping[str, float], of_depth: bool) -> str:
+
+def other_output(nominal: Mapping[str, Any], kind: str) -> Rows:
+    """The largest error that each event leaves in the other output."""
+
+    def peak(event: Mapping[str, float], of_depth: bool) -> str:
         peak_c, peak_um = event["peak_temperature_error_c"], 1e3 * event["peak_depth_error_mm"]
         return f"{peak_c:.3g} °C" if of_depth else f"{peak_um:.3g} µm"
 
-    crossed = [[label, *(other(of[e], EVENTS[e].of_depth) for e in _EVENTS)] for label, of in found.items()]
-    return [*lines, *_table(["peak of the other output", *_EVENTS], crossed)]
+    found = {label: nominal[label][kind]["events"] for label in CONTROLLERS}
+    rows = [[label, *(peak(events[e], EVENTS[e].of_depth) for e in _EVENTS)] for label, events in found.items()]
+    return [["peak of the other output", *_EVENTS], *rows]
 
 
 def summary(nominal: Mapping[str, Any], bounds: Mapping[str, Any]) -> list[str]:
-    """The README's table: each event's own error, and what depth steps do to the temperature."""
+    """Lines of the README's table: each event's own error, and what depth steps do to the temperature."""
     columns = ("z up", "z down", "dz", "T up", "T down", "dT")
-    rows = []
+    titles = [f"{'disturbance ' if e in DISTURBANCES else ''}{EVENTS[e].size}" for e in columns]
+    rows = [["IAE [mm s], [°C s]", *titles, "peak °C in depth events"]]
     for label in CONTROLLERS:
         found = nominal[label]["clean"]["events"]
         peak = max(found[e]["peak_temperature_error_c"] for e in columns if EVENTS[e].of_depth)
         rows.append([f"`{label}`", *(_iae(found, e) for e in columns), f"{peak:.2f}"])
     rows.append(["lower bound (clairvoyant optimum)", *(f"{bounds[e]['alone']:.3g}" for e in columns), ""])
-    titles = [f"{'disturbance ' if e in DISTURBANCES else ''}{EVENTS[e].size}" for e in columns]
-    return _table(["IAE [mm s], [°C s]", *titles, "peak °C in depth events"], rows)
+    return table(rows).splitlines()
 
 
-def totals(nominal: Mapping[str, Any]) -> list[str]:
+def totals(nominal: Mapping[str, Any]) -> Rows:
     """Whole cases, without noise, and movement at rest with noise."""
     header = ["", "tracking z / T", "disturbances z / T", "noisy tracking z / T", "noisy disturbances z / T"]
-    header += ["force at rest [kN/s]", "speed at rest [rpm/s]"]
-    rows = []
+    rows = [[*header, "force at rest [kN/s]", "speed at rest [rpm/s]"]]
     for label in CONTROLLERS:
-        cells = []
-        for kind in ("clean", "noisy"):
-            for case in CASES:
-                found = nominal[label][kind][case]
-                cells.append(f"{found['iae_depth_mm_s']:.3g} / {found['iae_temperature_c_s']:.3g}")
+        runs = [nominal[label][kind][case] for kind in ("clean", "noisy") for case in CASES]
+        cells = [f"{run['iae_depth_mm_s']:.3g} / {run['iae_temperature_c_s']:.3g}" for run in runs]
         rows.append([label, *cells, *(f"{nominal[label]['rest'][key]:.2g}" for key in VARIATIONS)])
-    return _table(header, rows)
+    return rows
 
 
-def sweep(data: Mapping[str, Any]) -> list[str]:
+def _judged(runs: Mapping[str, Any]) -> list[str]:
+    return [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS) for key in JUDGED]
+
+
+def sweep_rows(data: Mapping[str, Any]) -> Rows:
     """IAE on processes that differ from the model, and whether anything still swings at the end."""
-    rows, skipped = [], []
+    rows = [["plant", *JUDGED.values(), "still swings at the end"]]
     for name, runs in data.items():
-        error = failed(runs)
-        if error is not None:
-            skipped.append(f"- {name}: not run: {error}")
-            continue
-        cells = [" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS) for key in JUDGED]
-        swinging = ", ".join(label for label, run in runs.items() if run["swings"])
-        rows.append([name, *cells, swinging or "–"])
-    table = _table(["plant", *JUDGED.values(), "still swings at the end"], rows)
-    return [*table, *skipped, *([""] if skipped else [])]
+        if not failed(runs):
+            swinging = ", ".join(label for label, run in runs.items() if run["swings"])
+            rows.append([name, *_judged(runs), swinging or "–"])
+    return rows
 
 
-def worse_than_conservative(data: Mapping[str, Any]) -> list[str]:
+def worse(data: Mapping[str, Any]) -> list[str]:
     """Where the default NMPC is worse than the conservative PI on the same plant."""
-    lines = []
-    for name, runs in data.items():
-        for key, title in JUDGED.items():
-            if not failed(runs) and runs[DEFAULT][key] > runs[CONSERVATIVE][key]:
-                lines.append(f"- {name}: {title}, {runs[DEFAULT][key] / runs[CONSERVATIVE][key]:.2f} times")
-    return [*(lines or ["Nowhere."]), ""]
+    return [
+        f"{name}: {title}, {runs[DEFAULT][key] / runs[CONSERVATIVE][key]:.2f} times"
+        for name, runs in data.items()
+        for key, title in JUDGED.items()
+        if not failed(runs) and runs[DEFAULT][key] > runs[CONSERVATIVE][key]
+    ]
 
 
-def margins(data: Mapping[str, Mapping[str, float]]) -> list[str]:
+def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain and delay margins."""
-    rows = []
+    rows = [["", "depth: gain", "temperature: gain", "depth: delay", "temperature: delay"]]
     for label, found in data.items():
         gains = ["> 8" if math.isinf(found[key]) else f"{found[key]:.2g}" for key in ("depth_gain", "temperature_gain")]
         rows.append([label, *gains, f"{found['depth_delay_s']:.1f} s", f"{found['temperature_delay_s']:.1f} s"])
-    return _table(["", "depth: gain", "temperature: gain", "depth: delay", "temperature: delay"], rows)
+    return rows
 
 
-def aggressiveness(data: Mapping[str, Mapping[str, float]]) -> list[str]:
+def knob_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain margin against errors of the temperature."""
-    rows = []
+    rows = [["temperature_aggressiveness", "temperature: gain", *(f"{case}, IAE T [°C s]" for case in CASES)]]
     for value, found in data.items():
         rows.append([value, f"{found['temperature_gain']:.2f}", *(f"{found[case]:.3g}" for case in CASES)])
-    header = ["temperature_aggressiveness", "temperature: gain", *(f"{case}, IAE T [°C s]" for case in CASES)]
-    return _table(header, rows)
+    return rows
 
 
-def other_models(data: Mapping[str, Any]) -> list[str]:
-    """Judged figures on other models: the NMPC by rule, and tunings searched for each."""
-    rows = [
-        [name, *(" / ".join(f"{runs[label][key]:.3g}" for label in FINALISTS) for key in JUDGED)]
-        for name, runs in data.items()
-    ]
-    shares = [
-        f"{title} {quantiles(values)['median']:.2f} (largest {max(values):.2f})"
-        for (key, title), values in zip(JUDGED.items(), ratios(data, DECENTRALIZED).values(), strict=True)
-    ]
-    swinging = sum(runs[DEFAULT]["swings"] for runs in data.values())
-    return [
-        *_table(["model", *JUDGED.values()], rows),
-        f"Default NMPC over the better PI, median: {'; '.join(shares)}.",
-        f"It still swings at the end on {swinging} of these models.",
-        "",
-    ]
+def quantiles(values: Sequence[float]) -> dict[str, float]:
+    """Median, 95 % quantile, largest value, and the share at or below 1."""
+    array = np.array(values)
+    return {
+        "median": float(np.median(array)),
+        "p95": float(np.quantile(array, 0.95)),
+        "largest": float(array.max()),
+        "share": float(np.mean(array <= 1.0 + TOLERANCE)),
+    }
 
 
-def random_plants(data: Mapping[str, Any]) -> list[str]:
+def random_rows(data: Mapping[str, Sequence[float]]) -> Rows:
     """Distribution of the ratio to the better PI tuning."""
-    rows = []
-    for key, values in ratios(data, DECENTRALIZED).items():
+    rows = [["default NMPC over the better PI", "median", "95 %", "largest", "plants at or below 1"]]
+    for key, values in data.items():
         q = quantiles(values)
         cells = [f"{q['median']:.2f}", f"{q['p95']:.2f}", f"{q['largest']:.2f}", f"{100 * q['share']:.0f} %"]
         rows.append([JUDGED[key], *cells])
-    swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
-    text = ", ".join(f"{label}: {count}" for label, count in swings.items())
-    header = ["default NMPC over the better PI", "median", "95 %", "largest", "plants at or below 1"]
-    return [*_table(header, rows), f"Plants on which something still swings at the end: {text}.", ""]
+    return rows
 
 
-def wins(data: Mapping[str, Any]) -> list[str]:
-    """How many KPIs are won, and by how much the others are lost."""
-    lines = []
-    for part in ("tuning", "validation"):
-        won, total = data[part]
-        lines.append(f"- events for {part}: {won} of {total} ({100 * won / max(total, 1):.1f} %)")
-    by_kpi: dict[str, list[list[Any]]] = {}
-    for loss in sorted(data["losses"], key=lambda loss: -loss[-1]):
+def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
+    """By how much figures of merit are lost, and where most."""
+    by_kpi: dict[str, list[Sequence[Any]]] = {}
+    for loss in sorted(losses, key=lambda loss: -loss[-1]):
         by_kpi.setdefault(loss[3], []).append(loss)
-    rows = []
-    for title, losses in sorted(by_kpi.items(), key=lambda item: -len(item[1])):
-        name, case, noise, _, largest = losses[0]
+    rows = [["lost", "runs", "median ratio", "largest", "where"]]
+    for title, found in sorted(by_kpi.items(), key=lambda item: -len(item[1])):
+        name, case, noise, _, largest = found[0]
         where = f"{case}{', noise' if noise else ''}, plant {name}"
-        rows.append([title, str(len(losses)), f"{losses[len(losses) // 2][-1]:.2f}", f"{largest:.2f}", where])
-    return [*lines, "", *_table(["lost", "runs", "median ratio", "largest", "where"], rows), *_WHY_LOST]
+        rows.append([title, str(len(found)), f"{found[len(found) // 2][-1]:.2f}", f"{largest:.2f}", where])
+    return rows
+
+
+def _template() -> Any:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    functions = (errors, other_output, totals, sweep_rows, worse, margin_rows, knob_rows, random_rows, loss_rows)
+    environment.globals |= {function.__name__: function for function in (*functions, table, failed, ratios, quantiles)}
+    environment.globals |= {"set_points": SET_POINTS, "disturbances": DISTURBANCES, "judged": JUDGED, "kpis": KPIS}
+    environment.globals |= {
+        "default": DEFAULT,
+        "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
+    }
+    return environment.get_template("page.md.j2")
 
 
 def page(data: Mapping[str, Any]) -> str:
-    """All results as markdown."""
-    kpis = "; ".join(KPIS.values())
-    steps = ", ".join(f"{step.size} ({name})" for name, step in SET_POINTS.items())
-    disturbances = " and ".join(f"{step.size} ({name})" for name, step in DISTURBANCES.items())
-    parts = [
-        "# Controllers compared",
-        "",
-        "Made by `python3 scripts/compare_controllers.py`; the same numbers are in comparison.json. All controllers",
-        "see the same plant emulator, sensors and noise; errors are those of the true outputs. Set-point steps:",
-        f"{steps}; disturbances of the outputs: {disturbances}.",
-        "",
-        "## Nominal process, without noise",
-        "",
-        *events(data["nominal"], data.get("bounds", {})),
-        *(_BOUNDS if "bounds" in data else ()),
-        "![Fig. 6](tracking_fig6.png)",
-        "![Fig. 7](tracking_fig7.png)",
-        "![Fig. 8](disturbances_fig8.png)",
-        "![Fig. 9](disturbances_fig9.png)",
-        "",
-        "The paper mentions model uncertainties without showing them. Here the scenario `model_uncertainty`: seven",
-        "parameters of the process are 10 to 50 % off at once.",
-        "",
-        "![Outputs](model_uncertainty_fig6.png)",
-        "![Force and speed](model_uncertainty_fig7.png)",
-        "",
-        "## The corridors of the paper's tuning",
-        "",
-        "Preset `paper` with its corridors (32), (33) held at the set-point (constant), started once at the output",
-        "(cold_start) and started at the output in every cycle (recentred), which the preset uses.",
-        "",
-        "![Outputs with each kind of corridor](corridors_fig6.png)",
-        "![Force and speed with each kind of corridor](corridors_fig7.png)",
-        "",
-        "## With sensor noise",
-        "",
-        *events(data["nominal"], {}, "noisy"),
-        *totals(data["nominal"]),
-    ]
-    if "margins" in data:
-        parts += [
-            "## Margins",
-            "",
-            "Largest factor on a loop's gain and largest delay added to it at which small steps still die out, the",
-            "other loop closed; found by simulation.",
-            "",
-            *margins(data["margins"]),
-            "A temperature loop that answers a disturbance sooner after the dead time has less gain margin. The NMPC's",
-            "knob `temperature_aggressiveness` chooses, here without noise:",
-            "",
-            *aggressiveness(data["aggressiveness"]),
-        ]
-    parts += [
-        "## Processes that differ from the model",
-        "",
-        "Sensor noise on. IAE of conservative PI / tight PI / default NMPC; depth in mm s, temperature in °C s.",
-        "",
-        *sweep(data["sweep"]),
-        "Where the default NMPC is worse than the conservative PI:",
-        "",
-        *worse_than_conservative(data["sweep"]),
-        *_WHY_WORSE,
-        "![IAE relative to the conservative PI](sweep.png)",
-        "",
-    ]
-    if "other_models" in data:
-        parts += [
-            "## Other models",
-            "",
-            f"{len(data['other_models'])} models with other gains, time constants and dead times. The NMPC is",
-            "given the model and takes its tuning by rule; both decentralized tunings are searched for on each model.",
-            "Without noise; conservative PI / tight PI / default NMPC. With `--models`; factors: other_models.json.",
-            "",
-            *other_models(data["other_models"]),
-        ]
-    if "random" in data:
-        parts += [f"## {len(data['random'])} random plants", "", *random_plants(data["random"])]
-        parts += ["![Distribution over random plants](random_plants.png)", ""]
-    if "wins" in data:
-        parts += [
-            "## At or below both PI tunings",
-            "",
-            "The default NMPC over the nominal and nine other processes, without and with noise. A KPI counts as won",
-            f"when it is at or below both PI tunings' (total variation: the tight one's) to 0.5 %. KPIs: {kpis}.",
-            "",
-            *wins(data["wins"]),
-        ]
-    return "\n".join(parts)
+    """All results as Markdown."""
+    return str(_template().render(data))

@@ -3,36 +3,53 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from controller_comparison.processes import FIXED, SWEEP, VALIDATION_CASES, random_factors
-from controller_comparison.stability import is_stable
+from controller_comparison.processes import FIXED, REST, SMALL_STEPS, SWEEP, VALIDATION_CASES, random_factors
+from fsw.progress import ProgressBar
+from fsw_analysis.kpi_table import ROWS
+from fsw_control.contract import Command
 from fsw_model import STEP_S
 from fsw_model import nominal as model_nominal
-from fsw_scenario.standard_cases import CONTROLLERS, DECENTRALIZED, DEFAULT, TIGHT
-from fsw_scenario.standard_events import CASES
-from fsw_scenario.standard_runs import JUDGED, KPIS, VARIATIONS, Figures, Job, failed, judged, run_all
+from fsw_scenario import standard_runs
+from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, TIGHT
+from fsw_scenario.standard_runs import JUDGED, Figures, Job, failed, loop_of
 
-Progress = Callable[[str], None]
+DECENTRALIZED = (CONSERVATIVE, TIGHT)
+CONTROLLERS = (*DECENTRALIZED, "nmpc:paper", DEFAULT)
 #: Those compared on other processes than the nominal one.
 FINALISTS = (*DECENTRALIZED, DEFAULT)
-#: A KPI is lost when it is worse than the best rival's by more than this share.
+#: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
+KPIS = {
+    key: f"{meaning} [{unit}]".replace("deg", "°").replace("^2", "²").replace("[um]", "[µm]")
+    for key, (meaning, unit, _) in ROWS.items()
+    if key.startswith(("iae", "ise", "peak", "total_variation"))
+}
+VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
+#: A figure of merit is lost when it is worse than the best rival's by more than this share.
 TOLERANCE = 0.005
 _AGGRESSIVENESS = (1.0, 0.7, 0.5, 0.35)
 _LARGEST_GAIN, _LARGEST_DELAY_TICKS = 8.0, 72  # the model takes dead times up to 10 s
 
 
-def nominal(progress: Progress) -> dict[str, Any]:
+def _run_all(title: str, jobs: Sequence[Job]) -> dict[Job, Figures]:
+    with ProgressBar(title) as bar:
+        return standard_runs.run_all(jobs, bar)
+
+
+def nominal() -> dict[str, Any]:
     """All controllers on the events that they were tuned on: without noise, with noise, and at rest."""
     jobs = [Job(label, case, noise) for label in CONTROLLERS for noise in (False, True) for case in CASES]
-    jobs += [Job(label, "rest", True) for label in CONTROLLERS]
-    results = run_all(jobs, progress)
+    jobs += [Job(label, REST, True) for label in CONTROLLERS]
+    results = _run_all("nominal process", jobs)
     data: dict[str, Any] = {}
     for label in CONTROLLERS:
-        rest = results[Job(label, "rest", True)]
+        rest = results[Job(label, REST, True)]
         data[label] = {"rest": {key: rest[key] / rest["duration_s"] for key in VARIATIONS}}
         for kind, noise in (("clean", False), ("noisy", True)):
             found = {case: results[Job(label, case, noise)] for case in CASES}
@@ -51,34 +68,58 @@ def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     }
 
 
-def sweep(progress: Progress, processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+def sweep(processes: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """PI tunings and default NMPC on processes that differ from the model, with noise."""
-    jobs = [Job(label, case, True, plant) for plant in processes.values() for label in FINALISTS for case in CASES]
-    results = run_all(jobs, progress)
-    return {
-        name: {label: judged({case: results[Job(label, case, True, plant)] for case in CASES}) for label in FINALISTS}
-        for name, plant in processes.items()
-    }
+    with ProgressBar(f"{len(processes)} processes") as bar:
+        return standard_runs.sweep({label: {} for label in FINALISTS}, processes, bar)
 
 
-def ratios(data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str]) -> dict[str, list[float]]:
-    """Per judged figure: the default NMPC's over the best rival's, for every process that could be run."""
+def random_plants(count: int) -> dict[str, Any]:
+    """The sweep on random processes: ratios to the better PI, and on how many something swings at the end."""
+    data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count))})
+    swings = {label: sum(bool(runs[label].get("swings")) for runs in data.values()) for label in FINALISTS}
+    return {"plants": count, "ratios": ratios(data), "swings": swings}
+
+
+def ratios(data: Mapping[str, Mapping[str, Figures]]) -> dict[str, list[float]]:
+    """Per judged figure: the default NMPC's over the better PI tuning's, for every process that could be run."""
     ran = [runs for runs in data.values() if not failed(runs)]
-    return {key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran] for key in JUDGED}
+    return {key: [runs[DEFAULT][key] / min(runs[pi][key] for pi in DECENTRALIZED) for runs in ran] for key in JUDGED}
 
 
-def random_plants(progress: Progress, count: int) -> dict[str, Any]:
-    """The sweep on random processes."""
-    return sweep(progress, {f"{i}": plant for i, plant in enumerate(random_factors(count))})
+class _LateForce:
+    """A plant whose drive gets its commands of the force some ticks late; all else is the plant's."""
+
+    def __init__(self, plant: Any, ticks: int) -> None:
+        self._plant = plant
+        self._under_way = deque([plant.applied.force_kn] * ticks)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
+
+    def apply(self, command: Command, stamp_ns: int, source: str) -> None:
+        self._under_way.append(command.force_kn)
+        self._plant.apply(Command(self._under_way.popleft(), command.speed_rpm), stamp_ns, source)
 
 
-def margins(progress: Progress) -> dict[str, dict[str, float]]:
+def is_stable(
+    controller: str, plant: Mapping[str, float], force_ticks: int = 0, parameters: Mapping[str, Any] | None = None
+) -> bool:
+    """Whether small steps of both set-points die out, without noise, with the force so many ticks late."""
+    loop = loop_of(Job(controller, SMALL_STEPS, plant=plant, parameters=parameters or {}))
+    loop.plant = _LateForce(loop.plant, force_ticks)  # type: ignore[assignment]
+    truth = loop.run().truth
+    assert truth is not None  # a simulation has it
+    for value, floor in ((truth.depth_mm, 1e-4), (truth.temperature_c, 1e-2)):
+        earlier, later = np.ptp(value[-1200:-600]), np.ptp(value[-600:])
+        if later > max(0.9 * earlier, floor):
+            return False
+    return True
+
+
+def margins() -> dict[str, dict[str, float]]:
     """Gain and delay margin of each loop, found by simulation of small steps with the other loop closed."""
-    data: dict[str, dict[str, float]] = {}
-    for label in FINALISTS:
-        progress(f"margins, {label}")
-        data[label] = _margins(label)
-    return data
+    return {label: _margins(label) for label in FINALISTS}
 
 
 def _margins(label: str) -> dict[str, float]:
@@ -95,19 +136,13 @@ def _margins(label: str) -> dict[str, float]:
     }
 
 
-def aggressiveness(progress: Progress) -> dict[str, dict[str, float]]:
+def aggressiveness() -> dict[str, dict[str, float]]:
     """What the NMPC's knob of the temperature trades: gain margin against errors, without noise."""
-    data: dict[str, dict[str, float]] = {}
-    for value in _AGGRESSIVENESS:
-        progress(f"temperature_aggressiveness {value:g}")
-        data[f"{value:g}"] = _with_knob({"temperature_aggressiveness": value}, progress)
-    return data
+    return {f"{value:g}": _with_knob({"temperature_aggressiveness": value}) for value in _AGGRESSIVENESS}
 
 
-def _with_knob(knob: Mapping[str, float], progress: Progress) -> dict[str, float]:
-    jobs = {case: Job(DEFAULT, case, parameters=knob) for case in CASES}
-    results = run_all(list(jobs.values()), progress)
-    errors = {case: results[job]["iae_temperature_c_s"] for case, job in jobs.items()}
+def _with_knob(knob: Mapping[str, float]) -> dict[str, float]:
+    errors = {case: standard_runs.figures(Job(DEFAULT, case, parameters=knob))["iae_temperature_c_s"] for case in CASES}
     margin = _largest_gain(lambda gain: is_stable(DEFAULT, {"model.thermal_gain_c_per_kw": gain}, parameters=knob))
     return errors | {"temperature_gain": margin}
 
@@ -136,40 +171,26 @@ def _latest(stable: Callable[[int], bool]) -> int:
     return low
 
 
-def wins(progress: Progress) -> dict[str, Any]:
-    """KPIs of the default NMPC at or below both PI tunings' (total variation: the tight one's), everywhere."""
+def wins() -> dict[str, Any]:
+    """Figures of the default NMPC at or below both PI tunings' (total variation: the tight one's), everywhere."""
     processes = {name: SWEEP[name] for name in ("nominal", *FIXED)}
-    kept = [
+    welds = [
         (name, case, noise) for name in processes for case in (*CASES, *VALIDATION_CASES) for noise in (False, True)
     ]
-    results = run_all(
-        [Job(label, case, noise, processes[name]) for name, case, noise in kept for label in FINALISTS], progress
-    )
+    jobs = [Job(label, case, noise, processes[name]) for name, case, noise in welds for label in FINALISTS]
+    results = _run_all("events on ten processes", jobs)
     data: dict[str, Any] = {"tuning": [0, 0], "validation": [0, 0], "losses": []}
-    for name, case, noise in kept:
+    for name, case, noise in welds:
         runs = {label: results[Job(label, case, noise, processes[name])] for label in FINALISTS}
-        if failed(runs):
-            continue
-        part = "tuning" if case in CASES else "validation"
-        for key, title in KPIS.items():
+        count = data["tuning" if case in CASES else "validation"]
+        for key, title in {} if failed(runs) else KPIS.items():
             own = runs[DEFAULT].get(key)
             if own is None:
                 continue
-            best = min(runs[rival][key] for rival in ((TIGHT,) if key in VARIATIONS else DECENTRALIZED))
-            data[part][1] += 1
+            best = min(runs[pi][key] for pi in ((TIGHT,) if key in VARIATIONS else DECENTRALIZED))
+            count[1] += 1
             if own <= (1.0 + TOLERANCE) * best:
-                data[part][0] += 1
+                count[0] += 1
             else:
-                data["losses"].append([name, case, noise, title, own / best if best > 0.0 else math.inf])
+                data["losses"].append([name, Path(case).stem, noise, title, own / best if best > 0.0 else math.inf])
     return data
-
-
-def quantiles(values: Sequence[float]) -> dict[str, float]:
-    """Median, 95 % quantile, largest value, and the share at or below 1."""
-    array = np.array(values)
-    return {
-        "median": float(np.median(array)),
-        "p95": float(np.quantile(array, 0.95)),
-        "largest": float(array.max()),
-        "share": float(np.mean(array <= 1.0 + TOLERANCE)),
-    }

@@ -1,23 +1,19 @@
-"""The command of the study: search for the decentralized controller's gains, or assess the shipped ones.
-
-usage: tune_decentral.py [--check] [--tuning NAME] [--model FILE] [--evaluations N] [--write] [--json FILE]
-"""
+"""The command of the study: search for the decentralized controller's gains, or assess the shipped ones."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Sequence
 from pathlib import Path
 
 import fsw_decentral
-from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new
+from fsw.console import print_table
+from fsw.errors import exit_code
+from fsw.outputs import add_force, check_new, write_json, write_text
 from fsw.progress import ProgressBar
 from fsw_decentral import Gains, tunings
-from fsw_model import ModelParameterError, ModelParameters, OperatingPointError, nominal
+from fsw_model import ModelParameters, OperatingPointError, nominal
 from fsw_scenario.decentral_loop import errors, simulated_sensitivity
 from fsw_scenario.tune_decentral import BOUNDS, EVALUATIONS, NAMES, TARGETS, robustness, tune
 
@@ -35,25 +31,23 @@ MISMATCH = {
 
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    _print_row("", sets)
-    for field in fields(Gains):
-        _print_row(field.name, (f"{getattr(gains, field.name):g}" for gains in sets.values()))
+    rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
+    print_table(rows, ["gain", *sets], numbers=True)
     figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
-    print()
-    _print_row("", (f"{name} (most)" for name in sets))
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
+    rows = []
     for key in next(iter(figures.values())):
         limits = {name: f" ({most[name][key]:g})" if key in most[name] else "" for name in sets}
-        _print_row(key, (f"{found[key]:.4g}{limits[name]}" for name, found in figures.items()))
-    print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances; on a process with")
+        rows.append([key, *(f"{found[key]:.4g}{limits[name]}" for name, found in figures.items())])
+    print()
+    print_table(rows, ["figure", *(f"{name} (most)" for name in sets)], numbers=True)
+    print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances")
+    rows = []
     for label, factors in MISMATCH.items():
         other = parameters.scaled(**factors)
-        _print_row(label, (_on_other_process(gains, other) for gains in sets.values()))
+        rows.append([label, *(_on_other_process(gains, other) for gains in sets.values())])
+    print_table(rows, ["process", *sets], numbers=True)
     return figures
-
-
-def _print_row(label: str, cells: Iterable[str]) -> None:
-    print(f"{label:34}" + "".join(f"{cell:>24}" for cell in cells))
 
 
 def _on_other_process(gains: Gains, parameters: ModelParameters) -> str:
@@ -70,19 +64,19 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
     """The sets as text of the package's ``tunings.yaml``."""
     lines = ["# Computed by scripts/tune_decentral.py; meaning and units of the gains: decentral.yaml."]
     for name, gains in sets.items():
-        of = figures[name]
+        found = figures[name]
         lines.append(
             f"# {name}, Ms <= {BOUNDS[name]['ms_depth']:g}: "
-            f"depth {of['ms_depth']:.2f}, temperature {of['ms_temperature']:.2f}; "
-            f"moves by noise {of['noise_move_kn']:.3f} kN, {of['noise_move_rpm']:.2f} rpm"
+            f"depth {found['ms_depth']:.2f}, temperature {found['ms_temperature']:.2f}; "
+            f"moves by noise {found['noise_move_kn']:.3f} kN, {found['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in asdict(gains).items()]
+        lines += [f"  {key}: {value!r}" for key, value in dict(gains).items()]
     return "\n".join(lines) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code: 0 done, 1 not possible, 2 wrong arguments, 130 interrupted."""
+    """Run the command; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="tune_decentral.py",
         description="Search for gains of the decentralized controller on the process model and print gains, "
@@ -91,57 +85,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="assess the shipped gains, do not search")
     parser.add_argument("--tuning", choices=NAMES, help="search for this one only; the other is as shipped")
     parser.add_argument("--model", type=Path, metavar="FILE", help="YAML with model parameters other than the paper's")
-    parser.add_argument("--evaluations", type=_count, default=EVALUATIONS, help="per tuning (default %(default)s)")
+    parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help="per tuning (default %(default)s)")
     parser.add_argument("--write", action="store_true", help="write the result into the package fsw_decentral")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write gains and figures as JSON")
     add_force(parser)
     parsed = parser.parse_args(arguments)
-    if parsed.write and parsed.model:
-        parser.error("--write is for the tunings of the paper's process: leave out --model, or use --json")
-    if parsed.write and parsed.check:
-        parser.error("--check changes nothing: leave out --write")
-    try:
-        _run(parsed)
-    except (CommandError, ModelParameterError, OperatingPointError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    return 0
+    if parsed.write and (parsed.model or parsed.check):
+        parser.error("--write is for gains searched for on the paper's process: leave out --model and --check")
+    return exit_code(lambda: _run(parsed))
 
 
-def _count(text: str) -> int:
-    if not (text.isdecimal() and 1 <= int(text) <= 1_000_000):
-        raise argparse.ArgumentTypeError(f"{text!r}: give a whole number from 1 to 1000000")
-    return int(text)
-
-
-def _run(parsed: argparse.Namespace) -> None:
-    parameters = nominal()
-    if parsed.model is not None:
-        parameters = ModelParameters.from_file(parsed.model)
-    if parsed.json is not None:
-        check_new([parsed.json], parsed.force)
-        _save(parsed.json, "")  # better now than after the search
+def _run(parsed: argparse.Namespace) -> int:
+    parameters = nominal() if parsed.model is None else ModelParameters.from_file(parsed.model)
+    check_new([parsed.json], parsed.force)
     sets = dict(tunings())
     for name in [] if parsed.check else [parsed.tuning] if parsed.tuning else NAMES:
-        bar = ProgressBar(f"tuning {name}")
-        sets[name] = tune(name, parameters, parsed.evaluations, bar)
-        bar.done()
+        with ProgressBar(f"tuning {name}") as bar:
+            sets[name] = tune(name, parameters, parsed.evaluations, bar)
     figures = report(sets, parameters)
-    if parsed.json is not None:
-        found = {name: {"gains": asdict(sets[name]), "figures": of} for name, of in figures.items()}
-        _save(parsed.json, json.dumps(found, indent=2) + "\n")
+    write_json(parsed.json, {name: {"gains": dict(sets[name]), "figures": found} for name, found in figures.items()})
     if parsed.write:
-        _save(Path(fsw_decentral.__file__).parent / "tunings.yaml", as_yaml(sets, figures))
-
-
-def _save(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"cannot write {path}: {error.strerror}") from None
+        write_text(Path(fsw_decentral.__file__).parent / "tunings.yaml", as_yaml(sets, figures))
+    return 0
 
 
 if __name__ == "__main__":

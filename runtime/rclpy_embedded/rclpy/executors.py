@@ -292,17 +292,17 @@ class Executor:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
         self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
-        found = 0
+        ready_readers = 0
         if triggered:
             for reader in self._readers:
                 if reader[0].condition.is_triggered():
                     self._ready.append(reader)
-                    found += 1
-                    if found == triggered:
+                    ready_readers += 1
+                    if ready_readers == triggered:
                         break
         self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
-        if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
+        if ready_readers < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
             self._ready.extendleft(event for event in self._events if event[0].is_ready())
         if now - self._tidied_ns > _TIDY_PERIOD_NS:

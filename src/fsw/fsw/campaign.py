@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new
+from fsw.outputs import add_force, check_new, default_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import default_folder
 
 _REPORT = "report"
+#: arguments of only one of both forms
+_ONLY_RUN, _ONLY_REPORT = ("welds", "workers", "scheduler", "resume"), ("folder", "limits", "force")
 
 
 def add_command(commands: Any) -> None:
@@ -43,30 +44,36 @@ def add_command(commands: Any) -> None:
         "--limits", type=Path, metavar="FILE", help="after report: limits on figures of merit (YAML) instead of its own"
     )
     add_force(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=_run)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out; returns the exit code."""
+def _run(arguments: argparse.Namespace) -> int:
     try:
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
     except ImportError as error:
         raise CommandError(f"campaign: {error}; install the packages in requirements/campaign.lock") from None
-    if arguments.file == _REPORT:
-        return _report(arguments)
-    if arguments.limits is not None:
-        raise CommandError("campaign: --limits is for a report; the limits of a campaign are in its file")
-    if arguments.folder is not None:
-        raise CommandError(f"campaign: {arguments.folder} is one argument too many; the folder is given by --out")
-    if arguments.force:
-        raise CommandError("campaign: --force is for a report; a folder with welds is never replaced")
+    report = arguments.file == _REPORT
+    wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
+    if report and (wrong or arguments.folder is None):
+        raise CommandError(
+            "campaign report: give the folder of a campaign, and no options but --out, --limits and --force"
+        )
+    if wrong:
+        raise CommandError(
+            f"campaign: {', '.join(wrong)}: only for 'campaign report'; a campaign has its limits in its file and its "
+            "folder by --out, and replaces nothing"
+        )
+    return _report(arguments) if report else _weld(arguments)
+
+
+def _weld(arguments: argparse.Namespace) -> int:
+    from fsw_campaign import dataset, definition, engine
+
     if arguments.resume and arguments.out is None:
         raise CommandError("campaign: --resume needs --out, the folder to go on with")
     if arguments.workers is not None and (arguments.workers < 1 or arguments.scheduler):
         raise CommandError("campaign: --workers must be at least 1, and is not for a --scheduler, which has its own")
-    from fsw_campaign import dataset, definition, engine
-
     campaign = definition.load(arguments.file, arguments.welds)
     folder = arguments.out or default_folder(campaign.name)
     with dataset.Dataset(folder, campaign, arguments.resume) as written:
@@ -74,10 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             if there < total:
                 with (
-                    ProgressBar(f"{campaign.name}, {total - there} welds", total - there, "welds") as bar,
+                    ProgressBar(f"{campaign.name}, {total - there} welds", total - there) as bar,
                     engine.connect(arguments.scheduler, arguments.workers) as client,
                 ):
-                    engine.run(written, client, bar.count)
+                    engine.run(written, client, bar)
         except KeyboardInterrupt:
             state = f"{len(written.done)} of {total} welds are in {folder}"
             print(f"interrupted; {state}; go on with --resume", file=sys.stderr)
@@ -87,11 +94,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    wrong = [name for name in ("welds", "workers", "scheduler", "resume") if getattr(arguments, name)]
-    if arguments.folder is None or wrong:
-        raise CommandError(
-            "campaign report: needs the folder of a campaign, and takes no options but --out, --limits and --force"
-        )
     from fsw_campaign import report
 
     target = arguments.out or arguments.folder / "report.html"

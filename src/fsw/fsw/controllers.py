@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from fsw.console import print_table
 from fsw.operate import add_graph_command, health
 
 
@@ -17,11 +18,16 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw.operator_node import operator  # the other commands do without rclpy
     from fsw_msgs.srv import ListControllers
 
-    with operator(arguments.timeout) as visit:
-        response = visit.call(ListControllers, "/fsw/list_controllers", ListControllers.Request())
+    with operator(arguments.timeout) as node:
+        response = node.call(ListControllers, "/fsw/list_controllers", ListControllers.Request())
     print(f"mode {response.mode}, active {response.active or 'none'}")
-    for one in response.controllers:
-        latency = f"latency {one.latency_mean * 1e3:.2f} ms (at most {one.latency_max * 1e3:.2f})"
-        counts = f"missed {one.missed}, late {one.late}, rejected {one.rejected}"
-        print(f"{one.name:<12} {health(one)}; {latency}; {counts}")
+    header = ("controller", "state", "latency, mean [ms]", "largest [ms]", "missed", "late", "rejected")
+    rows = [
+        (
+            *(one.name, health(one), f"{one.latency_mean * 1e3:.2f}", f"{one.latency_max * 1e3:.2f}"),
+            *(str(one.missed), str(one.late), str(one.rejected)),
+        )
+        for one in response.controllers
+    ]
+    print_table(rows, header)
     return 0

@@ -10,22 +10,24 @@ from fsw_analysis.kpi import KpiError
 from fsw_campaign.errors import CampaignError
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
-from fsw_model import ModelParameterError
+from fsw_control.schema import InputError
+from fsw_identification.weld_data import IdentificationError
+from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
-from fsw_scenario.scenario import ScenarioError
 
 
 class CommandError(Exception):
     """A command cannot be carried out; the text says what, where and what to do."""
 
 
-_TOLD = (
+_SHOWN = (
     CommandError,
     CampaignError,
-    ScenarioError,
+    IdentificationError,
+    InputError,
     ParameterError,
-    ModelParameterError,
+    OperatingPointError,
     BagError,
     KpiError,
     LaunchError,
@@ -34,12 +36,12 @@ _TOLD = (
 
 
 def exit_code(action: Callable[[], int]) -> int:
-    """Carry out a command; 0 done, 1 not possible (told in one line), 130 interrupted."""
+    """Carry out a command; 0 done, 1 not possible (said in one line), 130 interrupted."""
     try:
         code = action()
         sys.stdout.flush()
         return code
-    except _TOLD as error:
+    except _SHOWN as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -6,14 +6,20 @@ import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from fsw.console import print_table
 from fsw.errors import CommandError
-from fsw.outputs import add_force, check_new, write_text
+from fsw.outputs import add_force, check_new, new_folder, write_text
 from fsw.progress import ProgressBar
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
+from fsw_identification.weld_data import WeldData, prepare
+from fsw_model import ModelParameters
 from fsw_plant.config import specs
+
+if TYPE_CHECKING:
+    from fsw_identification.summary import Summary
 
 #: lengths of an experiment that can be proposed
 _SHORTEST_S, _DURATION_S, _LONGEST_S = 60.0, 300.0, 1800.0
@@ -42,7 +48,7 @@ def add_command(commands: Any) -> None:
         metavar="S",
         help="time constant of the drives (default %(default)s s, the emulator's)",
     )
-    parser.add_argument("--design", action="store_true", help="propose an experiment and print what it promises")
+    parser.add_argument("--design", action="store_true", help="propose an experiment and print what to expect of it")
     parser.add_argument(
         "--duration",
         type=float,
@@ -65,38 +71,17 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         raise CommandError("identify: give --out FILE for the model")
     check_new([arguments.out], arguments.force)
-    folder: Path | None = arguments.report
-    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise CommandError(f"{folder} exists and is no empty folder; nothing is overwritten, choose another --report")
-    for made in [arguments.out.parent, *([folder] if folder is not None else [])]:
-        try:
-            made.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CommandError(f"identify: cannot make folder {made}: {error.strerror}") from None
-    from fsw_identification import estimation, model_file, summary
-    from fsw_identification.weld_data import IdentificationError
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)  # now, because the fit may take minutes
+    if arguments.report is not None:
+        new_folder(arguments.report, "", "--report")
+    from fsw_identification import model_file, summary
 
-    start = _model(arguments.model)
-    try:
-        welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
-        checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag, "validation ")
-        air: dict[str, float] = {}
-        if arguments.air is not None:
-            from fsw_identification.friction import from_air
-
-            start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
-        for weld in welds:
-            for note in weld.notes:  # now, too, because the fit of a long weld takes minutes
-                print(f"{weld.name}: {note}", file=sys.stderr)
-        with ProgressBar("identifying") as bar:
-            fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
-        validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
-    except IdentificationError as error:
-        raise CommandError(f"identify: {error}") from None
-    sources = ", ".join(weld.name for weld in welds)
-    result = summary.Summary(sources, fit, validation, tuple(note for weld in welds for note in weld.notes), air)
-    print(summary.text(result), end="")
-    write_text(arguments.out, model_file.text(fit, sources, air))
+    result = _identify(arguments)
+    for rows in (summary.parameter_rows(result), summary.output_rows(result)):
+        print_table(rows[1:], rows[0], numbers=True)
+        print()
+    print("".join(f"- {line}\n" for line in summary.remarks(result)), end="")
+    write_text(arguments.out, model_file.text(result.fit, result.sources, result.air))
     files = [arguments.out]
     if arguments.report is not None:
         from fsw_identification import report
@@ -106,6 +91,26 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _identify(arguments: argparse.Namespace) -> Summary:
+    from fsw_identification import estimation
+    from fsw_identification.friction import from_air
+    from fsw_identification.summary import Summary
+
+    start, air = _model(arguments.model), dict[str, float]()
+    welds = [_data(bag, arguments.drive_lag) for bag in arguments.bag]
+    checked = None if arguments.validate is None else _data(arguments.validate, arguments.drive_lag)
+    if arguments.air is not None:
+        start, air = from_air(load_weld(arguments.air), start, arguments.drive_lag)
+    for weld in welds:
+        for note in weld.notes:  # now, too, because the fit of a long weld takes minutes
+            print(f"{weld.name}: {note}", file=sys.stderr)
+    with ProgressBar("identifying") as bar:
+        fit = estimation.identify([segment for weld in welds for segment in weld.segments], start, bar)
+    validation = None if checked is None else estimation.validate(checked.segments, fit.parameters)
+    notes = tuple(note for weld in welds for note in weld.notes)
+    return Summary(", ".join(weld.name for weld in welds), fit, validation, notes, air)
+
+
 def _design(arguments: argparse.Namespace) -> int:
     duration_s = _DURATION_S if arguments.duration is None else arguments.duration
     if arguments.bag or arguments.report or arguments.validate or arguments.air:
@@ -113,16 +118,13 @@ def _design(arguments: argparse.Namespace) -> int:
     if not _SHORTEST_S <= duration_s <= _LONGEST_S:
         raise CommandError(f"identify: --duration {duration_s:g}: give {_SHORTEST_S:g} to {_LONGEST_S:g} s")
     check_new([arguments.out], arguments.force)
-    from fsw_identification.summary import table
     from fsw_scenario.identification_design import SAFE_C, SAFE_MM, propose
 
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
         found = propose(duration_s, not arguments.open_loop, model, progress=bar)
-    rows = [["parameter", "expected std", "[%]"]]
-    for name, share in found.deviations.items():
-        rows.append([name, f"{share * getattr(model, name):.2g}", f"{100.0 * share:.2f}"])
-    print(table(rows), end="")
+    rows = [(name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}") for name, d in found.deviations.items()]
+    print_table(rows, ("parameter", "expected std", "[%]"), numbers=True)
     print(
         f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
         f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
@@ -138,18 +140,10 @@ def _design(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _model(file: Path | None) -> Any:
-    from fsw_model import ModelParameters
-
+def _model(file: Path | None) -> ModelParameters:
     return ModelParameters() if file is None else ModelParameters.from_file(file)
 
 
-def _data(bag: Path, drive_lag_s: float, what: str = "") -> Any:
-    from fsw_identification.weld_data import IdentificationError, prepare
-
-    with ProgressBar(f"reading {what}{bag.name}") as bar:
-        signals = cut_to_scenario(load_weld(bag, bar))
-    try:
-        return prepare(signals, drive_lag_s)
-    except IdentificationError as error:
-        raise CommandError(f"identify: {what}{error}") from None
+def _data(bag: Path, drive_lag_s: float) -> WeldData:
+    with ProgressBar(f"reading {bag.name}") as bar:
+        return prepare(cut_to_scenario(load_weld(bag, bar)), drive_lag_s)

@@ -5,41 +5,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
-from fsw import (
-    acknowledge,
-    bag_compare,
-    bag_export,
-    bag_info,
-    bag_kpi,
-    bag_plot,
-    bag_recover,
-    bag_shadow,
-    bag_verify,
-    campaign,
-    controllers,
-    disturb,
-    export,
-    fault,
-    identify,
-    mode,
-    model,
-    params,
-    reference,
-    simulate,
-    status,
-    switch,
-    tune,
-    weld,
-)
 from fsw.errors import exit_code
 
-#: in the order of the help
+#: modules of the commands, in the order of the help
 _COMMANDS = (
-    *(status, reference, disturb, fault, switch, controllers, mode, acknowledge, weld),
-    *(params, simulate, campaign, model, export, identify, tune),
+    *("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld", "params"),
+    *("simulate", "campaign", "model", "export", "identify", "tune"),
 )
-_BAG_COMMANDS = (bag_info, bag_recover, bag_kpi, bag_plot, bag_compare, bag_export, bag_verify, bag_shadow)
+_BAG_COMMANDS = ("info", "recover", "kpi", "plot", "compare", "export", "verify", "shadow")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -50,12 +25,12 @@ def parser() -> argparse.ArgumentParser:
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. 'fsw.py COMMAND --help' lists the ranges.",
     )
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for one in _COMMANDS:
-        one.add_command(commands)
+    for name in _COMMANDS:
+        import_module(f"fsw.{name}").add_command(commands)
     bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for one in _BAG_COMMANDS:
-        one.add_command(bag_commands)
+    for name in _BAG_COMMANDS:
+        import_module(f"fsw.bag_{name}").add_command(bag_commands)
     return whole
 
 

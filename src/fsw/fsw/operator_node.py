@@ -1,4 +1,4 @@
-"""The operator's short visit to the graph: watches topics, calls services."""
+"""A short-lived node in the graph: watches topics, calls services."""
 
 from __future__ import annotations
 
@@ -39,6 +39,15 @@ class Operator:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         return True
 
+    def answer(self, future: Any, name: str, extra_s: float = 0.0) -> Any:
+        """Result of a future; CommandError when ``name`` does not answer in time."""
+        timeout_s = self.timeout_s + extra_s
+        if not self.wait_until(future.done, timeout_s):
+            raise CommandError(
+                f"{name} did not answer within {timeout_s:g} s; if it is running, give a longer --timeout"
+            )
+        return future.result()
+
     def call(self, service: Any, name: str, request: Any, extra_s: float = 0.0) -> Any:
         """Call a service.
 
@@ -47,14 +56,11 @@ class Operator:
         CommandError
             When no node offers it or none answers in time.
         """
-        who = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")
         client = self.node.create_client(service, name)
         if not self.wait_until(client.service_is_ready):
-            raise CommandError(f"no node offers {name} on {domain_text()}: is the {who} running there?")
-        future = client.call_async(request)
-        if not self.wait_until(future.done, self.timeout_s + extra_s):
-            raise CommandError(f"{name} did not answer within {self.timeout_s + extra_s:g} s: is the {who} stuck?")
-        return future.result()
+            server = {"plant": "plant", "weld": "scenario player"}.get(name.split("/")[2], "supervisor")
+            raise CommandError(f"no node offers {name} on {domain_text()}: is the {server} running there?")
+        return self.answer(client.call_async(request), name, extra_s)
 
     def watch(self, kind: Any, topic: str, profile: QoSProfile = STREAM) -> list[Any]:
         """A list that gets every message of a topic while this object spins."""
@@ -68,7 +74,7 @@ class Operator:
         subscribe_references(self.node, queue)
         return queue
 
-    def in_force(self, set_points: ReferenceQueue, depths: list[ShoulderDepth]) -> Reference | None:
+    def set_points_in_force(self, set_points: ReferenceQueue, depths: list[ShoulderDepth]) -> Reference | None:
         """The set-points that hold at the last measurement, or else now; None if there are none."""
         if depths:
             return set_points.at(convert.stamp_ns(depths[-1].header.stamp))
@@ -78,11 +84,6 @@ class Operator:
 def domain_text() -> str:
     """The ROS domain in words."""
     return f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
-
-
-def nothing_there() -> CommandError:
-    """The error when no node of a weld is heard."""
-    return CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
 
 
 @contextlib.contextmanager
@@ -100,21 +101,11 @@ def operator(timeout_s: float) -> Iterator[Operator]:
         rclpy.try_shutdown()
 
 
-def ask(arguments: argparse.Namespace, service: Any, name: str, request: Any, extra_s: float = 0.0) -> int:
-    """Call a service that answers with ``ok`` and a message."""
-    with operator(arguments.timeout) as visit:
-        response = visit.call(service, name, request, extra_s)
-    if not response.ok:
-        raise CommandError(response.message)
-    print(response.message)
-    return 0
-
-
-def trigger(arguments: argparse.Namespace, name: str) -> int:
-    """Call a service that takes nothing."""
-    with operator(arguments.timeout) as visit:
-        response = visit.call(Trigger, name, Trigger.Request())
-    if not response.success:
+def ask(arguments: argparse.Namespace, service: Any, name: str, request: Any = None, extra_s: float = 0.0) -> int:
+    """Call a service that answers with success and a message."""
+    with operator(arguments.timeout) as node:
+        response = node.call(service, name, request or service.Request(), extra_s)
+    if not (response.success if service is Trigger else response.ok):
         raise CommandError(response.message)
     print(response.message)
     return 0

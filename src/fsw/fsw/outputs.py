@@ -1,9 +1,10 @@
-"""Files that a command writes: none that exists is replaced unless ``--force`` says so."""
+"""Files and folders that a command writes: none that exists is replaced unless ``--force`` says so."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -38,3 +39,22 @@ def write_json(file: Path | None, values: Any) -> None:
     """Write values as JSON where a file is given."""
     if file is not None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
+
+
+def new_folder(wanted: Path | None, name: str, option: str = "--out") -> Path:
+    """Make a folder for results; CommandError when it is not empty or cannot be made."""
+    folder = wanted or default_folder(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise CommandError(
+                f"folder {folder} exists and is not empty; nothing is overwritten, choose another {option}"
+            )
+    except OSError as error:
+        raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
+    return folder
+
+
+def default_folder(name: str) -> Path:
+    """Folder for results where none is given."""
+    return Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"

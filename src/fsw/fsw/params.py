@@ -7,18 +7,20 @@ from typing import Any
 
 from fsw.operate import add_timeout
 
+_VERBS = {
+    "list": "all parameters of a node with their values and meaning",
+    "get": "value of a parameter",
+    "set": "change a parameter; a node may refuse it, and says why",
+}
+
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     text = "parameters of a node that runs: list them, get one, set one"
     parser = commands.add_parser("param", help=text, description=f"param: {text}.")
     verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for verb, words in (
-        ("list", "all parameters of a node with their values and meaning"),
-        ("get", "value of a parameter"),
-        ("set", "change a parameter; a node may refuse it, and says why"),
-    ):
-        one: argparse.ArgumentParser = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
+    for verb, words in _VERBS.items():
+        one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
         one.add_argument("node", metavar="NODE", help="its name, e.g. fsw_nmpc; 'status' lists them")
         if verb != "list":
             one.add_argument("name", metavar="NAME", help="of the parameter")

@@ -10,6 +10,7 @@ from rclpy.exceptions import NameValidationException
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
+from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, domain_text, operator
 from fsw_control.parameters import ParameterError, ParameterSpec, require_known
@@ -26,54 +27,44 @@ _TYPES = {
 }
 
 
-class _RemoteParameters:
-    """Parameters of a node; every call waits for the answer, CommandError when none comes."""
-
-    def __init__(self, visit: Operator, node: str) -> None:
-        self._visit, self._node = visit, node
-        try:
-            self._client = AsyncParameterClient(visit.node, node)
-        except NameValidationException:
-            raise CommandError(f"{node!r} is not the name of a node") from None
-        if not visit.wait_until(self._client.services_are_ready):
-            there = sorted(name for name in visit.node.get_node_names() if name != visit.node.get_name())
-            raise CommandError(f"no node {node} on {domain_text()}; there are: {', '.join(there) or 'none'}")
-
-    def _answer(self, future: Any) -> Any:
-        if not self._visit.wait_until(future.done):
-            raise CommandError(f"{self._node} did not answer within {self._visit.timeout_s:g} s")
-        return future.result()
-
-    def names(self) -> list[str]:
-        return sorted(self._answer(self._client.list_parameters([], 0)).result.names)
-
-    def descriptors(self, names: list[str]) -> list[Any]:
-        return list(self._answer(self._client.describe_parameters(names)).descriptors)
-
-    def values(self, names: list[str]) -> list[Any]:
-        return [parameter_value_to_python(one) for one in self._answer(self._client.get_parameters(names)).values]
-
-    def set(self, parameter: Parameter) -> None:
-        [result] = self._answer(self._client.set_parameters([parameter])).results
-        if not result.successful:
-            raise CommandError(f"{self._node} refuses {parameter.name}: {result.reason or 'without a reason'}")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Carry the command out; returns the exit code."""
-    with operator(arguments.timeout) as visit:
-        node = _RemoteParameters(visit, arguments.node)
-        names = node.names()
+    with operator(arguments.timeout) as node:
+        client = _client(node, arguments.node)
+
+        def answer(future: Any) -> Any:
+            return node.answer(future, arguments.node)
+
+        def values(names: list[str]) -> list[str]:
+            return [_text(parameter_value_to_python(one)) for one in answer(client.get_parameters(names)).values]
+
+        names = sorted(answer(client.list_parameters([], 0)).result.names)
         if arguments.verb == "list":
-            for one, value in zip(node.descriptors(names), node.values(names), strict=True):
-                print(f"{one.name}: {_text(value)}" + f"  ({one.description})" * bool(one.description))
+            descriptors = answer(client.describe_parameters(names)).descriptors
+            rows = zip(names, values(names), (one.description for one in descriptors), strict=True)
+            print_table([*rows], ("parameter", "value", "meaning"))
             return 0
         require_known(names, [arguments.name])
         if arguments.verb == "set":
-            [descriptor] = node.descriptors([arguments.name])
-            node.set(_parameter(arguments.name, Parameter.Type(descriptor.type), arguments.value))
-        print(f"{arguments.name}: {_text(node.values([arguments.name])[0])}")
+            [descriptor] = answer(client.describe_parameters([arguments.name])).descriptors
+            wanted = _parameter(arguments.name, Parameter.Type(descriptor.type), arguments.value)
+            [result] = answer(client.set_parameters([wanted])).results
+            if not result.successful:
+                reason = result.reason or "without a reason"
+                raise CommandError(f"{arguments.node} refuses {arguments.name}: {reason}")
+        print(f"{arguments.name}: {values([arguments.name])[0]}")
     return 0
+
+
+def _client(node: Operator, name: str) -> AsyncParameterClient:
+    try:
+        client = AsyncParameterClient(node.node, name)
+    except NameValidationException:
+        raise CommandError(f"{name!r} is not the name of a node") from None
+    if not node.wait_until(client.services_are_ready):
+        others = sorted({*node.node.get_node_names()} - {node.node.get_name()})
+        raise CommandError(f"no node {name} on {domain_text()}; there are: {', '.join(others) or 'none'}")
+    return client
 
 
 def _text(value: Any) -> str:

@@ -1,74 +1,43 @@
-"""A progress bar on a terminal, a few lines elsewhere."""
+"""A progress bar on a terminal, a line now and then elsewhere, both on stderr."""
 
 from __future__ import annotations
 
-import sys
 import time
 
-_WIDTH = 40
-#: Elsewhere than on a terminal a line is written at most this often.
-_QUIET_S = 3.0
-#: On a terminal a rate is written at most this often.
-_NOTE_S = 0.2
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+#: Elsewhere than on a terminal a line is written this often.
+_LINE_S = 30.0
 
 
-class ProgressBar:
-    """Shows the share done of one piece of work, on stderr; may be used as a context.
+class ProgressBar(Progress):
+    """Shows how much of one piece of work is done; a context.
 
     Parameters
     ----------
     title : str
-    total : int
-        Pieces of work, where they are counted: then their rate and the remaining time are shown, too.
-    unit : str
-        What the pieces are.
+    pieces : int, optional
+        Number of pieces, where they are counted; otherwise the share done is shown.
     """
 
-    def __init__(self, title: str, total: int = 0, unit: str = "") -> None:
-        self._title = title
-        self._total, self._unit, self._note = total, unit, ""
-        self._began = self._written_s = time.monotonic()
-        self._shown = -1
-        self._terminal = sys.stderr.isatty()
+    def __init__(self, title: str, pieces: int | None = None) -> None:
+        console = Console(stderr=True)
+        counted = [MofNCompleteColumn()] if pieces else []
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            *counted,
+            TimeRemainingColumn(),
+        )
+        super().__init__(*columns, console=console, disable=not console.is_terminal)
+        self._title, self._total, self._written_s = title, pieces or 1.0, time.monotonic()
+        self._task = self.add_task(title, total=self._total)
 
-    def __call__(self, share: float) -> None:
-        """Show the share done, 0 to 1."""
-        percent = int(100 * min(max(share, 0.0), 1.0))
-        now_s = time.monotonic()
-        soon_s = _QUIET_S if not self._terminal else _NOTE_S if self._note else 0.0
-        if (percent <= self._shown and not self._note) or now_s < self._written_s + soon_s:
-            return
-        self._shown, self._written_s = percent, now_s
-        filled = _WIDTH * percent // 100
-        drawn = f"[{'#' * filled}{'.' * (_WIDTH - filled)}] {percent:3d} %"
-        bar = f"{self._title} {drawn}  {now_s - self._began:5.1f} s{self._note}"
-        print(f"\r{bar}" if self._terminal else bar, end="" if self._terminal else "\n", file=sys.stderr, flush=True)
-
-    def count(self, done: int) -> None:
-        """Show the number of pieces done, their rate and the remaining time."""
-        rate = done / max(time.monotonic() - self._began, 1e-9)
-        left_s = round((self._total - done) / max(rate, 1e-9))
-        left = f"{left_s // 3600:d}:{left_s // 60 % 60:02d}:{left_s % 60:02d}"
-        self._note = f", {rate:.3g} {self._unit}/s, {left} left   "
-        self(done / self._total)
-
-    def done(self) -> None:
-        """Show that all is done and end the line."""
-        if self._total:  # the end is shown however soon it comes
-            self._written_s, self._note = 0.0, ""
-        self(1.0)
-        self._end_line()
-
-    def _end_line(self) -> None:
-        if self._terminal:
-            print(file=sys.stderr)
-
-    def __enter__(self) -> ProgressBar:
-        self(0.0)
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is None:
-            self.done()
-        else:
-            self._end_line()
+    def __call__(self, done: float) -> None:
+        """Show what is done: a share, 0 to 1, or a number of pieces."""
+        self.update(self._task, completed=done)
+        if self.disable and time.monotonic() > self._written_s + _LINE_S:
+            self._written_s = time.monotonic()
+            self.console.print(f"{self._title}: {done / self._total:.0%}", markup=False, soft_wrap=True)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
+from fsw.bags import print_notes
 from fsw.errors import CommandError
+from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw_analysis import kpi_table, phase_kpi
+from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.yaml_text import load_yaml
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make_all, name_of, short, variant_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
@@ -69,92 +71,83 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
     parser.add_argument("--list", action="store_true", help="list the shipped scenarios and end")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=_run)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Carry the command out; returns the exit code."""
-    if arguments.list or arguments.scenario is None:
-        if not arguments.list:
-            raise CommandError(f"simulate: which scenario? One of {', '.join(shipped())}, or a YAML file")
+def _run(arguments: argparse.Namespace) -> int:
+    if arguments.list:
         for name in shipped():
             print(f"{name:<24} {' '.join(load(name).description.split())}")
         return 0
-    from fsw_analysis import kpi
+    if arguments.scenario is None:
+        raise CommandError(f"simulate: which scenario? One of {', '.join(shipped())}, or a YAML file")
     from fsw_analysis.export import export_weld
-    from fsw_analysis.figures import Run, draw
-    from fsw_scenario.closed_loop import ClosedLoop
-    from fsw_scenario.controllers import make_all, name_of, short, variant_of
+    from fsw_analysis.figures import Run
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
-    labels: list[str] = [scenario.controller]
-    if arguments.controller:
-        if scenario.open_loop:
-            raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
-        labels = list(dict.fromkeys(arguments.controller))
-    parameters: dict[str, dict[str, Any]] = {}
-    for file in arguments.params_file:
-        parameters.update(_parameters_of_nodes(file))
-    for text in arguments.parameter:
-        key, value = assignment("--parameter", text)
-        name, _, inner = key.partition(".")
-        if not name or not inner:
-            raise CommandError(f"simulate: --parameter {text}: write CONTROLLER.NAME=VALUE")
-        parameters.setdefault(name, {})[inner] = value
-    loops: dict[str, ClosedLoop] = {}
-    nodes: dict[str, dict[str, dict[str, Any]]] = {}
-    used: set[str] = set()
-    for label in labels:
-        name = label if scenario.open_loop else name_of(label)
-        chosen = load(arguments.scenario, [*overrides, f"controller={name}"])
-        controllers = make_all(chosen, label, parameters)
-        used |= controllers.keys()
-        title = "open loop" if chosen.open_loop else short(label)
-        if len(labels) == 1 and len(controllers) > 1:
-            title = " and ".join(controllers)
-        nodes[title] = {other: {**parameters.get(other, {})} for other in controllers}
-        if not chosen.open_loop:
-            nodes[title][name].update(variant_of(label))
-        loops[title] = ClosedLoop(chosen, controllers)
-    unused = [name for name in parameters if name not in used]
-    if unused:
-        raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")
+    if scenario.open_loop and arguments.controller:
+        raise CommandError(f"simulate: {scenario.name} is an open-loop scenario; it takes no --controller")
+    parameters = _parameters(arguments)
+    loops = _loops(arguments, scenario, overrides, parameters)
     folder = new_folder(arguments.out, scenario.name)
     runs: list[Run] = []
-    for title, loop in loops.items():
+    for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
             runs.append(Run(title, loop.run(bar)))
-        _tell_unhealthy(runs[-1])
-        export_weld(runs[-1].signals, folder / f"signals_{_file_name(title)}.csv")
+        _print_health(runs[-1])
+        file = title.replace(":", "_").replace(" ", "_")
+        export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
-            _record(loop.scenario, folder / f"graph_{_file_name(title)}", nodes[title])
-    figures_of_merit = [kpi.compute(one.signals, one.label) for one in runs]
-    kpi_table.write(figures_of_merit, folder)
-    if not arguments.no_figures:
-        draw(runs, scenario.figures, folder)
-    write_phases(scenario, runs, folder, figure=not arguments.no_figures)
-    print(kpi_table.markdown(figures_of_merit), end="")
+            _record(loop.scenario, label, parameters, folder / f"graph_{file}")
+    write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
 
-def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: bool = True) -> list[Path]:
-    """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
-    if not scenario.phases:
-        return []
-    phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
-    figures = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
-    paths = phase_kpi.write(figures, folder)
-    if figure:
-        from fsw_analysis.figures import draw_whole_weld
+def _loops(
+    arguments: argparse.Namespace, scenario: Scenario, overrides: list[str], parameters: Mapping[str, dict[str, Any]]
+) -> dict[str, tuple[str, ClosedLoop]]:
+    """Label of the controller and closed loop of each run, by title."""
+    labels = list(dict.fromkeys(arguments.controller or [scenario.controller]))
+    loops = {}
+    used: set[str] = set()
+    for label in labels:
+        if scenario.open_loop:
+            chosen, title = scenario, "open loop"
+        else:
+            chosen, title = load(arguments.scenario, [*overrides, f"controller={name_of(label)}"]), short(label)
+        controllers = make_all(chosen, label, parameters)
+        used |= controllers.keys()
+        if len(labels) == 1 and len(controllers) > 1:
+            title = " and ".join(controllers)
+        loops[title] = (label, ClosedLoop(chosen, controllers))
+    unused = [name for name in parameters if name not in used]
+    if unused:
+        raise CommandError(f"simulate: --parameter is for {', '.join(unused)}, but {', '.join(used) or 'none'} run")
+    return loops
 
-        paths.append(folder / "weld.png")
-        draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
+
+def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
+    """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
+    from fsw_analysis.figures import draw, draw_whole_weld
+
+    results = [kpi.compute(run.signals, run.label) for run in runs]
+    print(kpi_table.markdown(results), end="")
+    paths = kpi_table.write(results, folder)
+    if with_figures:
+        paths += draw(runs, scenario.figures, folder)
+    if scenario.phases:
+        phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
+        by_phase = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
+        paths += phase_kpi.write(by_phase, folder)
+        if with_figures:
+            paths.append(folder / "weld.png")
+            draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
     return paths
 
 
-def _tell_unhealthy(run: Run) -> None:
+def _print_health(run: Run) -> None:
     """Say on stderr how often a controller was not healthy, and why at first."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
@@ -162,25 +155,39 @@ def _tell_unhealthy(run: Run) -> None:
         if ticks.size:
             text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
-    print("".join(f"note: {run.label}: {note}\n" for note in notes), end="", file=sys.stderr)
+    print_notes(f"{run.label}: {note}" for note in notes)
 
 
-def _file_name(title: str) -> str:
-    return title.replace(":", "_").replace(" ", "_")
-
-
-def _record(scenario: Scenario, folder: Path, parameters: dict[str, dict[str, Any]]) -> None:
+def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path) -> None:
     """Run a scenario in the graph, in lockstep, and leave its bag in a folder."""
-    graph = WeldGraph(scenario, folder, parameters=parameters)
-    with (
-        free_domain() as domain,
-        Launcher(folder / "log", domain) as launcher,
-        ProgressBar(f"{scenario.name}, bag {graph.bag}") as bar,
-    ):
+    nodes = {name: parameters.get(name, {}) for name in scenario.controllers}
+    if not scenario.open_loop:
+        nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
+    graph = WeldGraph(scenario, folder, parameters=nodes)
+    run_graph(graph, f"{scenario.name}, bag {graph.bag}")
+
+
+def run_graph(graph: WeldGraph, title: str) -> None:
+    """Run a weld in processes, to its end."""
+    with ProgressBar(title) as bar, free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
         graph.run(launcher, bar)
 
 
-def _parameters_of_nodes(file: Path) -> dict[str, dict[str, Any]]:
+def _parameters(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Parameters by controller, from files and options."""
+    parameters: dict[str, dict[str, Any]] = {}
+    for file in arguments.params_file:
+        parameters.update(_parameters_in(file))
+    for text in arguments.parameter:
+        key, value = assignment("--parameter", text)
+        controller, _, name = key.partition(".")
+        if not controller or not name:
+            raise CommandError(f"simulate: --parameter {text}: write CONTROLLER.NAME=VALUE")
+        parameters.setdefault(controller, {})[name] = value
+    return parameters
+
+
+def _parameters_in(file: Path) -> dict[str, dict[str, Any]]:
     """Parameters by controller from a parameter file of ROS."""
     try:
         content = load_yaml(file.read_text(encoding="utf-8"))
@@ -200,26 +207,3 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
         return name.strip(), load_yaml(value)
     except yaml.YAMLError:
         return name.strip(), value
-
-
-def new_folder(wanted: Path | None, name: str) -> Path:
-    """Make a folder for results.
-
-    Raises
-    ------
-    CommandError
-        When it exists already and is not empty, or cannot be made.
-    """
-    folder = wanted or default_folder(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise CommandError(f"folder {folder} exists and is not empty; nothing is overwritten, choose another --out")
-    except OSError as error:
-        raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
-    return folder
-
-
-def default_folder(name: str) -> Path:
-    """Folder for results where none is given."""
-    return Path("out") / f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from fsw.console import print_table
+from fsw.errors import CommandError
 from fsw.operate import add_graph_command, health
 from fsw_control import units
 
@@ -22,54 +24,52 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     from sensor_msgs.msg import Temperature
 
-    from fsw.operator_node import nothing_there, operator  # the other commands do without rclpy
+    from fsw.operator_node import domain_text, operator  # the other commands do without rclpy
     from fsw_control.topics_ros import LATEST
     from fsw_msgs.msg import ShoulderDepth, SpindleTorque, SupervisorState, WeldCommand, WeldReference
 
-    with operator(arguments.timeout) as visit:
-        states = visit.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
-        set_points = visit.watch_set_points()
-        stated = visit.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
-        commands = visit.watch(WeldCommand, "/fsw/command")
-        depths = visit.watch(ShoulderDepth, "/fsw/depth")
-        torques = visit.watch(SpindleTorque, "/fsw/spindle_torque")
-        temperatures = visit.watch(Temperature, "/fsw/thermocouple")
-        heard = (states, set_points, stated, commands, depths, torques, temperatures)
-        if not visit.wait_until(lambda: any(heard)):
-            raise nothing_there()
-        visit.wait_until(lambda: all(heard), _SETTLE_S)
-        nodes = sorted(name for name in visit.node.get_node_names() if name != "fsw_operator")
-        reference = visit.in_force(set_points, depths)
-    print(f"nodes        {', '.join(nodes)}")
-    _print_state(states[-1] if states else None)
-    rows = [
-        ("depth", [units.mm_from_m(one.depth) for one in depths[-1:]], reference and reference.depth_mm, "mm"),
-        ("temperature", [one.temperature for one in temperatures[-1:]], reference and reference.temperature_c, "degC"),
-        ("torque", [one.torque for one in torques[-1:]], None, "N m"),
-    ]
-    for label, values, target, unit in rows:
-        set_point = f"   set-point {target:.4g} {unit}" if target is not None else ""
-        print(f"{label:<12} " + (f"{values[0]:.5g} {unit}" if values else "not measured") + set_point)
+    with operator(arguments.timeout) as node:
+        states = node.watch(SupervisorState, "/fsw/supervisor/state", LATEST)
+        set_points = node.watch_set_points()
+        stated = node.watch(WeldReference, "/fsw/supervisor/reference", LATEST)
+        commands = node.watch(WeldCommand, "/fsw/command")
+        depths = node.watch(ShoulderDepth, "/fsw/depth")
+        torques = node.watch(SpindleTorque, "/fsw/spindle_torque")
+        temperatures = node.watch(Temperature, "/fsw/thermocouple")
+        received = (states, set_points, stated, commands, depths, torques, temperatures)
+        if not node.wait_until(lambda: any(received)):
+            raise CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
+        node.wait_until(lambda: all(received), _SETTLE_S)
+        nodes = sorted(name for name in node.node.get_node_names() if name != "fsw_operator")
+        reference = node.set_points_in_force(set_points, depths)
+    rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
+    for label, values, target, unit in (
+        ("depth", [units.mm_from_m(one.depth) for one in depths], reference and reference.depth_mm, "mm"),
+        ("temperature", [one.temperature for one in temperatures], reference and reference.temperature_c, "degC"),
+        ("torque", [one.torque for one in torques], None, "N m"),
+    ):
+        measured = f"{values[-1]:.5g} {unit}" if values else "not measured"
+        rows.append((label, measured if target is None else f"{measured}   set-point {target:.4g} {unit}"))
     if reference is None:
-        print("set-points   none yet")
+        rows.append(("set-points", "none yet"))
+    command = "none"
     if commands:
         force, speed = units.kn_from_n(commands[-1].axial_force), units.rpm_from_rad_s(commands[-1].spindle_speed)
-        print(f"command      {force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}")
-    else:
-        print("command      none")
+        command = f"{force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}"
+    print_table([*rows, ("command", command)])
     return 0
 
 
-def _print_state(state: Any) -> None:
+def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
     if state is None:
-        print("supervisor   none")
-        return
-    print(f"supervisor   {state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")
+        return [("supervisor", "none")]
+    rows = [("supervisor", f"{state.actual_mode}, {state.actual_controller or 'no controller'}: {state.reason}")]
     if (state.target_mode, state.target_controller) != (state.actual_mode, state.actual_controller):
-        print(f"  wanted     {state.target_mode}, {state.target_controller}")
+        rows.append(("  requested", f"{state.target_mode}, {state.target_controller}"))
     if state.actual_mode == "safe_stop":
-        print(f"  the stop   {'acknowledged' if state.acknowledged else 'has to be acknowledged before it is left'}")
-    for controller in state.controllers:
-        print(f"  {controller.name:<10} {health(controller)}")
+        needed = "acknowledged" if state.acknowledged else "acknowledge it before another mode"
+        rows.append(("  safe stop", needed))
+    rows += [(f"  {controller.name}", health(controller)) for controller in state.controllers]
     if state.interlocks:
-        print(f"interlocks   {', '.join(state.interlocks)}")
+        rows.append(("interlocks", ", ".join(state.interlocks)))
+    return rows

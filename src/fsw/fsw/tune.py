@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from fsw.errors import CommandError
+from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw.simulate import new_folder
-from fsw_model import ModelParameterError, ModelParameters, OperatingPointError
+from fsw_model import ModelParameters
 
 #: processes unlike the model, as factors on its parameters
 _SWEEP: dict[str, dict[str, float]] = {
@@ -57,60 +56,30 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_nmpc.tuning import Tuning
     from fsw_scenario.tune_decentral import NAMES, tune
 
-    gains = {}
-    try:
-        for name in NAMES:
-            with ProgressBar(f"decentral:{name}") as bar:
-                gains[f"decentral:{name}"] = asdict(tune(name, model, arguments.evaluations, bar))
-    except (OperatingPointError, ModelParameterError) as error:
-        raise CommandError(f"tune: {error}") from None
+    own: dict[str, Mapping[str, Any]] = {}
+    for name in NAMES:
+        with ProgressBar(f"decentral:{name}") as bar:
+            own[f"decentral:{name}"] = dict(tune(name, model, arguments.evaluations, bar))
+        _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"])
     model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(arguments.model, model_file)
     tuning = {"temperature_time_s": Tuning.preset("default", model).temperature_time_s}
     tuning_file.write_text(
         f"# By rule from the dead time of {arguments.model.name}.\n{yaml.safe_dump(tuning)}", "utf-8"
     )
-    own: dict[str, dict[str, Any]] = {**gains, "nmpc:default": {"model_file": str(model_file)}}
-    for label, values in gains.items():
-        _parameter_file(folder / f"{label.replace(':', '_')}.yaml", "fsw_decentral", values)
-    _parameter_file(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
+    _write(folder / "nmpc.yaml", "fsw_nmpc", {"model_file": str(model_file), "tuning_file": str(tuning_file)})
     if not arguments.no_sweep:
-        from fsw_scenario.sweep_figure import draw_sweep
+        from fsw_scenario.identification_design import plant_factors
+        from fsw_scenario.standard_runs import draw_sweep, sweep
 
+        own["nmpc:default"] = {"model_file": str(model_file)}
+        plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
         with ProgressBar("processes unlike the model") as bar:
-            draw_sweep(_sweep(model, own, bar), folder / "sweep.png")
+            draw_sweep(sweep(own, plants, bar), folder / "sweep.png")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
 
-def _parameter_file(path: Path, node: str, values: Mapping[str, Any]) -> None:
-    """Parameters of a node, as ``--ros-args --params-file`` takes them."""
+def _write(path: Path, node: str, values: Mapping[str, Any]) -> None:
+    """Write parameters of a node, as ``--ros-args --params-file`` takes them."""
     path.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}, sort_keys=False), encoding="utf-8")
-
-
-def _sweep(
-    model: ModelParameters, own: Mapping[str, Mapping[str, Any]], progress: Callable[[float], None]
-) -> dict[str, Any]:
-    """Judged figures of all controllers, each with its own parameters, on processes unlike the model; with noise."""
-    from fsw_scenario.identification_design import plant_factors
-    from fsw_scenario.standard_events import CASES
-    from fsw_scenario.standard_runs import Job, judged, run_all
-
-    jobs = {}
-    for name, factors in _SWEEP.items():
-        plant = plant_factors(model.scaled(**factors))
-        for label, parameters in own.items():
-            for case in CASES:
-                jobs[name, label, case] = Job(label, case, True, plant, parameters)
-    done = 0
-
-    def count(_: str) -> None:
-        nonlocal done
-        done += 1
-        progress(done / len(jobs))
-
-    found = run_all(list(jobs.values()), count)
-    return {
-        name: {label: judged({case: found[jobs[name, label, case]] for case in CASES}) for label in own}
-        for name in _SWEEP
-    }

@@ -17,6 +17,8 @@ def add_command(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from fsw.operator_node import trigger  # the other commands do without rclpy
+    from std_srvs.srv import Trigger
 
-    return trigger(arguments, f"/fsw/weld/{arguments.action}")
+    from fsw.operator_node import ask  # the other commands do without rclpy
+
+    return ask(arguments, Trigger, f"/fsw/weld/{arguments.action}")

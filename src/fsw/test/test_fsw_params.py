@@ -1,5 +1,7 @@
 """``fsw.py param``: parameters of a node that runs, listed, read and changed."""
 
+import re
+
 import pytest
 
 from fsw.main import main
@@ -31,7 +33,11 @@ def told(domain, monkeypatch, capsys):
 
 def test_list_get_and_set(told):
     code, text = told("list", NODE)
-    assert code == 0 and "\ndepth_gain: -1.0  (Proportional gain" in text and "\ntuning: conservative" in text
+    assert (
+        code == 0
+        and re.search(r"\ndepth_gain +-1.0 +Proportional gain", text)
+        and re.search(r"\ntuning +conservative", text)
+    )
     assert told("set", NODE, "depth_gain", "1e2") == (0, "depth_gain: 100.0\n")
     assert told("get", f"/{NODE}", "depth_gain") == (0, "depth_gain: 100.0\n")
     assert told("set", NODE, "tuning", "tight") == (0, "tuning: tight\n")
@@ -45,7 +51,7 @@ def test_list_get_and_set(told):
         (("set", NODE, "depth_gain", "1e9"), "refuses depth_gain"),
         (("set", NODE, "depth_gain", "much"), "'much' is not a number"),
         (("set", NODE, "depth_gain", "[1"), "is not of type double"),
-        (("set", NODE, "tuning", "5"), "none of conservative, tight"),
+        (("set", NODE, "tuning", "5"), "one of conservative, tight"),
         (("set", NODE, "period", "0.2"), "read-only"),
         (("list", "a node"), "not the name of a node"),
     ],

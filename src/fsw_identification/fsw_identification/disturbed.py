@@ -23,81 +23,78 @@ _CLIP = 5.0
 #: and to this many where windows are looked for, so that the edge of a shift is none
 _EDGE = 3.0
 #: windows whose mean residual is beyond so many of its standard deviations are left out, with a window on each side
-_WINDOW_TICKS, _ASTRAY = 30, 5.0
+_WINDOW_TICKS, _BIASED = 30, 5.0
 #: and those whose variance is so many times that of the noise
 _RESTLESS = 3.0
-#: how often windows are looked for, and the share of an output from which on the model is to blame, not a disturbance
-_ROUNDS, _LARGEST_SHARE_ASTRAY = 4, 0.4
+#: how often windows are looked for, and the share of an output from which on the model is wrong, not disturbed
+_ROUNDS, _LARGEST_SHARE = 4, 0.4
 
 
-def shifts(problem: Problem) -> list[Shift]:
+def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, where there is one."""
-    _, residuals, _ = problem.last
     found: list[Shift] = []
-    for i, one in enumerate(residuals):
-        known = np.isfinite(one)
-        limited = np.nan_to_num(np.clip(one / problem.noise, -_CLIP, _CLIP))
-        sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(of, axis=0)]) for of in (limited, known))
-        at = np.arange(1, len(one))
-        low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(one))
-        n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
-        with np.errstate(all="ignore"):
-            difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
-            size = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
-        size[(n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2)] = 0.0
-        for output in range(3):
-            tick = int(at[np.argmax(size[:, output])])
-            shift = Shift(i, output, tick)
+    for i, residuals in enumerate(problem.last.residuals):
+        sizes = _sizes(residuals / problem.noise)
+        for output, tick in enumerate(1 + sizes.argmax(axis=0)):
+            shift = Shift(i, output, int(tick))
             near = [s for s in problem.shifts if s.segment == i and s.output == output and abs(s.tick - tick) < 5]
-            if size[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
+            if sizes[:, output].max() > _SHIFT and not near and len(problem.shifts) + len(found) < _MOST_SHIFTS:
                 found.append(shift)
                 heating = [s for s in problem.shifts if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS]
                 if output == OUTPUTS.index("torque_nm") and not heating:
-                    found.append(Shift(i, HEAT, tick))
+                    found.append(replace(shift, output=HEAT))
     return found
+
+
+def _sizes(residuals: FloatArray) -> FloatArray:
+    """Difference of the means after and before each tick but the first, in its standard deviations."""
+    limited, known = np.nan_to_num(np.clip(residuals, -_CLIP, _CLIP)), np.isfinite(residuals)
+    sums, counts = (np.vstack([np.zeros((1, 3)), np.cumsum(columns, axis=0)]) for columns in (limited, known))
+    at = np.arange(1, len(residuals))
+    low, high = np.maximum(at - _SHIFT_TICKS, 0), np.minimum(at + _SHIFT_TICKS, len(residuals))
+    n_before, n_after = counts[at] - counts[low], counts[high] - counts[at]
+    with np.errstate(all="ignore"):
+        difference = (sums[high] - sums[at]) / n_after - (sums[at] - sums[low]) / n_before
+        sizes = np.abs(difference) / np.sqrt(1.0 / n_before + 1.0 / n_after)
+    return np.asarray(np.where((n_before < _SHIFT_TICKS / 2) | (n_after < _SHIFT_TICKS / 2), 0.0, sizes))
 
 
 def drop_small_shifts(problem: Problem) -> None:
     """Forget shifts that turned out to be none, e.g. the end of a stretch that is left out."""
     if not problem.shifts:
         return
-    _, residuals, slopes = problem.last
-    information, _ = problem.normal(residuals, slopes)
-    deviation = np.sqrt(np.diag(np.linalg.pinv(information + problem.prior(problem.walk))))[-len(problem.shifts) :]
-    large = np.abs(problem.sizes) > _REAL_SHIFT * deviation
-    problem.shifts = [shift for shift, real in zip(problem.shifts, large, strict=True) if real]
-    problem.sizes = problem.sizes[large]
+    variances = np.diag(np.linalg.pinv(problem.information(problem.last)))[-len(problem.shifts) :]
+    real = np.abs(problem.sizes) > _REAL_SHIFT * np.sqrt(variances)
+    problem.set_shifts([problem.shifts[i] for i in np.flatnonzero(real)], problem.sizes[real])
 
 
-def leave_out(problem: Problem, noise: FloatArray, tell: Callable[[], None]) -> list[str]:
-    """Leave out windows in which an output goes its own way; returns what was left out.
+def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
+    """Leave out windows in which the model does not follow an output; returns what was left out.
 
     ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
     """
-    left = [np.zeros(one.measured.shape, dtype=bool) for one in problem.segments]
-    followed = np.ones(len(OUTPUTS), dtype=bool)
-    share = np.zeros(len(OUTPUTS))
+    left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
+    followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
     for _ in range(_ROUNDS):
-        found = [astray(one, noise) for one in problem.last[1]]
-        new = [one & ~before for one, before in zip(found, left, strict=True)]
-        share = np.mean(np.concatenate([one | before for one, before in zip(found, left, strict=True)]), axis=0)
-        followed &= share < _LARGEST_SHARE_ASTRAY
-        if not any((one & followed).any() for one in new):
+        found = [disturbed_windows(residuals, noise) for residuals in problem.last.residuals]
+        share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(axis=0)
+        followed &= share < _LARGEST_SHARE
+        new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]
+        if not any(new.any() for new in new_ones):
             break
-        for i, one in enumerate(new):
-            left[i] |= one & followed
+        for i, new in enumerate(new_ones):
+            left[i] |= new
             segment = problem.segments[i]
             problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
-        problem.solve(tell)
+        problem.solve(progress)
     notes = [
-        f"{name}: the model does not follow it in {100 * share[output]:.0f} % of the time; do not trust what depends "
+        f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not trust what depends "
         "on it"
-        for output, name in enumerate(OUTPUTS)
-        if not followed[output]
+        for i in np.flatnonzero(~followed)
     ]
-    for segment, of in zip(problem.segments, left, strict=True):
+    for segment, windows in zip(problem.segments, left, strict=True):
         for output, name in enumerate(OUTPUTS):
-            edges = np.flatnonzero(np.diff(of[:, output], prepend=False, append=False))
+            edges = np.flatnonzero(np.diff(windows[:, output], prepend=False, append=False))
             for begin, end in edges.reshape(-1, 2):
                 begin_s, end_s = segment.time_s[begin], segment.time_s[end - 1] + TICK_S
                 notes.append(
@@ -106,7 +103,7 @@ def leave_out(problem: Problem, noise: FloatArray, tell: Callable[[], None]) -> 
     return notes
 
 
-def astray(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     """Samples in windows whose mean or variance is not that of noise, and in the windows beside them; same shape."""
     parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
     found = np.zeros(residuals.shape, dtype=bool)
@@ -119,9 +116,9 @@ def astray(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
                 sizes[i] = abs(values.mean()) * np.sqrt(values.size)
                 squares[i] = np.mean(values**2)
         # coloured noise has larger means everywhere
-        strange = sizes > _ASTRAY * max(1.0, float(np.median(sizes)) / 0.6745)
-        strange |= squares > _RESTLESS * max(1.0, float(np.median(squares)))
-        for part, one in zip(parts, strange, strict=True):
-            if one:
-                found[max(int(part[0]) - _WINDOW_TICKS, 0) : part[0] + 2 * _WINDOW_TICKS, output] = True
+        disturbed = sizes > _BIASED * max(1.0, float(np.median(sizes)) / 0.6745)
+        disturbed |= squares > _RESTLESS * max(1.0, float(np.median(squares)))
+        for window in np.flatnonzero(disturbed):
+            begin = int(parts[window][0])
+            found[max(begin - _WINDOW_TICKS, 0) : begin + 2 * _WINDOW_TICKS, output] = True
     return found

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
@@ -59,12 +57,6 @@ def from_air(
             f"{signals.path}: friction (23) needs a run in air at {_FEWEST_SPEEDS} or more constant speeds, "
             f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
         )
-    scale = float(speed.max())
-    columns = np.vander(speed / scale, 3, increasing=True)
-    found, *_ = np.linalg.lstsq(columns, torque, rcond=None)
-    rest = torque - columns @ found
-    covariance = np.linalg.inv(columns.T @ columns) * float(rest @ rest) / max(1, rest.size - 3)
-    units = scale ** -np.arange(3.0)
-    values = dict(zip(_NAMES, map(float, found * units), strict=True))
-    deviations = np.sqrt(np.diag(covariance)) * units
-    return replace(start, **values), dict(zip(_NAMES, map(float, deviations), strict=True))
+    found, covariance = np.polyfit(speed, torque, 2, cov=True)
+    values, deviations = map(float, found[::-1]), map(float, np.sqrt(np.diag(covariance))[::-1])
+    return start.changed(**dict(zip(_NAMES, values, strict=True))), dict(zip(_NAMES, deviations, strict=True))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
-import html
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+from jinja2 import Environment, PackageLoader
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,41 +18,23 @@ from fsw_identification.estimation import Fit
 from fsw_identification.statistics import LAGS, Judgement
 from fsw_identification.summary import NAMES, Summary, output_rows, parameter_rows, remarks
 
-_LAGS_S = TICK_S * np.arange(1, LAGS + 1)
-_BOTH_S = TICK_S * np.arange(-LAGS, LAGS + 1)
-_CSS = (
-    "body{font-family:sans-serif;max-width:70em;margin:1em auto;padding:0 1em}"
-    "table{border-collapse:collapse;margin:1em 0}td,th{border-bottom:1px solid #ccc;padding:.2em .7em;text-align:right}"
-    "td:first-child,th:first-child{text-align:left}"
-    "img{max-width:100%}"
-)
-
 
 def write(result: Summary, folder: Path) -> list[Path]:
     """Write ``report.html``, a single file, and its figure ``report.png``; returns the paths."""
     picture, page = folder / "report.png", folder / "report.html"
     _draw(result, picture)
-    image = base64.b64encode(picture.read_bytes()).decode("ascii")
-    notes = "".join(f"<li>{html.escape(line)}</li>" for line in remarks(result))
-    page.write_text(
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Identification</title><style>{_CSS}</style>'
-        f"<h1>Model identified from {html.escape(result.sources)}</h1>"
-        f"{_table(parameter_rows(result))}{_table(output_rows(result))}"
-        "<p>Fit: share of an output that the model explains (NRMSE). On the data the slow disturbances that were "
-        "estimated along are part of the model; on the validation weld only initial states and constant disturbances "
-        "are. White residuals have about 1 % of their correlations outside the bounds of 99 %.</p>"
-        f"<ul>{notes}</ul>"
-        f'<img alt="Measured and model outputs, residuals, parameters" src="data:image/png;base64,{image}"></html>\n',
-        encoding="utf-8",
+    templates = Environment(
+        loader=PackageLoader("fsw_identification"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
+    text = templates.get_template("report.html.j2").render(
+        sources=result.sources,
+        parameters=parameter_rows(result),
+        outputs=output_rows(result),
+        remarks=remarks(result),
+        image=base64.b64encode(picture.read_bytes()).decode("ascii"),
+    )
+    page.write_text(text, encoding="utf-8")
     return [page, picture]
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    first, *rest = ([html.escape(cell) for cell in row] for row in rows)
-    head = "".join(f"<th>{cell}</th>" for cell in first)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rest)
-    return f"<table><tr>{head}</tr>{body}</table>"
 
 
 def _draw(result: Summary, path: Path) -> None:
@@ -76,13 +58,10 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
     for i, segment in enumerate(fit.segments):
         time_s = begin_s + TICK_S * np.arange(segment.n_ticks)
         begin_s = time_s[-1] + 10.0
-        first = i == 0
         for output in range(3):
-            axes[output].plot(
-                time_s, segment.measured[:, output], color=COLOURS[5], alpha=0.5, linewidth=0.7,
-                label="measured" if first else None,
-            )  # fmt: skip
-            axes[output].plot(time_s, fit.predicted[i][:, output], color=COLOURS[0], label="model" if first else None)
+            measured = segment.measured[:, output]
+            axes[output].plot(time_s, measured, color=COLOURS[5], alpha=0.5, linewidth=0.7, label="measured")
+            axes[output].plot(time_s, fit.predicted[i][:, output], color=COLOURS[0], label="model")
         axes[3].plot(time_s, segment.force_kn, color=COLOURS[1])
         axes[4].plot(time_s, segment.speed_rpm, color=COLOURS[1])
     for shift, _, _ in fit.shifts:
@@ -92,18 +71,19 @@ def _courses(axes: Sequence[Axes], fit: Fit, judgement: Judgement, what: str) ->
         axis.set_title(title, loc="left", fontsize=10.0)
         axis.ticklabel_format(axis="y", useOffset=False)
         axis.margins(x=0.01)
-    axes[0].legend(frameon=False, loc="upper right")
+    axes[0].legend(handles=axes[0].get_lines()[:2], frameon=False, loc="upper right")
     axes[4].set_xlabel("time [s]")
 
 
 def _statistics(axes: Sequence[Axes], judgement: Judgement) -> None:
     """Autocorrelation of the residuals, and their correlation with changes of the inputs, with bounds of 99 %."""
+    both_s = TICK_S * np.arange(-LAGS, LAGS + 1)
     for output, axis in enumerate(axes):
         axis.axhspan(-judgement.bound, judgement.bound, color="black", alpha=0.12, linewidth=0.0)
-        axis.plot(_LAGS_S, judgement.auto[output], color=COLOURS[0], label="with themselves")
+        axis.plot(both_s[LAGS + 1 :], judgement.auto[output], color=COLOURS[0], label="with themselves")
         for which, name in enumerate(("changes of force", "changes of speed")):
             axis.plot(
-                _BOTH_S, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
+                both_s, judgement.cross[output, which], color=COLOURS[1 + which], linewidth=0.8, label=f"with {name}"
             )
         axis.set_title(
             f"residuals of {NAMES[output]}: correlation, bounds of 99 % (left of 0: feedback)",

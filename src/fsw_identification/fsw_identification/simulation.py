@@ -7,10 +7,9 @@ any number of seconds from one step on.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from functools import cache, lru_cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,21 +20,11 @@ from fsw_identification.weld_data import Segment
 from fsw_model import STEP_S, ModelParameters
 from fsw_model.equations import depth_mm, friction_torque_nm, power_kw, process_torque_nm
 
-#: what a weld may tell; the rest of the model is the point of linearisation, the fast pole and the friction
+#: what may be identifiable; the rest of the model is the point of linearisation, the fast pole and the friction
 CANDIDATES: tuple[str, ...] = (
-    "thermal_gain_c_per_kw",
-    "copper_lag_s",
-    "tool_lag_s",
-    "dead_time_s",
-    "depth_gain_mm_per_kn_s",
-    "depth_zero_s",
-    "depth_pole_slow_s",
-    "softening_per_c",
-    "motor_lag_s",
-    "sliding_friction",
-    "sticking_stress_pa",
-    "contact_slope",
-    "spindle_inertia_kgm2",
+    *("thermal_gain_c_per_kw", "copper_lag_s", "tool_lag_s", "dead_time_s"),
+    *("depth_gain_mm_per_kn_s", "depth_zero_s", "depth_pole_slow_s", "softening_per_c", "motor_lag_s"),
+    *("sliding_friction", "sticking_stress_pa", "contact_slope", "spindle_inertia_kgm2"),
 )
 OUTPUTS = ("depth_mm", "temperature_c", "torque_nm")
 #: state at the beginning of a segment, and the power before it
@@ -44,7 +33,7 @@ N_STATES = 5
 #: between two knots of a slow disturbance, which is linear in between [s]
 KNOT_S = 10.0
 
-_ALL = tuple(one.name for one in fields(ModelParameters))
+_ALL = tuple(ModelParameters.model_fields)
 _N_POWER = 2
 
 
@@ -120,8 +109,7 @@ def _mapped(n_ticks: int) -> ca.Function:
     return _functions()[1].map(n_ticks)
 
 
-@dataclass(frozen=True, slots=True)
-class Course:
+class Course(NamedTuple):
     """What the model says of a segment of n ticks.
 
     Attributes
@@ -151,6 +139,28 @@ def hats(n_ticks: int) -> FloatArray:
     return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(n)))
 
 
+class _Step:
+    """The step function with its results, without copies: ``run`` reads and writes the arrays that are here."""
+
+    def __init__(self, values: FloatArray, whole_s: float) -> None:
+        step, _ = _functions()
+        self.known, self.disturbance = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
+        self.force, self.speed = np.zeros(1), np.zeros(1)
+        self.result = np.zeros(N_STATES + _N_POWER)
+        self.by_known, self.by_candidate, self.by_disturbance = (
+            np.zeros((self.result.size, n), order="F") for n in (self.known.size, len(CANDIDATES), 2)
+        )
+        arguments = (self.known, self.disturbance, values, self.force, self.speed, np.array([whole_s]))
+        results = (self.result, self.by_known.T, self.by_candidate.T, self.by_disturbance.T)
+        buffer: Any
+        buffer, self.run = step.buffer()
+        for i, argument in enumerate(arguments):
+            buffer.set_arg(i, argument.data)
+        for i, result in enumerate(results):
+            buffer.set_res(i, result.data)
+        self._kept = buffer, arguments  # they have to live as long as what is run
+
+
 def simulate(
     p: ModelParameters,
     segment: Segment,
@@ -174,35 +184,45 @@ def simulate(
     shows : (s,) array of bool
         Whether a course shows in the torque; otherwise it heats only.
     """
-    n, n_start = segment.n_ticks, len(START)
+    n, n_candidates = segment.n_ticks, len(CANDIDATES)
+    added = np.asarray(added, dtype=float)
+    shapes = np.zeros((n, 0)) if shapes is None else shapes
+    shown_shapes = shapes * shows
+    values = np.array([getattr(p, name) for name in _ALL])
+    disturbance = hats(n) @ nuisance[len(START) :].reshape(2, -1).T
+    states, slopes = _states(p, values, segment, nuisance, disturbance, shapes, shapes @ added)
+    before = np.maximum(np.arange(n) - 1, 0)
+    shown, by_state, direct = _mapped(n)(
+        states.T, disturbance[before].T, np.tile(values[:, None], n), segment.force_kn[before][None],
+        segment.acceleration_rpm_per_s[None],
+    )  # fmt: skip
+    outputs = shown.full().T
+    outputs[:, 2] += shown_shapes @ added
+    total = by_state.full().reshape(3, n, N_STATES).transpose(1, 0, 2) @ slopes
+    total[:, :, :n_candidates] += direct.full().reshape(3, n, n_candidates).transpose(1, 0, 2)
+    total[:, 2, total.shape[2] - shapes.shape[1] :] += shown_shapes
+    return Course(outputs, total[:, :, :n_candidates], total[:, :, n_candidates:])
+
+
+def _states(
+    p: ModelParameters,
+    values: FloatArray,
+    segment: Segment,
+    nuisance: FloatArray,
+    disturbance: FloatArray,
+    shapes: FloatArray,
+    torque_nm: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """States (n, N_STATES) and their derivatives (n, N_STATES, columns of all unknowns of the segment)."""
+    n, n_candidates = segment.n_ticks, len(CANDIDATES)
     weights = hats(n)
     n_knots = weights.shape[1]
-    disturbance = np.column_stack(
-        [weights @ nuisance[n_start : n_start + n_knots], weights @ nuisance[n_start + n_knots :]]
-    )
-    shapes = np.zeros((n, 0)) if shapes is None else shapes
-    torque_nm, shown_shapes = shapes @ np.asarray(added, dtype=float), shapes * shows
+    n_columns = n_candidates + nuisance.size + shapes.shape[1]
+    of_force, of_power = n_candidates + len(START), n_candidates + len(START) + n_knots
     kw_per_nm = 1e-3 * RAD_PER_S_PER_RPM * segment.speed_rpm  # (24)
     heat_kw = kw_per_nm[:, None] * shapes
-    values = np.array([getattr(p, name) for name in _ALL])
-    n_candidates, n_columns = len(CANDIDATES), len(CANDIDATES) + len(nuisance) + shapes.shape[1]
-    begin = n_candidates + n_start
-    step, _ = _functions()
     whole = int(np.floor(p.dead_time_s / STEP_S + 1e-9))
-    buffer: Any  # has to live as long as what it evaluates
-    buffer, evaluate = step.buffer()
-    known, now = np.zeros(N_STATES + 2 * _N_POWER), np.zeros(2)
-    force, speed, whole_s = np.zeros(1), np.zeros(1), np.array([whole * STEP_S])
-    for i, one in enumerate((known, now, values, force, speed, whole_s)):
-        buffer.set_arg(i, one.data)
-    n_result = N_STATES + _N_POWER
-    result = np.zeros(n_result)
-    by_known = np.zeros((n_result, known.size), order="F")
-    by_candidate = np.zeros((n_result, n_candidates), order="F")
-    by_disturbance = np.zeros((n_result, 2), order="F")
-    for i, one in enumerate((result, by_known.T, by_candidate.T, by_disturbance.T)):
-        buffer.set_res(i, one.data)
-
+    step = _Step(values, whole * STEP_S)
     # power of the steps, those before the segment first; its derivatives are those by the power before
     power = np.full((n + whole + 1, _N_POWER), nuisance[5])
     power_slopes = np.zeros((n + whole + 1, _N_POWER, n_columns))
@@ -210,39 +230,21 @@ def simulate(
     states, slopes = np.zeros((n, N_STATES)), np.zeros((n, N_STATES, n_columns))
     states[0] = nuisance[:N_STATES]
     slopes[0, :, n_candidates : n_candidates + N_STATES] = np.eye(N_STATES)
-    chained = np.empty((known.size, n_columns))
+    older, newer = slice(N_STATES, N_STATES + _N_POWER), slice(N_STATES + _N_POWER, None)
+    chained = np.empty((step.known.size, n_columns))
     knot_of = np.minimum((np.linspace(0.0, n_knots - 1.0, n)).astype(int), n_knots - 2)
-    for k in range(n - 1):
-        known[:N_STATES] = states[k]
-        known[N_STATES : N_STATES + _N_POWER] = power[k]
-        known[N_STATES + _N_POWER :] = power[k + 1]
-        now[:] = disturbance[k]
-        force[0], speed[0] = segment.force_kn[k], segment.speed_rpm[k]
-        evaluate()
-        chained[:N_STATES] = slopes[k]
-        chained[N_STATES : N_STATES + _N_POWER] = power_slopes[k]
-        chained[N_STATES + _N_POWER :] = power_slopes[k + 1]
-        ahead = by_known @ chained
-        ahead[:, :n_candidates] += by_candidate
-        i = knot_of[k]
-        w = weights[k, i : i + 2]
-        ahead[:, begin + i : begin + i + 2] += by_disturbance[:, :1] * w
-        ahead[:, begin + n_knots + i : begin + n_knots + i + 2] += by_disturbance[:, 1:] * w
-        states[k + 1] = result[:N_STATES]
-        power[k + whole + 1] = result[N_STATES:] + kw_per_nm[k] * torque_nm[k]
+    for k, i in enumerate(knot_of[:-1]):
+        step.known[:N_STATES], step.known[older], step.known[newer] = states[k], power[k], power[k + 1]
+        step.disturbance[:] = disturbance[k]
+        step.force[0], step.speed[0] = segment.force_kn[k], segment.speed_rpm[k]
+        step.run()
+        chained[:N_STATES], chained[older], chained[newer] = slopes[k], power_slopes[k], power_slopes[k + 1]
+        ahead = step.by_known @ chained
+        ahead[:, :n_candidates] += step.by_candidate
+        for which, begin in enumerate((of_force + i, of_power + i)):
+            ahead[:, begin : begin + 2] += step.by_disturbance[:, which, None] * weights[k, i : i + 2]
+        states[k + 1] = step.result[:N_STATES]
+        power[k + whole + 1] = step.result[N_STATES:] + kw_per_nm[k] * torque_nm[k]
         slopes[k + 1], power_slopes[k + whole + 1] = ahead[:N_STATES], ahead[N_STATES:]
-        power_slopes[k + whole + 1, :, begin + 2 * n_knots :] += heat_kw[k]
-
-    before = np.maximum(np.arange(n) - 1, 0)
-    mapped = _mapped(n)(
-        states.T, disturbance[before].T, np.tile(values[:, None], n), segment.force_kn[before][None],
-        segment.acceleration_rpm_per_s[None],
-    )  # fmt: skip
-    shown = mapped[0].full().T
-    by_state = mapped[1].full().reshape(3, n, N_STATES).transpose(1, 0, 2)
-    direct = mapped[2].full().reshape(3, n, n_candidates).transpose(1, 0, 2)
-    total = by_state @ slopes
-    total[:, :, :n_candidates] += direct
-    shown[:, 2] += shown_shapes @ np.asarray(added, dtype=float)
-    total[:, 2, begin + 2 * n_knots :] += shown_shapes
-    return Course(shown, total[:, :, :n_candidates], total[:, :, n_candidates:])
+        power_slopes[k + whole + 1, :, n_columns - shapes.shape[1] :] += heat_kw[k]
+    return states, slopes

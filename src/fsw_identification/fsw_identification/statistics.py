@@ -6,22 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import correlate
 
 from fsw_analysis.weld_signals import FloatArray, IntArray
 from fsw_identification.weld_data import Segment
 
 #: lags at which residuals are judged [ticks]
 LAGS = 50
+#: correlation of two estimates from which on they are reported as identifiable only together
+CORRELATED = 0.9
 #: quantile of the normal distribution for bounds of 99 %
-QUANTILE_99 = 2.576
+_QUANTILE = 2.576
 
 
 def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
     """Share of an output that a model explains, 100 (1 - |residual| / |measured - mean|) in percent (NRMSE)."""
-    known = [np.isfinite(one) for one in residuals]
-    of = np.concatenate([m[k] for m, k in zip(measured, known, strict=True)])
-    rest = np.concatenate([r[k] for r, k in zip(residuals, known, strict=True)])
-    spread = float(np.linalg.norm(of - of.mean())) if of.size else 0.0
+    everything = np.column_stack([np.concatenate(measured), np.concatenate(residuals)])
+    shown, rest = everything[np.isfinite(everything[:, 1])].T
+    spread = float(np.linalg.norm(shown - shown.mean())) if shown.size else 0.0
     return 100.0 * (1.0 - float(np.linalg.norm(rest)) / spread) if spread > 0.0 else float("nan")
 
 
@@ -30,27 +32,19 @@ def correlation(first: Sequence[FloatArray], second: Sequence[FloatArray], lags:
 
     Missing samples (NaN) are left out.
     """
-    mean_a, mean_b = (float(np.nanmean(np.concatenate(of))) for of in (first, second))
-    products, counts = np.zeros(lags.size), np.zeros(lags.size)
-    power_a, power_b, pairs = 0.0, 0.0, 0.0
+    whole = [np.concatenate(columns) for columns in (first, second)]
+    means, scale = [float(np.nanmean(one)) for one in whole], np.prod([np.nanstd(one) for one in whole])
+    products, counts, pairs = np.zeros(lags.size), np.zeros(lags.size), 0
     for one, other in zip(first, second, strict=True):
-        known_a, known_b = np.isfinite(one), np.isfinite(other)
-        a, b = np.where(known_a, one - mean_a, 0.0), np.where(known_b, other - mean_b, 0.0)
-        power_a, power_b, pairs = (
-            power_a + float(a @ a),
-            power_b + float(b @ b),
-            pairs + float((known_a & known_b).sum()),
-        )
-        for i, lag in enumerate(lags):
-            low, high = max(0, -lag), min(a.size, b.size, a.size - lag)
-            if high > low:
-                products[i] += a[low + lag : high + lag] @ b[low:high]
-                counts[i] += float((known_a[low + lag : high + lag] & known_b[low:high]).sum())
-    n_first = sum(float(np.isfinite(one).sum()) for one in first)
-    n_second = sum(float(np.isfinite(one).sum()) for one in second)
-    scale = np.sqrt(power_a / max(n_first, 1.0) * power_b / max(n_second, 1.0))
+        known = [np.isfinite(column) for column in (one, other)]
+        a, b = (np.nan_to_num(column - mean) for column, mean in zip((one, other), means, strict=True))
+        inside = np.abs(lags) < a.size
+        at = lags[inside] + a.size - 1
+        products[inside] += correlate(a, b)[at]
+        counts[inside] += np.rint(correlate(known[0].astype(float), known[1].astype(float)))[at]
+        pairs += int((known[0] & known[1]).sum())
     with np.errstate(all="ignore"):
-        return np.nan_to_num(products / counts / scale), int(pairs)
+        return np.nan_to_num(products / counts / scale), pairs
 
 
 def long_run_factor(residuals: Sequence[FloatArray]) -> float:
@@ -61,7 +55,7 @@ def long_run_factor(residuals: Sequence[FloatArray]) -> float:
     if sum(int(np.isfinite(one).sum()) for one in residuals) < 2 * LAGS:
         return 1.0
     found, n = correlation(residuals, residuals, np.arange(1, LAGS + 1))
-    inside = np.abs(found) < QUANTILE_99 / np.sqrt(n)
+    inside = np.abs(found) < _QUANTILE / np.sqrt(n)
     last = int(np.argmax(inside)) if inside.any() else LAGS
     return max(1.0, 1.0 + 2.0 * float(found[:last].sum()))
 
@@ -100,17 +94,14 @@ class Judgement:
 
 def judge(segments: Sequence[Segment], residuals: Sequence[FloatArray]) -> Judgement:
     """Judge residuals, one (n, 3) array for each segment."""
-    auto, cross = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1))
-    both = np.arange(-LAGS, LAGS + 1)
-    n = 1
-    changes = [[np.diff(of, prepend=of[0]) for of in (one.force_kn, one.speed_rpm)] for one in segments]
-    fits = []
+    auto, cross, n, fits = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1)), 1, []
+    changes = [[np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)] for one in segments]
     for output in range(3):
         own = [one[:, output] for one in residuals]
         fits.append(fit_percent([one.measured[:, output] for one in segments], own))
-        if not any(np.isfinite(one).any() for one in own):
-            continue
-        auto[output], n = correlation(own, own, np.arange(1, LAGS + 1))
-        for which in range(2):
-            cross[output, which], _ = correlation(own, [one[which] for one in changes], both)
-    return Judgement(tuple(fits), QUANTILE_99 / np.sqrt(max(n, 1)), auto, cross)
+        if any(np.isfinite(one).any() for one in own):
+            auto[output], n = correlation(own, own, np.arange(1, LAGS + 1))
+            for which in range(2):
+                inputs = [one[which] for one in changes]
+                cross[output, which], _ = correlation(own, inputs, np.arange(-LAGS, LAGS + 1))
+    return Judgement(tuple(fits), _QUANTILE / np.sqrt(max(n, 1)), auto, cross)

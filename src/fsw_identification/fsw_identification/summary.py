@@ -1,31 +1,30 @@
-"""The result of an identification in words and tables."""
+"""A fit in words and tables, for the terminal and the report."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from fsw_identification.estimation import Fit
-from fsw_identification.model_file import operating_point
+from fsw_identification.model_file import estimates
 from fsw_identification.problem import HEAT, WALKS
 from fsw_identification.simulation import OUTPUTS
-from fsw_identification.statistics import Judgement, judge
+from fsw_identification.statistics import CORRELATED, Judgement, judge
 from fsw_model import ModelParameters
 
 NAMES = ("depth [mm]", "temperature [°C]", "torque [N·m]")
 _95 = 1.96
 #: slow disturbances that are worth a remark, in the order of WALKS
-_TOLD = (0.1, 0.2, 0.002, 0.2, 4.0)
-_CORRELATED = 0.9
+_REMARKABLE = (0.1, 0.2, 0.002, 0.2, 4.0)
 #: share of lags beyond the bounds of 99 % from which on residuals are not called white
 _WHITE = 0.07
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Summary:
-    """A fit with everything that is said about it.
+    """A fit and its statistics.
 
     Attributes
     ----------
@@ -37,8 +36,6 @@ class Summary:
         What was left out of the data.
     air : dict of str to float
         Standard deviations of the friction's coefficients, if they were estimated.
-    judgement, checked : Judgement
-        Of the data, and of the validation weld.
     """
 
     sources: str
@@ -46,22 +43,24 @@ class Summary:
     validation: Fit | None = None
     notes: tuple[str, ...] = ()
     air: dict[str, float] = field(default_factory=dict)
-    judgement: Judgement = field(init=False)
-    checked: Judgement | None = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "judgement", judge(self.fit.segments, self.fit.residuals))
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Statistics of the residuals."""
+        return judge(self.fit.segments, self.fit.residuals)
+
+    @cached_property
+    def checked(self) -> Judgement | None:
+        """Statistics of the residuals of the validation weld."""
         other = self.validation
-        object.__setattr__(self, "checked", None if other is None else judge(other.segments, other.residuals))
+        return None if other is None else judge(other.segments, other.residuals)
 
 
 def parameter_rows(result: Summary) -> list[list[str]]:
     """Header and a row per parameter: value, standard deviation, 95 % interval, nominal value."""
-    fit, nominal = result.fit, ModelParameters()
-    known = {name: (getattr(fit.parameters, name), std) for name, std in (fit.std | result.air).items()}
-    known |= operating_point(fit)
+    nominal = ModelParameters()
     rows = [["parameter", "estimate", "std", "std [%]", "95 % interval", "nominal"]]
-    for name, (value, std) in known.items():
+    for name, (value, std) in estimates(result.fit, result.air).items():
         interval = f"{value - _95 * std:.4g} to {value + _95 * std:.4g}"
         share = f"{100.0 * std / abs(value):.2f}" if value else ""
         rows.append([name, f"{value:.5g}", f"{std:.2g}", share, interval, f"{getattr(nominal, name):.5g}"])
@@ -74,15 +73,13 @@ def output_rows(result: Summary) -> list[list[str]]:
     for i, name in enumerate(NAMES):
         auto, cross = result.judgement.outside(i)
         checked = f"{result.checked.fit_percent[i]:.1f}" if result.checked is not None else "-"
-        noise = f"{result.fit.noise[i]:.3g}"
-        fit = f"{result.judgement.fit_percent[i]:.1f}"
+        fit, noise = f"{result.judgement.fit_percent[i]:.1f}", f"{result.fit.noise[i]:.3g}"
         rows.append([name, fit, checked, noise, f"{100 * auto:.0f} %", f"{100 * cross:.0f} %"])
     return rows
 
 
-def told_disturbances(result: Summary) -> list[str]:
-    """What the data have of disturbances and sensor faults, one line each."""
-    fit = result.fit
+def disturbances(fit: Fit) -> list[str]:
+    """Disturbances and sensor faults in the data, one line each."""
     lines = []
     for shift, size, std in fit.shifts:
         at_s = fit.segments[shift.segment].time_s[shift.tick]
@@ -91,15 +88,15 @@ def told_disturbances(result: Summary) -> list[str]:
                 f"torque_nm: its shift at {at_s:.1f} s heats like one larger by {size:+.3g} (std {std:.1g}); if "
                 "nothing of it heats, the sensor was wrong"
             )
-            continue
-        lines.append(
-            f"{OUTPUTS[shift.output]}: disturbed at {at_s:.1f} s, shifts by {size:+.3g} (std {std:.1g}; a disturbance "
-            "or a sensor fault); estimated along"
-        )
+        else:
+            lines.append(
+                f"{OUTPUTS[shift.output]}: disturbed at {at_s:.1f} s, shifts by {size:+.3g} (std {std:.1g}; a "
+                "disturbance or a sensor fault); estimated along"
+            )
     lines += fit.notes
     for which, name in enumerate(WALKS):
         largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
-        if largest > _TOLD[which]:
+        if largest > _REMARKABLE[which]:
             lines.append(f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, was estimated along")
     return lines
 
@@ -108,31 +105,17 @@ def remarks(result: Summary) -> list[str]:
     """Everything that a reader has to know besides the tables."""
     fit = result.fit
     reasons: dict[str, list[str]] = {}
-    for name, why in fit.unknown.items():
+    for name, why in fit.kept.items():
         reasons.setdefault(why, []).append(name)
-    lines = [f"{', '.join(names)}: not told by the data, kept nominal: {why}" for why, names in reasons.items()]
-    lines += [*result.notes, *told_disturbances(result)]
+    lines = [f"{', '.join(names)}: not identifiable, kept nominal: {why}" for why, names in reasons.items()]
+    lines += [*result.notes, *disturbances(fit)]
     correlation = fit.correlation
-    for i, name in enumerate(fit.free):
-        for j in range(i):
-            if abs(correlation[i, j]) > _CORRELATED:
-                lines.append(f"{fit.free[j]} and {name}: correlation {correlation[i, j]:+.2f}")
+    for i, j in np.argwhere(np.tril(np.abs(correlation) > CORRELATED, -1)):
+        lines.append(f"{fit.free[j]} and {fit.free[i]}: correlation {correlation[i, j]:+.2f}")
     for i, name in enumerate(NAMES):
-        auto, cross = result.judgement.outside(i)
-        if max(auto, cross) > _WHITE:
-            lines.append(f"residuals of {name} are not white: the model does not explain all of it; "
-                         f"standard deviations count it (× {fit.colour[i]**0.5:.1f})")  # fmt: skip
+        if max(result.judgement.outside(i)) > _WHITE:
+            lines.append(
+                f"residuals of {name} are not white: the model does not explain all of it; "
+                f"standard deviations count it (× {fit.colour[i] ** 0.5:.1f})"
+            )
     return lines
-
-
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Columns of text, the first aligned left."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
-    return "\n".join(lines) + "\n"
-
-
-def text(result: Summary) -> str:
-    """All of it for a terminal."""
-    parts = [table(parameter_rows(result)), table(output_rows(result))]
-    return "\n".join(parts) + "".join(f"- {line}\n" for line in remarks(result))

@@ -1,4 +1,4 @@
-"""What a recorded weld offers for identification: inputs held over each step, and sensor samples that may be used."""
+"""The data of a recorded weld for identification: mean inputs over each step, and valid sensor samples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import SENSORS
@@ -13,7 +14,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 
-#: a weld above this is told to be long [s]
+#: a longer weld gets a note [s]
 _LONG_S = 900.0
 #: a longer hole in the data ends a segment [s]
 _LONGEST_HOLE_S = 2.0
@@ -90,15 +91,13 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     """
     name = str(signals.path)
     sensors = np.column_stack([signals.depth_mm, signals.temperature_c, signals.torque_nm])
-    known = [bool(np.isfinite(column).any()) for column in sensors.T]
-    missing = ", ".join(
-        sensor
-        for sensor, there in zip(_COLUMNS, known, strict=True)
-        if not there and not (in_air and sensor != "torque")
-    )
-    if missing:
-        raise IdentificationError(f"{name}: no samples of {missing}; a bag needs /fsw/depth, /fsw/thermocouple and "
-                                  "/fsw/spindle_torque")  # fmt: skip
+    needed = ("torque",) if in_air else _COLUMNS
+    missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
+    if missing := [sensor for sensor in missing if sensor in needed]:
+        raise IdentificationError(
+            f"{name}: no samples of {', '.join(missing)}; a bag needs /fsw/depth, /fsw/thermocouple and "
+            "/fsw/spindle_torque"
+        )
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
@@ -143,10 +142,8 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
         raise IdentificationError(f"{signals.path}: neither /fsw/drives nor /fsw/command says what acted")
     notes.append("no report of the drives: the commands stand in, disturbances of the inputs are not seen")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
-    acting = commands.copy()
-    for k in range(1, len(acting)):
-        acting[k] = commands[k - 1] + left * (acting[k - 1] - commands[k - 1])
-    return acting
+    acting, _ = lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
+    return np.asarray(acting)
 
 
 def _means(ends: FloatArray, lag_s: float) -> FloatArray:
@@ -170,7 +167,7 @@ def _filled(values: FloatArray) -> FloatArray:
 
 
 def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> FloatArray:
-    """Samples that the controllers' sensor guard believes, without what it holds, and without frozen runs."""
+    """Samples that the controllers' sensor guard accepts, without what it holds, and without frozen runs."""
     guard, usable = SensorGuard(), sensors.copy()
     refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
     for tick, row in enumerate(sensors):

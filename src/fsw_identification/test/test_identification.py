@@ -90,7 +90,7 @@ def at_rest(p: ModelParameters, segment: Segment) -> FloatArray:
 
 @pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
 def test_simulation_is_that_of_the_model(dead_time_s: float) -> None:
-    p = replace(OTHER, dead_time_s=dead_time_s)
+    p = OTHER.changed(dead_time_s=dead_time_s)
     segment = only(weld(p, 60.0, noise=0.0))
     difference = np.abs(simulate(p, segment, at_rest(p, segment)).outputs - segment.measured).max(axis=0)
     assert np.all(difference < [2e-5, 5e-3, 0.05])
@@ -103,7 +103,7 @@ def test_slopes_are_those_of_the_simulation() -> None:
     for i, name in enumerate(CANDIDATES):
         shift = 1e-5 * getattr(OTHER, name)
         high, low = (
-            simulate(replace(OTHER, **{name: getattr(OTHER, name) + sign * shift}), segment, nuisance).outputs
+            simulate(OTHER.changed(**{name: getattr(OTHER, name) + sign * shift}), segment, nuisance).outputs
             for sign in (1.0, -1.0)
         )
         expected = (high - low) / (2.0 * shift)
@@ -162,7 +162,7 @@ def test_shifts_are_told_and_do_not_bias() -> None:
     # a shift of the sensor alone does not heat
     assert found == pytest.approx(shown | {(HEAT, 400): -15.0, (HEAT, 600): 15.0}, rel=0.2)
     assert max(map(abs, scores(fit).values())) < 4.0
-    lines = summary.told_disturbances(summary.Summary("weld", fit))
+    lines = summary.disturbances(fit)
     assert sum("shifts by" in line for line in lines) == 3 and sum("heats like" in line for line in lines) == 2
 
 
@@ -170,17 +170,17 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
     generator = np.random.default_rng(4)
     noise = np.array([0.002, 0.1, 2.0])
     clean = noise * generator.standard_normal((20_000, 3))
-    assert not disturbed.astray(clean, noise).any()
+    assert not disturbed.disturbed_windows(clean, noise).any()
     ticks = np.arange(200)
     swinging, kinked, coloured = clean[:3000].copy(), clean[:3000].copy(), clean[:3000].copy()
     swinging[600:800, 0] += 0.02 * np.sin(ticks / 3.0)
     kinked[600:800, 1] += 0.5 * (1.0 - np.abs(ticks - 100) / 100.0)
     coloured[:, 2] = np.convolve(clean[:3000, 2], np.ones(8), "same")
     for residuals, output in ((swinging, 0), (kinked, 1)):
-        found = disturbed.astray(residuals, noise)
+        found = disturbed.disturbed_windows(residuals, noise)
         assert found[650:750, output].all() and not found[900:, output].any() and not found[:500, output].any()
         assert found.any(axis=0).sum() == 1
-    assert disturbed.astray(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
+    assert disturbed.disturbed_windows(coloured, noise).mean() < 0.02  # noise that is not white is no disturbance
 
 
 @pytest.mark.slow
@@ -221,7 +221,7 @@ def test_what_is_not_excited_is_kept_nominal() -> None:
     fit = estimation.identify([only(signals)])
     assert "thermal_gain_c_per_kw" in fit.free and "depth_zero_s" not in fit.free
     assert fit.parameters.depth_zero_s == p.depth_zero_s
-    assert "more than 100 %" in fit.unknown["depth_zero_s"]
+    assert "more than 100 %" in fit.kept["depth_zero_s"]
 
 
 def test_samples_that_cannot_be_used_are_left_out() -> None:

@@ -1,10 +1,10 @@
-"""Proposes an experiment for identification: steps of set-points or inputs that tell much and stay within bounds."""
+"""Proposes an experiment for identification: informative steps of set-points or inputs within bounds."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from fsw_model import ModelParameters, ProcessModel, nominal
 from fsw_plant.config import PlantConfig
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
+from fsw_scenario.decentral_loop import NOISE
 from fsw_scenario.scenario import OPEN_LOOP
 from fsw_scenario.scenario_file import parse
 
@@ -54,18 +55,22 @@ _ROUNDS = 5
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """An experiment, and the relative standard deviations that it promises on the nominal process."""
+    """An experiment, the relative standard deviations to expect of it, and how far it moves the nominal process."""
 
     scenario: str
     deviations: dict[str, float]
     depth_mm: float
     temperature_c: float
 
+    def use(self, closed: bool) -> tuple[float, float]:
+        """How much of what may be used of the bounds is used, of depth and of temperature."""
+        return self.depth_mm / SAFE_MM / _SHARES[closed][0], self.temperature_c / SAFE_C / _SHARES[closed][1]
+
 
 def propose(
     duration_s: float,
-    closed: bool = True,
-    model: ModelParameters | None = None,
+    closed: bool,
+    model: ModelParameters,
     tries: int = 24,
     progress: Callable[[float], None] | None = None,
 ) -> Proposal:
@@ -76,46 +81,35 @@ def propose(
     duration_s : float
     closed : bool
         Whether set-points are stepped under the decentralized controller, or force and speed without one.
-    model : ModelParameters, optional
-        Of the process, as far as known; the paper's by default.
+    model : ModelParameters
+        Of the process, as far as known.
     tries : int
     progress : callable, optional
         Called with the share done.
     """
-    best: tuple[float, Proposal] | None = None
+
+    def worst(found: Proposal) -> float:
+        beyond = max(0.0, max(found.use(closed)) - 1.0)  # only if nothing stays within the share of the bounds
+        return max(found.deviations[name] / aim for name, aim in AIMS.items()) + 100.0 * beyond
+
+    proposals = []
     for seed in range(tries):
-        found = _bounded(seed, duration_s, closed, model or nominal())
-        worst = max(found.deviations[name] / aim for name, aim in AIMS.items())
-        worst += 100.0 * max(
-            0.0, max(_use(found, closed)) - 1.0
-        )  # only if nothing stays within the share of the bounds
-        if best is None or worst < best[0]:
-            best = worst, found
+        proposals.append(_bounded(seed, duration_s, closed, model))
         if progress is not None:
             progress((seed + 1) / tries)
-    assert best is not None
-    return best[1]
-
-
-def _use(found: Proposal, closed: bool) -> tuple[float, float]:
-    """How much of what may be used is used, of depth and of temperature."""
-    return found.depth_mm / SAFE_MM / _SHARES[closed][0], found.temperature_c / SAFE_C / _SHARES[closed][1]
+    return min(proposals, key=worst)
 
 
 def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters) -> Proposal:
     """A sequence with amplitudes at which the process of the model uses its share of the bounds."""
     rest = ProcessModel(model).equilibrium(DEPTH_MM, TEMPERATURE_C)
-    centre = {
-        "depth_mm": DEPTH_MM,
-        "temperature_c": TEMPERATURE_C,
-        "force_kn": rest.force_kn,
-        "speed_rpm": rest.speed_rpm,
-    }
+    centre = {"depth_mm": DEPTH_MM, "temperature_c": TEMPERATURE_C}
+    centre |= {"force_kn": rest.force_kn, "speed_rpm": rest.speed_rpm}
     plant = plant_factors(model)
     sizes = dict(_CLOSED if closed else _OPEN)
     for _ in range(_ROUNDS):
         found = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
-        use = _use(found, closed)
+        use = found.use(closed)
         if min(use) > 0.85 and max(use) <= 1.0:
             break
         # the first input is mostly for the depth, the second for the temperature
@@ -141,8 +135,8 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
     kind = "reference" if closed else "command"
     content: dict[str, Any] = {
         "name": f"identify_{'closed' if closed else 'open'}_loop",
-        "description": "Experiment for identification: steps chosen by the information that they give of the nominal "
-        "model; proposed by fsw.py identify --design.",
+        "description": "Experiment for identification: steps chosen by their information on the nominal model; "
+        "proposed by fsw.py identify --design.",
         "duration_s": duration_s,
         "controller": "decentral" if closed else OPEN_LOOP,
         "events": [{"at_s": at_s, kind: events[at_s]} for at_s in sorted(events)],
@@ -152,23 +146,19 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
 
 def plant_factors(model: ModelParameters) -> dict[str, float]:
     """Parameters of the plant emulator that make it the process of a model."""
-    of = nominal()
-    pairs = {one.name: (getattr(model, one.name), getattr(of, one.name)) for one in fields(ModelParameters)}
-    return {f"model.{name}": value / usual for name, (value, usual) in pairs.items() if value != usual}
+    usual = dict(nominal())
+    return {f"model.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]}
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
-    """What an experiment promises on a process, and how far it moves it; without noise."""
+    """What to expect of an experiment on a process, and how far it moves it; without noise."""
     overrides = ["plant.noise=false", *(f"plant.{name}={value!r}" for name, value in (plant or {}).items())]
     scenario = parse(text, "design", overrides)
     controllers = {} if scenario.open_loop else {scenario.controller: make(_CONTROLLER)}
     signals = ClosedLoop(scenario, controllers).run()
     assert signals.truth is not None  # a simulation has it
     config = PlantConfig.from_values(scenario.plant)
-    noise = np.array(
-        [config[f"sensors.{name}"] for name in ("depth_noise_mm", "temperature_noise_c", "torque_noise_nm")]
-    )
     segments = prepare(signals, config["actuators.lag_s"]).segments
     depth_mm = float(np.abs(signals.truth.depth_mm - DEPTH_MM).max())
     temperature_c = float(np.abs(signals.truth.temperature_c - TEMPERATURE_C).max())
-    return Proposal(text, expected_deviations(segments, config.model, noise), depth_mm, temperature_c)
+    return Proposal(text, expected_deviations(segments, config.model, np.array(NOISE)), depth_mm, temperature_c)

@@ -1,78 +1,85 @@
-"""The cases that controllers are compared on, as scenarios, and the controllers, as they are shipped."""
+"""The standard cases: steps of both set-points and of a disturbance of both outputs, as in the paper's Figs. 6 to 9.
+
+The paper gives neither their sizes nor their times; both are chosen.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import yaml
 
+from fsw_control import Reference
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
-from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.standard_events import DISTURBANCES, DURATION_S, SET_POINTS, set_points
 
-CONSERVATIVE, TIGHT = "decentral:conservative", "decentral:tight"
-PAPER, DEFAULT = "nmpc:paper", "nmpc:default"
-DECENTRALIZED = (CONSERVATIVE, TIGHT)
-CONTROLLERS = (*DECENTRALIZED, PAPER, DEFAULT)
-
-Event = dict[str, Any]
+CONSERVATIVE, TIGHT, DEFAULT = "decentral:conservative", "decentral:tight", "nmpc:default"
+REST = Reference(DEPTH_MM, TEMPERATURE_C)
 
 
-def _set_point(at_s: float, **values: float) -> Event:
-    return {"at_s": at_s, "reference": values}
+class Step(NamedTuple):
+    """When and by how much a set-point or the disturbance of an output changes, and stays so."""
+
+    at_s: float
+    depth_mm: float = 0.0
+    temperature_c: float = 0.0
+
+    @property
+    def of_depth(self) -> bool:
+        """Whether it is a step of the depth, not of the temperature."""
+        return self.depth_mm != 0.0
+
+    @property
+    def size(self) -> str:
+        """Its size in words, e.g. "+0.2 mm"."""
+        text = f"{self.depth_mm:+g} mm" if self.of_depth else f"{self.temperature_c:+g} °C"
+        return text.replace("-", "−")
+
+    @property
+    def disturbance(self) -> dict[str, Any]:
+        """The disturbance of the output, as in a scenario file."""
+        if self.of_depth:
+            return {"channel": "depth", "shape": "step", "amplitude_mm": self.depth_mm}
+        return {"channel": "temperature", "shape": "step", "amplitude_c": self.temperature_c}
+
+    def after(self, reference: Reference) -> Reference:
+        """The set-points that follow these ones."""
+        return Reference(reference.depth_mm + self.depth_mm, reference.temperature_c + self.temperature_c)
 
 
-def _disturbance(at_s: float, channel: str, amplitude: float) -> Event:
-    key, _ = DISTURBANCE_AMPLITUDE[channel]
-    return {"at_s": at_s, "disturbance": {"channel": channel, "shape": "step", key: amplitude}}
-
-
-_STANDARD = {
-    "tracking": [
-        _set_point(step.at_s, depth_mm=after.depth_mm, temperature_c=after.temperature_c)
-        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
-    ],
-    "disturbances": [
-        _disturbance(step.at_s, *(("depth", step.depth_mm) if step.of_depth else ("temperature", step.temperature_c)))
-        for step in DISTURBANCES.values()
-    ],
+SET_POINTS = {
+    "z up": Step(40.0, depth_mm=0.2),
+    "T up": Step(80.0, temperature_c=10.0),
+    "z down": Step(120.0, depth_mm=-0.2),
+    "T down": Step(160.0, temperature_c=-10.0),
 }
-#: Own cases, as changes from the operating point; other names are scenarios shipped with fsw_scenario.
-_OWN: dict[str, tuple[float, list[Event]]] = {
-    **{case: (DURATION_S[case], events) for case, events in _STANDARD.items()},
-    "rest": (300.0, []),
-    "small_steps": (
-        220.0,
-        [_set_point(2.0, depth_mm=DEPTH_MM + 0.01), _set_point(4.0, temperature_c=TEMPERATURE_C + 0.5)],
-    ),
-    "other_sizes": (
-        300.0,
-        [
-            _set_point(10.0, depth_mm=DEPTH_MM + 0.06),
-            _set_point(50.0, depth_mm=DEPTH_MM - 0.09),
-            _set_point(90.0, temperature_c=TEMPERATURE_C + 4.0),
-            _set_point(130.0, temperature_c=TEMPERATURE_C - 8.0),
-            _disturbance(180.0, "depth", -0.12),
-            _disturbance(220.0, "temperature", 7.0),
-            _disturbance(265.0, "depth", 0.03),
-        ],
-    ),
-    "input_disturbances": (
-        160.0,
-        [_disturbance(20.0, "axial_force", 1.0), _disturbance(80.0, "spindle_speed", -4.0)],
-    ),
-}
+DISTURBANCES = {"dz": Step(40.0, depth_mm=0.1), "dT": Step(100.0, temperature_c=-5.0)}
+#: Events of the two cases, each case from rest at the operating point, and how long a case takes.
+CASES = {"tracking": SET_POINTS, "disturbances": DISTURBANCES}
+DURATION_S = {"tracking": 200.0, "disturbances": 160.0}
+#: All events, by name.
+EVENTS = SET_POINTS | DISTURBANCES
 
 
-def scenario(case: str, plant: Mapping[str, float | bool] | None = None, controller: str = "decentral") -> Scenario:
-    """A case as a scenario, with parameters of the plant, e.g. ``noise`` or ``model.<name>``."""
-    overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in (plant or {}).items())]
-    if case not in _OWN:
+def set_points() -> list[Reference]:
+    """The set-points before the first step, and after each one."""
+    return list(accumulate(SET_POINTS.values(), lambda reference, step: step.after(reference), initial=REST))
+
+
+def scenario(case: str, plant: Mapping[str, float | bool], controller: str) -> Scenario:
+    """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``model.<name>``."""
+    overrides = [f"controller={controller}", *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items())]
+    if case not in CASES:
         return scenario_file.load(case, overrides)
-    duration_s, events = _OWN[case]
-    text = yaml.safe_dump({"name": case, "duration_s": duration_s, "events": events})
+    events: list[dict[str, Any]] = [
+        {"at_s": step.at_s, "reference": {"depth_mm": after.depth_mm, "temperature_c": after.temperature_c}}
+        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
+    ]
+    if case == "disturbances":
+        events = [{"at_s": step.at_s, "disturbance": step.disturbance} for step in DISTURBANCES.values()]
+    text = yaml.safe_dump({"name": case, "duration_s": DURATION_S[case], "events": events})
     return scenario_file.parse(text, case, overrides)

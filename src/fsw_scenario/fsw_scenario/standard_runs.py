@@ -1,4 +1,4 @@
-"""Runs of one controller on one case, many at a time, and the figures that they are judged by."""
+"""Runs of controllers on standard cases and on processes unlike the model, many at a time, and how they are judged."""
 
 from __future__ import annotations
 
@@ -7,28 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fsw_analysis.kpi import compute
-from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.weld_signals import TruthSignals, WeldSignals
+from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
-from fsw_scenario.standard_cases import scenario
+from fsw_scenario.standard_cases import CASES, CONSERVATIVE, scenario
 
-#: Figures of merit that are compared, by their key in ``fsw_analysis.kpi``, with their titles.
-KPIS = {
-    key: f"{meaning} [{unit}]".replace("deg", "°").replace("^2", "²").replace("[um]", "[µm]")
-    for key, (meaning, unit, _) in ROWS.items()
-    if key.startswith(("iae", "ise", "peak", "total_variation"))
-}
-VARIATIONS = tuple(key for key in KPIS if key.startswith("total_variation"))
 #: An output still swings when, over the last `_LAST` ticks, it moves by more than this.
 _SWINGS_MM, _SWINGS_C, _LAST = 0.01, 1.0, 150
-#: The four figures that other processes are judged by: case and KPI, and what they mean.
+#: The four figures that processes are judged by: case and figure of merit, and what they mean.
 JUDGED = {
     "tracking iae_depth_mm_s": "set-points, depth",
     "tracking iae_temperature_c_s": "set-points, temperature",
@@ -52,9 +45,6 @@ class Job:
     def __hash__(self) -> int:
         return hash((self.controller, self.case, self.noise, *self.plant.items(), *self.parameters.items()))
 
-    def __str__(self) -> str:
-        return f"{self.controller}, {self.case}{', noise' if self.noise else ''}"
-
 
 @cache
 def _controller(label: str, *parameters: tuple[str, Any]) -> Controller:
@@ -76,17 +66,12 @@ def weld(job: Job) -> WeldSignals:
 def figures(job: Job) -> Figures:
     """Run a job and return its figures of merit, with the swing that remains at the end."""
     signals = weld(job)
-    found = compute(signals, job.controller)
-    truth = _truth(signals)
+    truth = signals.truth
+    assert truth is not None  # a simulation has it
     depth = (truth.depth_mm - signals.reference_depth_mm)[-_LAST:]
     temperature = (truth.temperature_c - signals.reference_temperature_c)[-_LAST:]
-    found["swings"] = bool(np.ptp(depth) > _SWINGS_MM or np.ptp(temperature) > _SWINGS_C)
-    return found
-
-
-def _truth(signals: WeldSignals) -> TruthSignals:
-    assert signals.truth is not None  # a simulation has it
-    return signals.truth
+    swings = bool(np.ptp(depth) > _SWINGS_MM or np.ptp(temperature) > _SWINGS_C)
+    return compute(signals, job.controller) | {"swings": swings}
 
 
 def _figures_or_error(job: Job) -> Figures:
@@ -96,28 +81,72 @@ def _figures_or_error(job: Job) -> Figures:
         return {"error": str(error)}
 
 
-def run_all(jobs: Sequence[Job], progress: Callable[[str], None]) -> dict[Job, Figures]:
-    """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``."""
+def run_all(jobs: Sequence[Job], progress: Callable[[float], None] | None = None) -> dict[Job, Figures]:
+    """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
     results = {}
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         worth_it = len(jobs) >= 8
         work = pool.map(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
         for job, found in zip(jobs, work, strict=True):
-            progress(str(job))
             results[job] = found
+            if progress is not None:
+                progress(len(results) / len(jobs))
     return results
 
 
 def judged(runs: Mapping[str, Figures]) -> Figures:
-    """The judged figures of a controller's runs, their total variations, and whether something still swings."""
+    """The judged figures of a controller's runs by case, and whether something still swings; or the error of one."""
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
-    keys = ("iae_depth_mm_s", "iae_temperature_c_s", *VARIATIONS)
-    found: Figures = {f"{case} {key}": run[key] for case, run in runs.items() for key in keys}
+    found = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
     return found | {"swings": any(run["swings"] for run in runs.values())}
 
 
 def failed(runs: Mapping[str, Figures]) -> str | None:
     """Why a process could not be run with every controller, or None."""
     return next((run["error"] for run in runs.values() if "error" in run), None)
+
+
+def sweep(
+    controllers: Mapping[str, Mapping[str, Any]],
+    processes: Mapping[str, Mapping[str, float]],
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, dict[str, Figures]]:
+    """Judged figures of controllers, by label with their parameters, on processes; sensor noise on."""
+    jobs = {
+        (process, label, case): Job(label, case, True, plant, parameters)
+        for process, plant in processes.items()
+        for label, parameters in controllers.items()
+        for case in CASES
+    }
+    found = run_all(list(jobs.values()), progress)
+    return {
+        process: {label: judged({case: found[jobs[process, label, case]] for case in CASES}) for label in controllers}
+        for process in processes
+    }
+
+
+def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
+    """Draw the IAE of all other controllers over that of the conservative PI, per process."""
+    from matplotlib import rc_context  # takes a second to import
+    from matplotlib.figure import Figure
+
+    from fsw_analysis.figure_style import STYLE
+
+    plants = [name for name, runs in data.items() if not failed(runs)]
+    others = [label for label in next(iter(data.values())) if label != CONSERVATIVE]
+    with rc_context({**STYLE, "axes.grid": False}):
+        canvas = Figure(figsize=(11.0, 0.32 * len(plants) + 2.2), layout="constrained")
+        axes = canvas.subplots(1, len(others), sharey=True)
+        for axis, label in zip(axes, others, strict=True):
+            table = np.array([[data[p][label][key] / data[p][CONSERVATIVE][key] for key in JUDGED] for p in plants])
+            image = axis.imshow(np.log2(table), cmap="RdYlGn_r", vmin=-1.5, vmax=1.5, aspect="auto")
+            for (row, column), value in np.ndenumerate(table):
+                axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8.0)
+            axis.set_title(f"{label}: IAE over {CONSERVATIVE}", fontsize=10.0)
+            axis.set_xticks(range(len(JUDGED)), [title.replace(", ", "\n") for title in JUDGED.values()])
+            axis.set_yticks(range(len(plants)), plants)
+        bar = canvas.colorbar(image, ax=axes, ticks=[-1, 0, 1], shrink=0.6)
+        bar.ax.set_yticklabels(["half", "equal", "double"])
+        canvas.savefig(path)

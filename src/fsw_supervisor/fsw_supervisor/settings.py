@@ -52,8 +52,6 @@ class ArbiterSettings:
 
     def __post_init__(self) -> None:
         lim, period_s = self.limits, self.tick_period_s
-        if lim.force_min_kn >= lim.force_max_kn or lim.speed_min_rpm >= lim.speed_max_rpm:
-            raise ValueError("limits: the minimum of force and of speed must be below the maximum")
         if self.deadline_s >= period_s:
             raise ValueError(
                 f"deadline_s is {self.deadline_s} s; it must lie between 0 and tick_period_s ({period_s} s)"
