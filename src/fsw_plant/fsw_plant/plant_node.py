@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -22,7 +21,7 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
-from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
@@ -87,7 +86,7 @@ class PlantNode(Node):
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._lockstep:
@@ -217,15 +216,8 @@ class PlantNode(Node):
             self._log(reports.process(plant))
         self._report()
 
-    def _log(self, report: Report) -> None:
-        logger, text = self.get_logger(), f"{report.part}: {report.text}"
-        # three calls, because rclpy refuses a line of code that changes its severity
-        if report.level == ERROR:
-            logger.error(text)
-        elif report.level == WARN:
-            logger.warning(text)
-        else:
-            logger.info(text)
+    def _log(self, line: Report) -> None:
+        log(self, line.level, f"{line.part}: {line.text}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, STARTING, {})])
@@ -250,12 +242,8 @@ class PlantNode(Node):
         return f"simulated time at speed {self._speed:g}" if self._simulated else "real time"
 
     def _publish_reports(self, lines: list[Report]) -> None:
-        now_ns = self._plant.measure().stamp_ns if self._simulated and self._running else self._now_ns()
-        status = [
-            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
-            for part, level, text, values in lines
-        ]
-        self._diagnostics.publish(convert.diagnostics_message(now_ns, status))
+        time_ns = self._plant.measure().stamp_ns if self._simulated and self._running else None
+        self._diagnostics.publish(lines, self._guard.hardware_id, time_ns)
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

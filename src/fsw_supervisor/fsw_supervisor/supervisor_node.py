@@ -7,7 +7,6 @@ import time
 import uuid
 from collections.abc import Sequence
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -21,6 +20,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
+from fsw_control.reports_ros import DiagnosticsPublisher, log
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
 from fsw_supervisor import reports_ros as reports
@@ -29,7 +29,7 @@ from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.services_ros import OperatorServices
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import Level, Mode
+from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
 _HOUSEKEEPING_S = 0.2
@@ -63,7 +63,7 @@ class SupervisorNode(Node):
         self._operator_services = OperatorServices(
             self, self._arbiter, lambda: self._role is Role.ACTIVE, self._publish
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
         self._command_topic = self.resolve_topic_name("fsw/command")
         self._published_revision = -1
         self._next_report_s = 0.0
@@ -176,20 +176,16 @@ class SupervisorNode(Node):
 
     def _report_changes(self) -> None:
         """Publish the state and log the events."""
-        machine, logger = self._arbiter.machine, self.get_logger()
+        machine = self._arbiter.machine
         self._published_revision = machine.revision
         self._failover.asserting = False
         while machine.events:
             event = machine.events.popleft()
             text = f"[{event.who}] {event.text}"
-            if self._role is not Role.ACTIVE:
-                logger.debug(text)
-            elif event.level is Level.ERROR:
-                logger.error(text)
-            elif event.level is Level.WARN:
-                logger.warning(text)
+            if self._role is Role.ACTIVE:
+                log(self, reports.LEVELS[event.level], text)
             else:
-                logger.info(text)
+                self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
             self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
 
@@ -210,18 +206,15 @@ class SupervisorNode(Node):
             self._diagnose()
 
     def _diagnose(self) -> None:
-        now_ns = self.get_clock().now().nanoseconds
         if self._role is not Role.ACTIVE:
-            report = reports.standby(now_ns, self.get_name(), str(self._role), self._failover.unanswered)
-        else:
-            names = [record.name for record in self._arbiter.registry]
-            namesakes = {name: self._controllers.proposers(name) for name in names}
-            limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
-            writers = self.count_publishers(self._command_topic)
-            report = reports.diagnostics(self._arbiter, now_ns, writers, namesakes, limits)
-            part, level, text, values = self._kept_reference.report()
-            report.status.append(convert.diagnostic_status(f"fsw_supervisor: {part}", level, text, values))
-        self._diagnostics.publish(report)
+            line = reports.standby(str(self._role), self._failover.unanswered)
+            self._diagnostics.publish([line], hardware_id=self.get_name())
+            return
+        namesakes = {record.name: self._controllers.proposers(record.name) for record in self._arbiter.registry}
+        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
+        writers = self.count_publishers(self._command_topic)
+        lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)
+        self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 
 def main(args: Sequence[str] | None = None) -> int:
