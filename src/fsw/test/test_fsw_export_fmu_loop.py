@@ -132,7 +132,7 @@ ERRORS = [
     ("nmpc", ["--model", "brief.yaml"], "the NMPC needs at least 0.9 s"),
     ("nmpc", ["--model", "unknown.yaml"], "unknown model parameter gain"),
     ("nmpc", ["--tuning", "missing.yaml"], "tuning_file: cannot read missing.yaml"),
-    ("nmpc", ["--parameter", "force_min=99"], "force_min must be below force_max"),
+    ("nmpc", ["--parameter", "force_min=99"], "force_min (99) must be below force_max"),
     ("nmpc", ["--parameter", "solver=reference"], "only rti"),
     ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),

@@ -12,6 +12,8 @@ from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
 from fsw_model import STEP_S, ModelParameterError, ModelParameters
 
+_BOUNDS = ("force_min_kn", "force_max_kn", "speed_min_rpm", "speed_max_rpm")
+
 
 @lru_cache(maxsize=1)
 def specs() -> dict[str, ParameterSpec]:
@@ -62,20 +64,12 @@ class PlantConfig:
             If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
-        limits = Limits(
-            force_min_kn=checked["limits.force_min_kn"],
-            force_max_kn=checked["limits.force_max_kn"],
-            speed_min_rpm=checked["limits.speed_min_rpm"],
-            speed_max_rpm=checked["limits.speed_max_rpm"],
-            force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
-            speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
-        )
-        for what, low, high in (
-            ("force", limits.force_min_kn, limits.force_max_kn),
-            ("speed", limits.speed_min_rpm, limits.speed_max_rpm),
-        ):
-            if low >= high:
-                raise ParameterError(f"limits.{what}_min ({low:g}) must be below limits.{what}_max ({high:g})")
+        bounds = {name: checked[f"limits.{name}"] for name in _BOUNDS}
+        steps = (checked["limits.force_rate_kn_per_s"] * STEP_S, checked["limits.speed_rate_rpm_per_s"] * STEP_S)
+        try:
+            limits = Limits(**bounds, force_step_kn=steps[0], speed_step_rpm=steps[1])
+        except ValueError as error:
+            raise ParameterError(f"limits: {error}") from None
         return cls(checked, limits, _model(checked))
 
 

@@ -40,7 +40,7 @@ def test_nested_and_dotted_are_the_same():
         ("seed: x", "seed: 'x' is not a number"),
         ("noise: 1", "noise: 1 is not true or false"),
         ("start: {depth_mm: 9}", "start.depth_mm: 9 is outside 1 to 5 mm"),
-        ("limits: {force_min_kn: 95}", r"limits.force_min \(95\) must be below limits.force_max \(95\)"),
+        ("limits: {force_min_kn: 95}", r"limits: force_min \(95\) must be below force_max \(95\)"),
         ("model: {copper_lag_s: 0}", "outside 0.1 to 10"),
         ("model: {dead_time_s: 0.1, depth_pole_fast_s: 9}", "'depth_pole_fast_s' is 0.00855: must be 1e-06 to 0.005"),
     ],

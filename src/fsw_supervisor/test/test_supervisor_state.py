@@ -197,8 +197,8 @@ def test_a_standby_that_leads_tells_so_and_slews(machine):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "minimum of force"),
-        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "minimum of force and of speed"),
+        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "force_min"),
+        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "speed_min"),
         ({"deadline_s": 0.1}, "deadline_s is 0.1 s"),
         ({"safe_force_kn": 59.9}, "safe_force_kn must lie in"),
         ({"safe_force_kn": 95.1}, "safe_force_kn must lie in"),
