@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, fields
 from pathlib import Path
 
 import fsw_decentral
@@ -32,7 +31,7 @@ MISMATCH = {
 
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    rows = [[one.name, *(f"{getattr(gains, one.name):g}" for gains in sets.values())] for one in fields(Gains)]
+    rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
     print_table(rows, ["gain", *sets], numbers=True)
     figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
@@ -72,7 +71,7 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
             f"moves by noise {found['noise_move_kn']:.3f} kN, {found['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in asdict(gains).items()]
+        lines += [f"  {key}: {value!r}" for key, value in dict(gains).items()]
     return "\n".join(lines) + "\n"
 
 
@@ -104,7 +103,7 @@ def _run(parsed: argparse.Namespace) -> int:
         with ProgressBar(f"tuning {name}") as bar:
             sets[name] = tune(name, parameters, parsed.evaluations, bar)
     figures = report(sets, parameters)
-    write_json(parsed.json, {name: {"gains": asdict(sets[name]), "figures": found} for name, found in figures.items()})
+    write_json(parsed.json, {name: {"gains": dict(sets[name]), "figures": found} for name, found in figures.items()})
     if parsed.write:
         write_text(Path(fsw_decentral.__file__).parent / "tunings.yaml", as_yaml(sets, figures))
     return 0

@@ -19,7 +19,7 @@ from fsw_test_support.ros_graph import Spinner
 
 MODULES = {
     "gateway": "fsw_machine.machine_node",
-    "server": "fsw_machine.machine_server",
+    "server": "fsw_test_support.machine_server",
     "decentral": "fsw_decentral.decentral_node",
     "nmpc": "fsw_nmpc.nmpc_node",
     "supervisor": "fsw_supervisor.supervisor_node",

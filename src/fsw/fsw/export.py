@@ -71,12 +71,11 @@ def _choice(arguments: argparse.Namespace) -> Choice:
 
 def _run_c(arguments: argparse.Namespace) -> int:
     from fsw_export.c_folder import write_folder
-    from fsw_export.errors import ExportError
 
     try:
         with ProgressBar("weld of the test vectors") as bar:
             check = write_folder(_choice(arguments), arguments.out, arguments.force, bar)
-    except ExportError as error:
+    except RuntimeError as error:
         raise CommandError(f"export c: {error}") from None
     print(check)
     print(f"{arguments.out}: README.md, src, test vectors")
@@ -85,14 +84,13 @@ def _run_c(arguments: argparse.Namespace) -> int:
 
 def _run_fmu(arguments: argparse.Namespace) -> int:
     from fsw_export import fmu
-    from fsw_export.errors import ExportError
     from fsw_export.fmu_description import table
 
     try:
         fmu.check_file(arguments.out, arguments.force)
         content = fmu.make(_choice(arguments))
         fmu.write(content, arguments.out, arguments.force, arguments.platform)
-    except (ValueError, ExportError) as error:
+    except (ValueError, RuntimeError) as error:
         raise CommandError(f"export fmu: {error}") from None
     print(table(content))
     print(f"{arguments.out}: {len(content.variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB")

@@ -10,18 +10,21 @@ import pytest
 from fsw.main import main
 from fsw_control.c_library import compiler
 from fsw_test_support.c_targets import TARGETS, build, check_vectors, largest_difference, stack_bytes
+from fsw_test_support.exports import c_folder, c_objects
 
 CONTROLLERS = ("nmpc", "decentral")
 
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory):
-    """Folder of each controller, exported once."""
-    folders = {}
-    for name in CONTROLLERS:
-        folders[name] = tmp_path_factory.mktemp("export") / name
-        assert main(["export", "c", "--controller", name, "--out", str(folders[name])]) == 0
-    return folders
+    """Folder of each controller."""
+    return {name: c_folder(tmp_path_factory, name) for name in CONTROLLERS}
+
+
+@pytest.fixture(scope="session")
+def objects(tmp_path_factory):
+    """Compiled sources of each controller."""
+    return {name: c_objects(tmp_path_factory, name) for name in CONTROLLERS}
 
 
 @pytest.mark.slow
@@ -50,7 +53,7 @@ def test_vectors_under_sanitizers(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
+def test_a_wrong_answer_is_noticed(exported, objects, controller, tmp_path):
     folder = tmp_path / "copy"
     subprocess.run(["cp", "-r", str(exported[controller]), str(folder)], check=True)
     expected = folder / "vectors" / "weld_expected.csv"
@@ -58,10 +61,11 @@ def test_a_wrong_answer_is_noticed(exported, controller, tmp_path):
     first, _, rest = lines[7].partition(",")
     lines[7] = f"{float(first) + 2e-9!r},{rest}"
     expected.write_text("\n".join(lines) + "\n")
-    sources = [str(folder / "main.c"), *map(str, (folder / "src").glob("*.c"))]
     program = str(tmp_path / "example")
-    flags = ["-std=c99", "-O1", "-I", str(folder), "-I", str(folder / "src")]
-    subprocess.run([*compiler(), *flags, *sources, "-o", program, "-lm"], check=True)
+    flags = ["-std=c99", "-I", str(folder), "-I", str(folder / "src")]
+    subprocess.run(
+        [*compiler(), *flags, str(folder / "main.c"), *objects[controller], "-o", program, "-lm"], check=True
+    )
     ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, check=False)
     assert ran.returncode == 1
     assert "line 8: force_kn is" in ran.stderr
@@ -82,15 +86,9 @@ def test_stack_has_a_bound(exported, controller, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_nothing_but_the_listed_library_functions(exported, controller, tmp_path):
+def test_nothing_but_the_listed_library_functions(objects, controller):
     """No heap, no files, and of libm only what the header lists."""
-    folder = exported[controller]
-    objects = []
-    for source in (folder / "src").glob("*.c"):
-        objects.append(str(tmp_path / f"{source.stem}.o"))
-        command = [*compiler(), "-std=c99", "-O2", "-I", str(folder / "src"), "-c", str(source)]
-        subprocess.run([*command, "-o", objects[-1]], check=True)
-    listed = subprocess.run(["nm", *objects], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(["nm", *objects[controller]], capture_output=True, text=True, check=True).stdout
     outside = set(re.findall(r"^ +U (\w+)$", listed, re.MULTILINE)) - set(
         re.findall(r" T (\w+)$", listed, re.MULTILINE)
     )
@@ -104,10 +102,10 @@ def test_nothing_but_the_listed_library_functions(exported, controller, tmp_path
     ("arguments", "words"),
     [
         (["--model", "nowhere.yaml"], "nowhere.yaml: No such file"),
-        (["--model", "wrong.yaml"], "'copper_lag_s' is -1"),
+        (["--model", "wrong.yaml"], "copper_lag_s is -1"),
         (["--model", "fast.yaml"], "'dead_time_s' is 0.5: the NMPC needs at least 0.9 s"),
         (["--model", "unknown.yaml"], "unknown"),
-        (["--tuning", "wrong.yaml"], "unknown copper_lag_s"),
+        (["--tuning", "wrong.yaml"], "copper_lag_s is an unknown key"),
         (["--parameter", "solver=reference"], "solver must be rti"),
         (["--parameter", "calmness=1e9"], "calmness"),
         (["--parameter", "calmness"], "NAME=VALUE"),
@@ -155,7 +153,7 @@ def test_another_model_and_tuning(tmp_path):
 
 
 @pytest.mark.slow
-def test_both_in_one_program_in_cpp(exported, tmp_path):
+def test_both_in_one_program_in_cpp(exported, objects, tmp_path):
     """The headers work in C++, the two controllers beside each other, and each knows what it was made from."""
     if shutil.which("g++") is None:
         pytest.skip("apt-get install g++")
@@ -168,13 +166,10 @@ def test_both_in_one_program_in_cpp(exported, tmp_path):
         "  fsw_nmpc_input in;\n  fsw_nmpc_output out;\n  fsw_nmpc_input_clear(&in);\n  fsw_nmpc_step(&a, &in, &out);\n"
         "  return out.healthy || std::strlen(fsw_nmpc_id()) != 16 || std::strlen(fsw_decentral_id()) != 16;\n}\n"
     )
-    objects = []
-    for source in [path for folder in folders for path in folder.glob("*.c")]:
-        objects.append(str(tmp_path / f"{source.stem}.o"))
-        subprocess.run(["gcc", "-std=c99", "-O1", "-c", str(source), "-o", objects[-1]], check=True)
+    compiled = [path for name in CONTROLLERS for path in objects[name]]
     include = [option for folder in folders for option in ("-I", str(folder))]
     program = str(tmp_path / "both")
-    subprocess.run(["g++", *include, str(tmp_path / "both.cpp"), *objects, "-o", program], check=True)
+    subprocess.run(["g++", *include, str(tmp_path / "both.cpp"), *compiled, "-o", program], check=True)
     assert subprocess.run([program], check=False).returncode == 0
 
 

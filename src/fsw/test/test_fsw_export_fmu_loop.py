@@ -12,6 +12,7 @@ from fsw.main import main
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import parse
+from fsw_test_support.exports import fmu_file
 from fsw_test_support.fmus import Units, fmu_loop
 
 SCENARIO = """
@@ -98,14 +99,14 @@ def test_two_fmus_are_the_offline_loop(
 
 
 @pytest.mark.slow
-def test_a_known_set_point_is_prepared_as_offline(tmp_path: Path, running: Units) -> None:
+def test_a_known_set_point_is_prepared_as_offline(tmp_path_factory: pytest.TempPathFactory, running: Units) -> None:
     text = "{name: ahead, duration_s: 30, controller: nmpc, announced: true, plant: {noise: false}, events: [%s]}"
     event = "{at_s: 15.0, reference: {depth_mm: 2.8, temperature_c: 820.0}}"
     offline = ClosedLoop(parse(text % event, "test"), {"nmpc": make("nmpc")}).run()
-    for name in ("plant", "nmpc"):
-        assert main(["export", "fmu", name, "--out", str(tmp_path / f"{name}.fmu")]) == 0
-    plant = running.start(tmp_path / "plant.fmu")
-    nmpc = running.start(tmp_path / "nmpc.fmu", drives_valid=True, change_depth_mm=2.8, change_temperature_c=820.0)
+    plant = running.start(fmu_file(tmp_path_factory, "plant"))
+    nmpc = running.start(
+        fmu_file(tmp_path_factory, "nmpc"), drives_valid=True, change_depth_mm=2.8, change_temperature_c=820.0
+    )
     speeds = []
     for number in range(300):
         ahead = 149 - number
@@ -128,12 +129,12 @@ ERRORS = [
     ("plant", ["--parameter", "start.depth_mm"], "--parameter start.depth_mm: write NAME=VALUE"),
     ("plant", ["--tuning", "x.yaml"], "the plant has no tuning"),
     ("plant", ["--model", "missing.yaml"], "cannot read model missing.yaml"),
-    ("plant", ["--model", "short.yaml"], "'dead_time_s' is 0.05: must be 0.1 to 10"),
+    ("plant", ["--model", "short.yaml"], "dead_time_s = 0.05 is outside 0.1 to 10"),
     ("nmpc", ["--model", "brief.yaml"], "the NMPC needs at least 0.9 s"),
-    ("nmpc", ["--model", "unknown.yaml"], "unknown model parameter gain"),
-    ("nmpc", ["--tuning", "missing.yaml"], "tuning_file: cannot read missing.yaml"),
+    ("nmpc", ["--model", "unknown.yaml"], "gain is an unknown key"),
+    ("nmpc", ["--tuning", "missing.yaml"], "cannot read tuning_file missing.yaml"),
     ("nmpc", ["--parameter", "force_min=99"], "force_min (99) must be below force_max"),
-    ("nmpc", ["--parameter", "solver=reference"], "only rti"),
+    ("nmpc", ["--parameter", "solver=reference"], "solver must be rti"),
     ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),
     ("decentral", ["--tuning", "unknown.yaml"], "unknown parameters gain"),

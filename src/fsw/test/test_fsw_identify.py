@@ -131,7 +131,7 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
     out = ("--out", str(tmp_path / "out"))
     assert "cannot read model" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("thermal: 1\n")
-    assert "unknown model parameter" in error_of(capsys, "tune", "--model", str(model), *out)
+    assert "is an unknown key" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("{}\n")
     assert "not empty" in error_of(capsys, "tune", "--model", str(model), "--out", str(full))
     assert "--evaluations" in error_of(capsys, "tune", "--model", str(model), *out, "--evaluations", "0")

@@ -21,10 +21,11 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from fsw_control.schema import InputError
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import REFUSED, RESPAWN_DELAY_S
-from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
 
 ARGUMENTS = {
@@ -74,7 +75,7 @@ def weld(context: LaunchContext) -> list[Any]:
     labels = [label.strip() for label in arguments["controllers"].split(",") if label.strip()]
     try:
         variants = {name_of(label): variant_of(label) for label in labels}
-    except ScenarioError as error:
+    except InputError as error:
         raise RuntimeError(f"controllers: {error}") from None
     controllers = list(variants)
     if not controllers:
@@ -183,7 +184,7 @@ def _scenario(source: str, controller: str) -> Scenario | None:
         if scenario.open_loop or len(scenario.controllers) > 1:
             return scenario
         return parse(scenario.text, source, [f"controller={controller}"])
-    except ScenarioError as error:
+    except InputError as error:
         raise RuntimeError(f"scenario: {error}") from None
 
 

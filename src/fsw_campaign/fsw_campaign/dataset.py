@@ -46,10 +46,12 @@ def schema(campaign: Campaign) -> pa.Schema:
     columns: list[tuple[str, pa.DataType]] = [("index", pa.int32()), ("controller", _TEXT)]
     types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: _TEXT}
     columns += [("plant.seed", pa.int64())]
-    columns += [(one.path, types[type(one.extremes[0])]) for one in campaign.distributions if one.path != "plant.seed"]
+    columns += [
+        (path, types[type(one.extremes[0])]) for path, one in campaign.distributions.items() if path != "plant.seed"
+    ]
     columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
-    for limit in campaign.limits:
-        names = (f"lowest_{limit.signal}", f"highest_{limit.signal}", f"outside_{limit.signal}_s")
+    for signal in campaign.limits:
+        names = (f"lowest_{signal}", f"highest_{signal}", f"outside_{signal}_s")
         columns += [(name, pa.float64()) for name in names]
     columns += [(name, pa.float64()) for name in (*_COUNTS, *ROWS, *TIMES)]
     return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(_EVENT))])
@@ -144,7 +146,7 @@ class Dataset:
         self.done.update((row["index"], row["controller"]) for row in rows)
 
     def compact(self) -> None:
-        """Join small files into one: each has some 25 kB besides its rows.
+        """Join small files into one: each has an overhead of some 25 kB.
 
         The joined file takes the place of the first; should it end before the others are deleted, their rows are there
         twice, and are read once.

@@ -18,6 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -30,7 +31,7 @@ PORTABLE = ("-std=c99", "-O3", "-ffp-contract=off")
 FLAGS = (*PORTABLE, "-fPIC", "-shared", "-Wall", "-Wextra", "-Wno-unused-parameter")
 #: for a library that stays on this machine; left out where the compiler does not support it
 NATIVE = "-march=native"
-_LONGEST_BUILD_S = 120.0
+_LONGEST_BUILD_S = 600.0
 
 
 def compiler() -> list[str] | None:
@@ -40,6 +41,24 @@ def compiler() -> list[str] | None:
         if command and shutil.which(command[0]):
             return command
     return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
+
+
+def needed_compiler() -> list[str]:
+    """As :func:`compiler`; RuntimeError if there is none."""
+    command = compiler()
+    if command is None:
+        raise RuntimeError("no C compiler found: install one, set CC, or 'pip install ziglang'")
+    return command
+
+
+def run_compiler(command: Sequence[str]) -> None:
+    """Compile; RuntimeError with the compiler's words if that fails."""
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_BUILD_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise RuntimeError(f"the compiler failed: {error}") from None
+    if run.returncode:
+        raise RuntimeError(f"the sources did not compile with {command[0]}:\n{run.stderr}")
 
 
 def _processor() -> str:
@@ -152,27 +171,21 @@ class CLibrary:
         """
         return self.find() or self.build()
 
-    def build(self, library: Path | None = None, extra_flags: tuple[str, ...] = (), native: bool = True) -> Path:
-        """Compile the library.
+    def build(self, library: Path | None = None) -> Path:
+        """Compile the library for this machine.
 
         Parameters
         ----------
         library : Path, optional
             Where the shared library goes, the user's cache by default; replaced at once, so that running controllers
             keep theirs.
-        extra_flags : tuple of str
-            More compiler flags, e.g. for sanitizers.
-        native : bool
-            Whether to use all that this machine's processor can do.
 
         Raises
         ------
         RuntimeError
             If there is no compiler or it fails; the message has the compiler's words.
         """
-        command = compiler()
-        if command is None:
-            raise RuntimeError("no C compiler found: install one, set CC, or 'pip install ziglang'")
+        command = needed_compiler()
         try:
             library = library or self.cache_path()
             library.parent.mkdir(parents=True, exist_ok=True)
@@ -180,33 +193,19 @@ class CLibrary:
                 target = Path(scratch.name)
         except OSError as error:
             raise RuntimeError(f"no place for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
-        try:
-            attempts = [(NATIVE,), ()] if native and _processor() else [()]
-            for flags in attempts:
-                words = self._compile([*command, *FLAGS, *flags, *extra_flags], target)
-                if words is None:
-                    target.chmod(0o755)
-                    target.replace(library)
-                    return library
-            raise RuntimeError(f"the kernel did not compile with {' '.join(command)}:\n{words}")
-        finally:
-            target.unlink(missing_ok=True)
-
-    def _compile(self, command: list[str], target: Path) -> str | None:
-        """Compile into ``target``; returns None, or the compiler's words if it fails."""
         identity = f'-D{self._macro}="{self.source_id()}"'
         files = [str(self.folder / name) for name in self.sources]
+        arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
         try:
-            run = subprocess.run(
-                [*command, identity, *files, "-o", str(target), "-lm"],
-                capture_output=True,
-                text=True,
-                timeout=_LONGEST_BUILD_S,
-                check=False,
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return str(error)
-        return run.stderr if run.returncode else None
+            try:
+                run_compiler([*command, *([NATIVE] if _processor() else []), *arguments])
+            except RuntimeError:
+                run_compiler([*command, *arguments])
+            target.chmod(0o755)
+            target.replace(library)
+        finally:
+            target.unlink(missing_ok=True)
+        return library
 
     def extension(self) -> dict[str, Any]:
         """Arguments of setuptools' ``Extension``, for a package that brings the library with it.

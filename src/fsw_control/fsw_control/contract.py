@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
 
-SENSORS = ("depth", "torque", "thermocouple")
+Sensor = Literal["depth", "torque", "thermocouple"]
+SENSORS: tuple[str, ...] = get_args(Sensor)
 #: sources of commands that are no controllers: modes of the supervisor
-BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
+BuiltInSource = Literal["manual", "hold", "safe_stop"]
+BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
 
 
 class Measurement(NamedTuple):
@@ -96,12 +98,10 @@ class Limits:
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("force", self.force_min_kn, self.force_max_kn),
-            ("speed", self.speed_min_rpm, self.speed_max_rpm),
-        ):
+        bounds = (("force", self.force_min_kn, self.force_max_kn), ("speed", self.speed_min_rpm, self.speed_max_rpm))
+        for name, low, high in bounds:
             if not low < high:
-                raise ValueError(f"{name}_min ({low:g}) must be below {name}_max ({high:g})")
+                raise ValueError(f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})")
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:

@@ -71,7 +71,7 @@ def test_built_once_and_again_when_a_source_changes(toy, tmp_path):
 
 @pytest.mark.slow
 def test_a_library_in_the_package_is_used_if_its_sources_are_these(toy):
-    packaged = toy.build(toy.folder.parent / "_kernel.abi3.so", native=False)
+    packaged = toy.build(toy.folder.parent / "_kernel.abi3.so")
     assert toy.find() == packaged
     (toy.folder / "more.c").write_text("int more;\n", encoding="utf-8")
     assert toy.sources == ("more.c", "toy.c")
@@ -90,6 +90,18 @@ def test_without_a_compiler_one_line_says_what_to_do(toy, monkeypatch):
     monkeypatch.setattr(c_library, "compiler", lambda: None)
     with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
         toy.ensure()
+
+
+def test_a_compiler_that_fails_is_named(toy, monkeypatch):
+    monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
+    with pytest.raises(RuntimeError, match="did not compile with false"):
+        toy.build()
+    assert toy.find() is None
+
+
+def test_a_file_that_is_no_library_is_not_used(toy, tmp_path):
+    (tmp_path / "broken.so").write_bytes(b"no library")
+    assert not toy.is_usable(tmp_path / "broken.so")
 
 
 def test_without_a_place_for_it_one_line_says_what_to_do(toy, monkeypatch, tmp_path):

@@ -10,7 +10,7 @@ from fsw_control import weld
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, load, problem
 from fsw_decentral.gains import Gains
-from fsw_decentral.library import KERNEL, LIMITS, Reason, check, make
+from fsw_decentral.library import KERNEL, Limit, Reason, check, make
 
 
 class DecentralController:
@@ -85,7 +85,7 @@ class DecentralController:
             outputs.depth_mm,
             outputs.temperature_c,
             outputs.torque_nm,
-            active_limits=tuple(name for bit, name in LIMITS.items() if touched & bit) if touched else (),
+            active_limits=tuple(limit.name.lower() for limit in Limit if touched & limit) if touched else (),
             bad_cycles=outputs.bad_cycles,
         )
         reason = self._reason(outputs.reason) if outputs.reason else ""
@@ -107,7 +107,7 @@ def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:
     gains, limits = Gains.of(values), Limits.of(values)
     tuning = KERNEL.new(
         "fsw_decentral_tuning",
-        **asdict(gains),
+        **dict(gains),
         **asdict(limits),
         friction=tuple(values[f"friction.{name}"] for name in ("constant", "linear", "quadratic")),
         spindle_inertia_kgm2=values["spindle_inertia"],

@@ -9,8 +9,7 @@ from fsw_control.c_library import CController, CLibrary
 
 KERNEL = CLibrary("fsw_decentral", Path(__file__).parent / "kernel")
 Reason = KERNEL.enum("fsw_decentral_reason", "FSW_DECENTRAL_")
-#: limits that a proposal touches, by bit
-LIMITS = {limit.value: limit.name.lower() for limit in KERNEL.enum("fsw_decentral_limit", "FSW_DECENTRAL_")}
+Limit = KERNEL.enum("fsw_decentral_limit", "FSW_DECENTRAL_")
 _UNUSABLE = "limits, friction, spindle_inertia, nominal_torque and blind_limit must be finite and in their ranges"
 
 

@@ -84,6 +84,7 @@ int main(void) {
 
 
 @pytest.mark.slow
+@pytest.mark.full
 def test_under_sanitizers_with_all_that_can_be_wrong(tmp_path):
     if not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
 
-from fsw_control.c_library import compiler
+from fsw_control.c_library import compiler, run_compiler
 from fsw_export.choice import Choice
 from fsw_export.errors import ExportError
 from fsw_export.sources import ControllerSources
@@ -128,16 +128,11 @@ def _run_example(folder: Path) -> str:
     program = folder / "fsw_example"
     files = [str(folder / "main.c"), *map(str, sorted((folder / "src").glob("*.c")))]
     try:
-        for arguments in (
-            [*command, *FLAGS, "-I", str(folder), "-I", str(folder / "src"), *files, "-o", str(program), "-lm"],
-            [str(program)],
-        ):
-            ran = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
-            if ran.returncode:
-                words = (ran.stderr or ran.stdout).strip().splitlines()
-                raise ExportError(f"the exported example failed: {words[0] if words else f'exit {ran.returncode}'}")
-    except subprocess.TimeoutExpired:
-        raise ExportError("the exported example did not end within 300 s") from None
+        run_compiler([*command, *FLAGS, f"-I{folder}", f"-I{folder / 'src'}", *files, "-o", str(program), "-lm"])
+        ran = subprocess.run([program], cwd=folder, capture_output=True, text=True, timeout=300, check=True)
+    except (RuntimeError, subprocess.SubprocessError) as error:
+        words = getattr(error, "stderr", None) or str(error)
+        raise ExportError(f"the exported example failed: {words.strip()}") from None
     finally:
         program.unlink(missing_ok=True)
     return ran.stdout.strip()

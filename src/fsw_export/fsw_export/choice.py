@@ -8,9 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from fsw_control.yaml_text import load_yaml
+from fsw_control.schema import content_of, read_text
 from fsw_export.errors import ExportError
 from fsw_model import ModelParameters, ProcessModel, nominal
 
@@ -45,7 +43,7 @@ class Choice:
 
         Raises
         ------
-        ExportError
+        ExportError, InputError
             If there cannot be a tuning, or its file cannot be used.
         """
         if self.unit == "decentral":
@@ -75,15 +73,9 @@ class Choice:
 
     def _gains(self) -> dict[str, Any]:
         """Parameters of the decentralized controller's node from the tuning file."""
-        path = self.tuning_file
-        if path is None:
+        if self.tuning_file is None:
             return {}
-        try:
-            content = load_yaml(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ExportError(f"cannot read tuning {path}: {error.strerror}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ExportError(f"{path}: not valid YAML: {error}") from None
+        content = content_of(read_text(self.tuning_file, "tuning"), str(self.tuning_file))
         if not isinstance(content, dict):
-            raise ExportError(f"{path}: must map names of parameters to values, e.g. depth_gain: 120.0")
+            raise ExportError(f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0")
         return content

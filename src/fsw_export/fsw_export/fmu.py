@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import subprocess
 import sys
 import tempfile
 import zipfile
@@ -11,7 +10,7 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from fsw_control.c_library import PORTABLE, compiler
+from fsw_control.c_library import PORTABLE, needed_compiler, run_compiler
 from fsw_export.choice import Choice
 from fsw_export.errors import ExportError
 from fsw_export.fmu_controllers import decentral, nmpc
@@ -23,7 +22,6 @@ FLAGS = (*PORTABLE, "-shared", "-fvisibility=hidden")
 #: platforms of FMI that zig's compiler makes binaries for: its target, and the end of the binary's name
 CROSS = {"linux64": ("x86_64-linux-gnu", ".so"), "win64": ("x86_64-windows-gnu", ".dll")}
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-_LONGEST_BUILD_S = 600.0
 #: what can be exported, by name
 UNITS: dict[str, Callable[[Choice], Content]] = {"plant": plant, "nmpc": nmpc, "decentral": decentral}
 
@@ -66,7 +64,7 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
 
     Raises
     ------
-    ExportError
+    ExportError, RuntimeError
         If the file cannot be written, or there is no compiler or it fails; nothing has been written then.
     """
     check_file(out, replace)
@@ -82,7 +80,8 @@ def write(content: Content, out: Path, replace: bool = False, others: Sequence[s
         }
         for command, suffix, platform in [_native(), *map(_cross, others)]:
             binary = folder / f"{content.identifier}{suffix}"
-            _compile(command, [str(folder / name) for name in compiled], binary)
+            files_c = [str(folder / name) for name in compiled]
+            run_compiler([*command, *FLAGS, *files_c, "-o", str(binary), "-lm"])
             files[f"binaries/{platform}/{binary.name}"] = binary.read_bytes()
     part = out.with_name(f".{out.name}.part")
     try:
@@ -121,10 +120,7 @@ def _native() -> tuple[list[str], str, str]:
     """Compiler for this machine, end of a binary's name, and the machine's name in an FMU."""
     import fmpy
 
-    command = compiler()
-    if command is None:
-        raise ExportError("no C compiler found: install one, set CC, or 'pip install ziglang'")
-    return [*command, "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform
+    return [*needed_compiler(), "-fPIC"], fmpy.sharedLibraryExtension, fmpy.platform
 
 
 def _cross(platform: str) -> tuple[list[str], str, str]:
@@ -133,18 +129,3 @@ def _cross(platform: str) -> tuple[list[str], str, str]:
         raise ExportError(f"{platform}: needs zig's compiler: pip install ziglang")
     target, suffix = CROSS[platform]
     return [sys.executable, "-m", "ziglang", "cc", "-target", target], suffix, platform
-
-
-def _compile(command: list[str], files: list[str], binary: Path) -> None:
-    try:
-        run = subprocess.run(
-            [*command, *FLAGS, *files, "-o", str(binary), "-lm"],
-            capture_output=True,
-            text=True,
-            timeout=_LONGEST_BUILD_S,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise ExportError(f"the compiler failed: {error}") from None
-    if run.returncode:
-        raise ExportError(f"the FMU did not compile with {' '.join(command)}:\n{run.stderr}")

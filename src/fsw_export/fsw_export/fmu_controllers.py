@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 
 from fsw_control.parameters import load, validate
 from fsw_decentral import DecentralController
 from fsw_decentral.gains import Gains
 from fsw_export.choice import Choice
-from fsw_export.fmu_description import Content, Variable, flag, given, parameter, shown, source
+from fsw_export.fmu_description import Content, Variable, boolean, output, parameter, real, source
 from fsw_export.signals import Signal
 from fsw_export.sources import ControllerSources, sources_of
 from fsw_export.templates import render
@@ -18,7 +18,7 @@ from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
 
 #: parameters of the decentralized controller's node, and where they are in the library's tuning
-_DECENTRAL = {name: name for name in Gains.__dataclass_fields__} | {
+_DECENTRAL = {name: name for name in Gains.model_fields} | {
     "force_min": "force_min_kn",
     "force_max": "force_max_kn",
     "speed_min": "speed_min_rpm",
@@ -70,7 +70,7 @@ def decentral(choice: Choice) -> Content:
     specs = load("fsw_decentral", "decentral.yaml")
     values = validate(specs, choice.parameters)
     controller = DecentralController(values)
-    values |= asdict(controller.gains)
+    values |= dict(controller.gains)
     parameters = []
     for name, spec in specs.items():
         if name in _DECENTRAL:
@@ -88,31 +88,21 @@ def _content(library: ControllerSources, parameters: list[Variable], choice: Cho
     at |= {"torque_nm": start.outputs.motor_torque_nm, "force_kn": start.force_kn, "speed_rpm": start.speed_rpm}
     own = {variable.name: variable for variable in parameters}
     inputs = [signal for signal in library.inputs if signal.name not in _OWN]
-    if any(signal.name == "n_changes" for signal in library.inputs):
+    if library.name == "nmpc":
         inputs.append(_KNOWN)
     variables = [_input(signal, at) for signal in inputs]
-    if any(signal.name == "acting_force_kn" for signal in inputs):
-        variables += [flag("drives_valid", "Whether acting_force_kn and acting_speed_rpm are wired and good", False)]
+    if library.name == "nmpc":
+        variables += [boolean("drives_valid", "Whether acting_force_kn and acting_speed_rpm are wired and good", False)]
+    force, speed = at["force_kn"], at["speed_rpm"]
     variables += [
-        given(
-            "applied_force_kn",
-            "Force set-point in force until now, if it is not that of this FMU",
-            "kN",
-            at["force_kn"],
-        ),
-        given("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", at["speed_rpm"]),
-        flag("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
-        *(shown(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
+        real("applied_force_kn", "Force set-point in force until now, if it is not that of this FMU", "kN", force),
+        real("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", speed),
+        boolean("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
+        *(output(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
         *parameters,
+        replace(own["force_max"], name="start_force_kn", description="Force at the start", start=force, fixed=True),
         replace(
-            own["force_max"], name="start_force_kn", description="Force at the start", start=at["force_kn"], fixed=True
-        ),
-        replace(
-            own["speed_max"],
-            name="start_speed_rpm",
-            description="Spindle speed at the start",
-            start=at["speed_rpm"],
-            fixed=True,
+            own["speed_max"], name="start_speed_rpm", description="Spindle speed at the start", start=speed, fixed=True
         ),
     ]
     code = library.files() | {
@@ -136,5 +126,5 @@ def _unit(signal: Signal) -> str:
 def _input(signal: Signal, at: Mapping[str, float]) -> Variable:
     quantity = signal.name.removeprefix("reference_").removeprefix("acting_")
     if signal.kind == "bool":
-        return flag(signal.name, _text(signal), signal is not _KNOWN)
-    return given(signal.name, _text(signal), signal.unit, at.get(quantity, 0.0))
+        return boolean(signal.name, _text(signal), signal is not _KNOWN)
+    return real(signal.name, _text(signal), signal.unit, at.get(quantity, 0.0))

@@ -100,17 +100,17 @@ class Variable:
         return {name: text for name, text in attributes.items() if text}
 
 
-def given(name: str, description: str, unit: str, start: float) -> Variable:
+def real(name: str, description: str, unit: str, start: float) -> Variable:
     """A Real input."""
     return Variable(name, "input", description, unit, float(start))
 
 
-def flag(name: str, description: str, start: bool) -> Variable:
+def boolean(name: str, description: str, start: bool) -> Variable:
     """A Boolean input."""
     return Variable(name, "input", description, start=start, type="Boolean")
 
 
-def shown(name: str, description: str, unit: str = "", type: str = "Real") -> Variable:
+def output(name: str, description: str, unit: str = "", type: str = "Real") -> Variable:
     """An output."""
     return Variable(name, "output", description, unit, type=type)
 

@@ -10,7 +10,7 @@ import casadi as ca
 from fsw_control import weld
 from fsw_control.parameters import validate
 from fsw_export.choice import Choice
-from fsw_export.fmu_description import Content, Variable, given, parameter, shown, source
+from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
 from fsw_plant import PlantEmulator, config
@@ -46,21 +46,21 @@ def plant(choice: Choice) -> Content:
     process = ProcessModel(chosen.model)
     start = process.equilibrium()
     variables: list[Variable] = [
-        given("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
-        given("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
-        given("axial_force_disturbance_kn", "Acts beside the drive's force during a step", "kN", 0.0),
-        given("spindle_speed_disturbance_rpm", "Acts beside the drive's speed during a step", "rpm", 0.0),
-        given("depth_disturbance_mm", "Added to the depth that is shown at the end of a step", "mm", 0.0),
-        given("temperature_disturbance_k", "Added to the temperature that is shown at the end of a step", "K", 0.0),
-        shown("depth_mm", "Shoulder depth, as the sensor shows it", "mm"),
-        shown("torque_nm", "Motor torque, as the sensor shows it: with the peak of an accelerating spindle", "N m"),
-        shown("temperature_c", "Temperature of the stir zone, as the thermocouple shows it", "degC"),
-        shown("acting_force_kn", "Axial force that acts, as the drive reports it", "kN"),
-        shown("acting_speed_rpm", "Spindle speed that acts, as the drive reports it", "rpm"),
-        shown("process_torque_nm", "Torque of the tool on the copper", "N m"),
-        shown("friction_torque_nm", "Friction of motor and transmission", "N m"),
-        shown("power_kw", "Power of the process", "kW"),
-        shown("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
+        real("force_kn", "Commanded axial force, held during a step", "kN", start.force_kn),
+        real("speed_rpm", "Commanded spindle speed, held during a step", "rpm", start.speed_rpm),
+        real("axial_force_disturbance_kn", "Acts beside the drive's force during a step", "kN", 0.0),
+        real("spindle_speed_disturbance_rpm", "Acts beside the drive's speed during a step", "rpm", 0.0),
+        real("depth_disturbance_mm", "Added to the depth that is shown at the end of a step", "mm", 0.0),
+        real("temperature_disturbance_k", "Added to the temperature that is shown at the end of a step", "K", 0.0),
+        output("depth_mm", "Shoulder depth, as the sensor shows it", "mm"),
+        output("torque_nm", "Motor torque, as the sensor shows it: with the peak of an accelerating spindle", "N m"),
+        output("temperature_c", "Temperature of the stir zone, as the thermocouple shows it", "degC"),
+        output("acting_force_kn", "Axial force that acts, as the drive reports it", "kN"),
+        output("acting_speed_rpm", "Spindle speed that acts, as the drive reports it", "rpm"),
+        output("process_torque_nm", "Torque of the tool on the copper", "N m"),
+        output("friction_torque_nm", "Friction of motor and transmission", "N m"),
+        output("power_kw", "Power of the process", "kW"),
+        output("copper_temperature_c", "Temperature of the copper about the stir zone", "degC"),
         *(parameter(specs[name], chosen[name], fixed=True) for name in _FIXED),
         *(parameter(specs[name], chosen[name]) for name in _TUNABLE),
     ]

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+from fsw_decentral import library as decentral
+from fsw_nmpc import library as nmpc
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +56,13 @@ _INPUTS = (
     Signal("reference_temperature_c", "real", "degC", "temperature set-point; NaN: unchanged"),
     Signal("dt_s", "real", "s", "time since the last tick, normally 0.1"),
 )
-_APPLIED = "5 applied command more than a move outside the bounds"
-_NMPC_REASONS = f"0 proposing, 1 waits for sensors, 2 waits for set-points, 3 no solution, 4 blind, {_APPLIED}"
-_DECENTRAL_REASONS = f"0 proposing, 1 no depth, 2 no torque, 3 no temperature, 4 samples beyond all range, {_APPLIED}"
+
+
+def _listed(values: Any, separator: str = ", ") -> str:
+    """The values of an enumeration of the C header."""
+    return separator.join(f"{one.value} {one.name.lower().replace('_', ' ')}" for one in values)
+
+
 _COMMAND = (
     Signal("force_kn", "real", "kN", "proposed force set-point, within a move of the applied one"),
     Signal("speed_rpm", "real", "rpm", "proposed speed set-point, within a move of the applied one"),
@@ -76,14 +84,9 @@ NMPC_INPUTS = (
 )
 NMPC_OUTPUTS = (
     *_COMMAND,
-    Signal("reason", "int", "", _NMPC_REASONS),
-    Signal("blind", "int", "", "sensors missing for too long: 1 depth + 2 torque + 4 temperature"),
-    Signal(
-        "solve_status",
-        "int",
-        "",
-        "0 solved, 1 iteration cap, 2 not finite, 3 too fast, 4 outside bounds, 5 none",
-    ),
+    Signal("reason", "int", "", _listed(nmpc.Reason)),
+    Signal("blind", "int", "", f"sensors missing for too long: {_listed(nmpc.Missing, ' + ')}"),
+    Signal("solve_status", "int", "", _listed(nmpc.SolveStatus)),
     Signal("iterations", "int", "", "iterations of the solver"),
     Signal("estimated_depth_mm", "real", "mm", "what the depth sensor should show", "depth_mm"),
     Signal("estimated_temperature_c", "real", "degC", "what the thermocouple should show", "temperature_c"),
@@ -104,8 +107,8 @@ DECENTRAL_INPUTS = (
 )
 DECENTRAL_OUTPUTS = (
     *_COMMAND,
-    Signal("reason", "int", "", _DECENTRAL_REASONS),
-    Signal("active_limits", "int", "", "1 force min + 2 max + 4 speed min + 8 max + 16 force rate + 32 speed rate"),
+    Signal("reason", "int", "", _listed(decentral.Reason)),
+    Signal("active_limits", "int", "", _listed(decentral.Limit, " + ")),
     Signal("filtered_depth_mm", "real", "mm", "measured depth behind its filter", "depth_mm"),
     Signal("filtered_temperature_c", "real", "degC", "measured temperature behind its filter", "temperature_c"),
     Signal("process_torque_nm", "real", "N m", "measured torque less friction, filtered", "torque_nm"),

@@ -7,13 +7,10 @@ from math import inf, nan
 
 import pytest
 
-from fsw_control.c_library import compiler
-from fsw_decentral import DecentralController
-from fsw_export.c_folder import FLAGS, fill
-from fsw_export.sources import sources_of
+from fsw_export.signals import DECENTRAL_INPUTS, NMPC_INPUTS
 from fsw_export.vectors import csv_text
-from fsw_nmpc import NmpcController
-from fsw_test_support.c_code import SANITIZE, has_sanitizers
+from fsw_test_support.c_code import SANITIZE, compile_c, has_sanitizers
+from fsw_test_support.exports import c_folder, c_objects
 
 SANE = {"depth_mm": 2.66, "torque_nm": 1052.0, "temperature_c": 816.4, "reference_depth_mm": 2.7, "dt_s": 0.1}
 SANE |= {"reference_temperature_c": 818.0, "acting_force_kn": 78.4, "acting_speed_rpm": 407.6}
@@ -36,17 +33,18 @@ def rows(signals, rng):
 
 @pytest.mark.requirement("S31")
 @pytest.mark.slow
+@pytest.mark.parametrize("checks", [(), pytest.param(SANITIZE, marks=pytest.mark.full)], ids=["plain", "sanitizers"])
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
-def test_whatever_comes_the_command_is_inside_the_bounds(name, tmp_path):
-    made = sources_of({"nmpc": NmpcController, "decentral": DecentralController}[name]())
-    folder = tmp_path / "export"
-    fill(folder, made, {})
+def test_whatever_comes_the_command_is_inside_the_bounds(name, checks, tmp_path, tmp_path_factory):
+    if checks and not has_sanitizers(tmp_path):
+        pytest.skip("this compiler has no sanitizers")
+    folder, objects = c_folder(tmp_path_factory, name), c_objects(tmp_path_factory, name, *checks)
+    inputs = {"nmpc": NMPC_INPUTS, "decentral": DECENTRAL_INPUTS}[name]
     ticks = tmp_path / "ticks.csv"
-    ticks.write_text(csv_text(made.inputs, list(rows(made.inputs, random.Random(5)))), encoding="utf-8")
-    files = [str(folder / "main.c"), *map(str, (folder / "src").glob("*.c"))]
-    checks = SANITIZE if has_sanitizers(tmp_path) else ()
-    command = [*compiler(), *FLAGS, *checks, "-I", str(folder), "-I", str(folder / "src"), *files]
-    subprocess.run([*command, "-o", str(tmp_path / "run"), "-lm"], check=True)
+    ticks.write_text(csv_text(inputs, list(rows(inputs, random.Random(5)))), encoding="utf-8")
+    options = [*checks, "-I", str(folder), "-I", str(folder / "src"), str(folder / "main.c"), *objects]
+    built = compile_c([*options, "-o", str(tmp_path / "run"), "-lm"])
+    assert built.returncode == 0, built.stderr
     ran = subprocess.run([str(tmp_path / "run"), str(ticks)], capture_output=True, text=True, check=True, timeout=100)
     told = list(csv.DictReader(ran.stdout.splitlines()))
     assert len(told) == 600

@@ -33,7 +33,7 @@ _LEVELS = {"warn": ("medium", "warning"), "trip": ("high", "tripped")}
 #: by kind: priority, what is wrong, what to do
 _TEXTS: dict[str, tuple[str, str, str]] = {
     "measurements": ("high", "No measurements: {why}", "Check plant or gateway; be ready to stop at the machine"),
-    "supervisor": ("high", "No supervisor: nobody commands", "Start one; the drives hold, then go to safe values"),
+    "supervisor": ("high", "No supervisor: no commands", "Start one; the drives hold, then go to safe values"),
     "safe_stop": (
         "high",
         "Safe stop: {why}",

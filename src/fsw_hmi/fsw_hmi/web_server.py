@@ -74,7 +74,7 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
     """The application with these routes, behind the checks of host and origin.
 
     ``hosts`` are names and addresses under which the page may be asked for, without port, beside those of this
-    computer: a page of strangers may let its own name point here (DNS rebinding).
+    computer: a foreign page may let its own name point here (DNS rebinding).
     """
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]

@@ -90,7 +90,7 @@ def at_rest(p: ModelParameters, segment: Segment) -> FloatArray:
 
 @pytest.mark.parametrize("dead_time_s", [0.1, 1.0, 2.4444])
 def test_simulation_is_that_of_the_model(dead_time_s: float) -> None:
-    p = replace(OTHER, dead_time_s=dead_time_s)
+    p = OTHER.changed(dead_time_s=dead_time_s)
     segment = only(weld(p, 60.0, noise=0.0))
     difference = np.abs(simulate(p, segment, at_rest(p, segment)).outputs - segment.measured).max(axis=0)
     assert np.all(difference < [2e-5, 5e-3, 0.05])
@@ -103,7 +103,7 @@ def test_slopes_are_those_of_the_simulation() -> None:
     for i, name in enumerate(CANDIDATES):
         shift = 1e-5 * getattr(OTHER, name)
         high, low = (
-            simulate(replace(OTHER, **{name: getattr(OTHER, name) + sign * shift}), segment, nuisance).outputs
+            simulate(OTHER.changed(**{name: getattr(OTHER, name) + sign * shift}), segment, nuisance).outputs
             for sign in (1.0, -1.0)
         )
         expected = (high - low) / (2.0 * shift)

@@ -76,8 +76,8 @@ class Gateway:
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
     drives report: in that cycle the set-points in force, which a command is compared with, and not what a load cell
-    sees besides. So the first command is no bump. While commands do not arrive the drives are not reported: they do
-    not follow, and that must not be taken for something that pushes them besides.
+    measures. So the first command is no bump. While commands do not arrive the drives are not reported: they do
+    not follow, and that must not be taken for an external disturbance.
 
     Every command that is written is inside the bounds and within one move of what the machine has: the set-points it
     shows, or, for the one cycle in which it may not show it yet, the last write that it acknowledged. While it is not

@@ -35,11 +35,11 @@ from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldComman
 
 try:
     from fsw_machine import certificates
-    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Standing, Written, password
+    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
     sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
 
-_PATROL_S = 0.2
+_CHECK_S = 0.2
 _REPORT_S = 1.0
 
 
@@ -61,9 +61,9 @@ class MachineNode(Node):
         self._gateway = Gateway(self._machine, values)
         self._events: deque[Event] = deque()
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
-        self._standing_s = self._longest_write_s = 0.0
+        self._stalled_s = self._longest_write_s = 0.0
         self._reported = (0, 0)
-        self._told: dict[str, tuple[bytes, str]] = {}
+        self._logged: dict[str, tuple[bytes, str]] = {}
         self._refused = ""
         self._open_topics()
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
@@ -73,7 +73,7 @@ class MachineNode(Node):
         self._settings.on_change(self._configure)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_PATROL_S, self._writers.look, clock=steady)
+        self.create_timer(_CHECK_S, self._writers.look, clock=steady)
         self.create_timer(_REPORT_S, self._report, clock=steady)
         self._link = MachineLink(self._machine, _link_settings(values), self._deliver)
         self._link.start()
@@ -113,12 +113,12 @@ class MachineNode(Node):
     def _on_event(self, event: Event) -> None:
         gateway = self._gateway
         if isinstance(event, CycleRead):
-            standing, self._standing_s = self._standing_s, 0.0
+            stalled, self._stalled_s = self._stalled_s, 0.0
             permissive, joined = gateway.permissive, gateway.joined
             publication = gateway.on_read(event)
             if publication is not None:
                 self._publish(publication)
-            if standing or (permissive, joined) != (gateway.permissive, gateway.joined):
+            if stalled or (permissive, joined) != (gateway.permissive, gateway.joined):
                 self._report()
         elif isinstance(event, Written):
             waiting = gateway.on_written(event.order, event.failure, time.monotonic())
@@ -128,7 +128,7 @@ class MachineNode(Node):
             if event.failure:
                 self.get_logger().error(f"command not taken: {event.failure}", throttle_duration_sec=1.0)
         elif isinstance(event, Connected):
-            self._attempts, self._standing_s = 0, 0.0
+            self._attempts, self._stalled_s = 0, 0.0
             gateway.on_connected()
             self._report()
         elif isinstance(event, Lost):
@@ -137,8 +137,8 @@ class MachineNode(Node):
             self._lost, self._retry_s = event.reason, event.retry_s
             gateway.on_lost()
             self._report()
-        elif isinstance(event, Standing):
-            self._standing_s = event.age_s
+        elif isinstance(event, Stalled):
+            self._stalled_s = event.age_s
             self._report()
 
     def _publish(self, out: Publication) -> None:
@@ -182,15 +182,15 @@ class MachineNode(Node):
             reports.connection(
                 self._machine.endpoint, gateway.connected, self._lost, self._losses, self._attempts, self._retry_s
             ),
-            reports.machine(gateway, self._standing_s, self._link.tracker.skipped, self._link.tracker.restarts),
+            reports.machine(gateway, self._stalled_s, self._link.tracker.skipped, self._link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
             commands_report(gateway.gate, refused, self._writers.names),
             reports.writes(gateway, failed, longest_s),
         ]
         self._diagnostics.publish(lines, self._guard.hardware_id)
         for line in lines:
-            if line.part in ("connection", "machine") and self._told.get(line.part) != (line.level, _kind(line.text)):
-                self._told[line.part] = (line.level, _kind(line.text))
+            if line.part in ("connection", "machine") and self._logged.get(line.part) != (line.level, _kind(line.text)):
+                self._logged[line.part] = (line.level, _kind(line.text))
                 log(self, line.level, f"{line.part}: {line.text}")
 
 

@@ -7,7 +7,6 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from fsw_control import c_library
 from fsw_model import nominal
 from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
 from fsw_nmpc.library import KERNEL, Library, Tables
@@ -161,27 +160,6 @@ def test_structs_are_those_of_the_header(tmp_path):
     """Sizes in Python and in C are equal, field by field offsets too."""
     check_layout(KERNEL, tmp_path)
     assert KERNEL.lib.fsw_nmpc_bytes() == KERNEL.ffi.sizeof("fsw_nmpc")
-
-
-@pytest.mark.slow
-def test_built_once_into_the_users_cache(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    built = KERNEL.build()
-    assert built.is_relative_to(tmp_path)
-    assert KERNEL.is_usable(built)
-    assert KERNEL.find() == built
-    (tmp_path / "broken.so").write_bytes(b"no library")
-    assert not KERNEL.is_usable(tmp_path / "broken.so")
-
-
-def test_without_a_compiler_the_error_says_what_to_do(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(c_library, "compiler", lambda: None)
-    with pytest.raises(RuntimeError, match="no C compiler found: install one, set CC, or 'pip install ziglang'"):
-        KERNEL.build()
-    monkeypatch.setattr(c_library, "compiler", lambda: ["false"])
-    with pytest.raises(RuntimeError, match="did not compile with false"):
-        KERNEL.build()
 
 
 @pytest.mark.slow

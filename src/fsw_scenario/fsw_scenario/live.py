@@ -39,7 +39,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
 
     def over() -> bool:
         nonlocal told
-        respawn.look()
+        respawn.update()
         if player.running or told:
             return False
         status = player.status()

@@ -17,9 +17,9 @@ from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import SetMode
 from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
+from fsw_supervisor.state_machine import Mode
 
 _TICKS_PER_REPORT = 10
-SAFE_STOP = "safe_stop"
 
 
 class ProgrammeServer:
@@ -103,7 +103,7 @@ class ProgrammeServer:
         return ok, f"{words}; {way}"
 
     def _on_supervisor(self, message: SupervisorState) -> None:
-        if message.actual_mode == SAFE_STOP and self._abort()[0]:
+        if message.actual_mode == Mode.SAFE_STOP and self._abort()[0]:
             self.stopped = f"safe stop by the supervisor: {message.reason}"
 
     def ask_safe_stop(self) -> None:
@@ -117,7 +117,8 @@ class ProgrammeServer:
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():
-            self._asked = self._set_mode.call_async(SetMode.Request(mode=SAFE_STOP, axial_force=nan, spindle_speed=nan))
+            request = SetMode.Request(mode=str(Mode.SAFE_STOP), axial_force=nan, spindle_speed=nan)
+            self._asked = self._set_mode.call_async(request)
         elif self._asked is None:
             self._node.get_logger().error(
                 "abort: no supervisor to ask for a safe stop; start one", throttle_duration_sec=1.0

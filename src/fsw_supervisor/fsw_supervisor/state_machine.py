@@ -135,6 +135,7 @@ class Machine:
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)
+        self._before_takeover = self._takeover = ""  # reason of the present state before the takeovers, and with them
 
     def advance(self, stamp_ns: int) -> None:
         """Go on to the next tick."""
@@ -216,7 +217,10 @@ class Machine:
         """Record that a standby leads from now on, in its present state, which nobody has acknowledged."""
         self.acknowledged = False
         self.slewing = self.settings.transition_ticks
-        self._note(f"{reason} ({self.reason})", "takeover", f"leads in {self.mode}")
+        if self.reason != self._takeover:
+            self._before_takeover = self.reason
+        self._takeover = f"{reason} ({self._before_takeover})"
+        self._note(self._takeover, "takeover", f"leads in {self.mode}")
 
     def explain(self, reason: str) -> None:
         """Say why the present state lasts."""

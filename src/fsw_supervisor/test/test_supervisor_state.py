@@ -191,6 +191,18 @@ def test_a_standby_that_leads_tells_so_and_slews(machine):
     assert machine.events[-1].text == f"leads in auto: {machine.reason}"
 
 
+def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other_again_and_again(machine):
+    machine.mirror("hold")
+    machine.lead("took over: 2 ticks went unanswered")
+    for _ in range(3):
+        machine.mirror("hold")
+        machine.lead("took over: 3 ticks went unanswered")
+    assert machine.reason == "took over: 3 ticks went unanswered (as the leading supervisor: hold)"
+    machine.mirror("nmpc")
+    machine.lead("took over: 2 ticks went unanswered")
+    assert machine.reason == "took over: 2 ticks went unanswered (as the leading supervisor: nmpc)"
+
+
 # ---------------------------------------------------------------- settings
 
 

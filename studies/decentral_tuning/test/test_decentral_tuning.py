@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -28,7 +27,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["--check", "--json", str(file)]) == 0
     written = json.loads(file.read_text(encoding="utf-8"))
-    assert written["tight"]["gains"] == asdict(tunings()["tight"])
+    assert written["tight"]["gains"] == dict(tunings()["tight"])
     assert written["tight"]["figures"]["tracking_iae_depth_mm_s"] == pytest.approx(
         errors(tunings()["tight"])["tracking_iae_depth_mm_s"]
     )
@@ -39,7 +38,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     ("arguments", "code", "said"),
     [
         (["--model", "missing.yaml"], 1, "missing.yaml"),
-        (["--model", "bad.yaml"], 1, "unknown model parameter"),
+        (["--model", "bad.yaml"], 1, "warmth is an unknown key"),
         (["--json", "bad.yaml"], 1, "bad.yaml exists"),
         (["--evaluations", "many"], 2, "many"),
         (["--tuning", "loose"], 2, "loose"),

@@ -89,6 +89,20 @@ static void write_row(void) {
   for (size_t i = 0; i < COUNT(OUTPUTS); i++) printf(i ? ",%.17g" : "%.17g", get(&output, &OUTPUTS[i]));
 }
 
+/* How many outputs differ from the values; complains about each. */
+static int compare_row(long row, double *largest, int complain) {
+  int wrong = 0;
+  for (size_t i = 0; i < COUNT(OUTPUTS); i++) {
+    const double value = get(&output, &OUTPUTS[i]), off = fabs(value - values[i]);
+    if (off > *largest) *largest = off;
+    if (!differ(value, values[i])) continue;
+    wrong++;
+    if (complain)
+      fprintf(stderr, "line %ld: %s is %.17g, expected %.17g\n", row + 1, OUTPUTS[i].name, value, values[i]);
+  }
+  return wrong;
+}
+
 static int run(FILE *ticks, FILE *expected) {
   double largest = 0.0;
   long row = 0;
@@ -133,13 +147,7 @@ static int run(FILE *ticks, FILE *expected) {
       fprintf(stderr, "expected: line %ld is missing or wrong\n", row + 1);
       return 2;
     }
-    for (size_t i = 0; i < COUNT(OUTPUTS); i++) {
-      const double value = get(&output, &OUTPUTS[i]), off = fabs(value - values[i]);
-      if (off > largest) largest = off;
-      if (!differ(value, values[i])) continue;
-      if (wrong++ < 5)
-        fprintf(stderr, "line %ld: %s is %.17g, expected %.17g\n", row + 1, OUTPUTS[i].name, value, values[i]);
-    }
+    wrong += compare_row(row, &largest, wrong < 5);
   }
   if (status < 0) {
     fprintf(stderr, "ticks: line %ld is wrong\n", row + 2);

@@ -18,106 +18,115 @@ static void torque_row(fsw_torque t, const double *count, const double *dz, int 
   }
 }
 
+/* What is carried along the horizon; its sensitivities are in the path. */
+typedef struct { double creep, slow, copper, tool, motor, force, speed; } fsw_point;
+
+/* Depth (27) and its sensitivities; the fast mode has settled. */
+static double depth_of(const fsw_nmpc_model *m, const fsw_point *z, double pushed, int width, fsw_path *p) {
+  const double softening = 1.0 + m->softening_per_c * z->tool;
+  const double moved = m->operating_depth_mm + z->creep + z->slow + m->fast_gain * pushed;
+  for (int j = 0; j < width; j += 2) {
+    p->d_depth[j] = softening * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
+                    m->softening_per_c * moved * p->d_tool[j];
+    p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
+  }
+  return moved * softening;
+}
+
+/* Depth over force (17), exact over the step. */
+static void step_depth(const double *mode, double pushed, int width, fsw_point *z, fsw_path *p) {
+  const double creep_gain = mode[0], slow_decay = mode[1], slow_gain = mode[2];
+  z->creep += creep_gain * pushed;
+  z->slow = slow_decay * z->slow + slow_gain * pushed;
+  for (int j = 0; j < width; j += 2) {
+    const double n = p->count[j >> 1];
+    p->d_creep[j] += creep_gain * n;
+    p->d_slow[j] = slow_decay * p->d_slow[j] + slow_gain * n;
+  }
+}
+
+/* Copper and tool (16), driven by the power of one dead time ago. */
+static void step_heat(const fsw_nmpc_model *m, const fsw_start *s, int k, int width, fsw_point *z, fsw_path *p) {
+  const double *mode = m->modes + k * FSW_MODES;
+  z->tool = mode[6] * z->copper + mode[7] * z->tool + mode[9] * s->heat_offset_kw;
+  z->copper = mode[5] * z->copper + mode[8] * s->heat_offset_kw;
+  for (int j = 0; j < width; j++) {
+    p->d_tool[j] = mode[6] * p->d_copper[j] + mode[7] * p->d_tool[j];
+    p->d_copper[j] = mode[5] * p->d_copper[j];
+  }
+  for (int e = m->weight_start[k]; e < m->weight_start[k + 1]; e++) {
+    const double *g = m->weight + 6 * e;
+    const int segment = m->weight_segment[e] - m->n_history;
+    const double *power = segment < 0 ? s->history + 3 * m->weight_segment[e] : p->power[segment];
+    z->copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
+    z->tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
+    if (segment < 0) continue;
+    const double *restrict d0 = p->d_power[segment][0], *restrict d1 = p->d_power[segment][1];
+    const double *restrict d2 = p->d_power[segment][2];
+    double *restrict d_copper = p->d_copper, *restrict d_tool = p->d_tool;
+    for (int j = 0; j < p->width[segment]; j++) {
+      d_copper[j] += g[0] * d0[j] + g[1] * d1[j] + g[2] * d2[j];
+      d_tool[j] += g[3] * d0[j] + g[4] * d1[j] + g[5] * d2[j];
+    }
+  }
+}
+
+/* Motor torque (18) and power (24), with the process torque at both ends of the step. */
+static void step_power(const fsw_nmpc_model *m, const fsw_start *s, int k, double left, double right, fsw_point *z,
+                       fsw_path *p) {
+  const double motor_decay = m->modes[k * FSW_MODES + 3], lag = m->modes[k * FSW_MODES + 4];
+  const double turning = z->speed + s->speed_offset_rpm, friction = fsw_friction(m, turning);
+  const double by_speed = m->friction[1] + 2.0 * m->friction[2] * turning;
+  const double rise = right - left, start = left - lag * rise;
+  const double rest = z->motor - friction - start, kw = FSW_KW_PER_NM_RPM * turning;
+  double *restrict p0 = p->d_power[k][0], *restrict p1 = p->d_power[k][1], *restrict p2 = p->d_power[k][2];
+  p->power[k][0] = kw * start - m->operating_power_kw;
+  p->power[k][1] = kw * rise;
+  p->power[k][2] = kw * rest;
+  for (int j = 0; j < p->width[k]; j++) {
+    const double n = j & 1 ? p->count[j >> 1] : 0.0; /* how the speed moves */
+    const double d_rise = p->d_right[j] - p->d_left[j], d_start = p->d_left[j] - lag * d_rise;
+    const double d_rest = p->d_motor[j] - by_speed * n - d_start;
+    p0[j] = kw * d_start + FSW_KW_PER_NM_RPM * start * n;
+    p1[j] = kw * d_rise + FSW_KW_PER_NM_RPM * rise * n;
+    p2[j] = kw * d_rest + FSW_KW_PER_NM_RPM * rest * n;
+    p->d_motor[j] = d_start + d_rise + by_speed * n + motor_decay * d_rest;
+  }
+  z->motor = start + rise + friction + motor_decay * rest;
+}
+
 int fsw_predict_into(const fsw_nmpc_model *m, const fsw_start *s, const double *v, fsw_workspace *w) {
   fsw_path *p = &w->scratch.path;
-  const int nv = 2 * m->n_blocks;
-  double creep = s->x[0], slow = s->x[1], copper = s->x[2], tool = s->x[3], motor = s->x[4];
-  double force = s->force_kn, speed = s->speed_rpm, depth = 0.0, sum = 0.0;
+  fsw_point z = {s->x[0], s->x[1], s->x[2], s->x[3], s->x[4], s->force_kn, s->speed_rpm};
+  double sum = 0.0;
   int interval = -1, out = 0;
-  for (int j = 0; j < nv; j++) {
+  for (int j = 0; j < 2 * m->n_blocks; j++) {
     p->d_creep[j] = p->d_slow[j] = p->d_copper[j] = p->d_tool[j] = p->d_motor[j] = p->d_depth[j] = 0.0;
     p->count[j >> 1] = 0.0;
   }
   for (int k = 0; k < m->n_steps; k++) {
-    const double *mode = m->modes + k * FSW_MODES;
-    const double creep_gain = mode[0], slow_decay = mode[1], slow_gain = mode[2], motor_decay = mode[3], lag = mode[4];
     if (m->step_interval[k] != interval) {
       interval = m->step_interval[k];
       const int block = m->interval_block[interval];
       p->count[block] += 1.0;
-      force += v[2 * block];
-      speed += v[2 * block + 1];
+      z.force += v[2 * block];
+      z.speed += v[2 * block + 1];
     }
     const int width = p->width[k] = 2 * (m->interval_block[interval] + 1);
-    const double acting = force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
-    const double softening = 1.0 + m->softening_per_c * tool;
-    double moved = m->operating_depth_mm + creep + slow + m->fast_gain * pushed;
-    for (int j = 0; j < width; j += 2) { /* depth right after the move: the fast mode has settled */
-      p->d_depth[j] = softening * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
-                      m->softening_per_c * moved * p->d_tool[j];
-      p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
-    }
-    depth = moved * softening;
-    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth);
+    const double acting = z.force + s->force_offset_kn, pushed = acting - m->operating_force_kn;
+    const fsw_torque left = scaled_torque(m, s->torque_scale, acting, depth_of(m, &z, pushed, width, p));
     torque_row(left, p->count, p->d_depth, width, p->d_left);
-
-    /* depth over force (17), exact over the step */
-    creep += creep_gain * pushed;
-    slow = slow_decay * slow + slow_gain * pushed;
-    for (int j = 0; j < width; j += 2) {
-      const double n = p->count[j >> 1];
-      p->d_creep[j] += creep_gain * n;
-      p->d_slow[j] = slow_decay * p->d_slow[j] + slow_gain * n;
-    }
-    /* copper and tool (16), driven by the power of one dead time ago */
-    tool = mode[6] * copper + mode[7] * tool + mode[9] * s->heat_offset_kw;
-    copper = mode[5] * copper + mode[8] * s->heat_offset_kw;
-    for (int j = 0; j < width; j++) {
-      p->d_tool[j] = mode[6] * p->d_copper[j] + mode[7] * p->d_tool[j];
-      p->d_copper[j] = mode[5] * p->d_copper[j];
-    }
-    for (int e = m->weight_start[k]; e < m->weight_start[k + 1]; e++) {
-      const double *g = m->weight + 6 * e;
-      const int segment = m->weight_segment[e] - m->n_history;
-      const double *power =
-          segment < 0 ? s->history + 3 * m->weight_segment[e] : p->power[segment];
-      copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
-      tool += g[3] * power[0] + g[4] * power[1] + g[5] * power[2];
-      if (segment < 0) continue;
-      const double *restrict d0 = p->d_power[segment][0], *restrict d1 = p->d_power[segment][1];
-      const double *restrict d2 = p->d_power[segment][2];
-      double *restrict d_copper = p->d_copper, *restrict d_tool = p->d_tool;
-      for (int j = 0; j < p->width[segment]; j++) {
-        d_copper[j] += g[0] * d0[j] + g[1] * d1[j] + g[2] * d2[j];
-        d_tool[j] += g[3] * d0[j] + g[4] * d1[j] + g[5] * d2[j];
-      }
-    }
-    /* depth (27) and torque at the end of the step */
-    const double soft_end = 1.0 + m->softening_per_c * tool;
-    moved = m->operating_depth_mm + creep + slow + m->fast_gain * pushed;
-    depth = moved * soft_end;
-    for (int j = 0; j < width; j += 2) {
-      p->d_depth[j] = soft_end * (p->d_creep[j] + p->d_slow[j] + m->fast_gain * p->count[j >> 1]) +
-                      m->softening_per_c * moved * p->d_tool[j];
-      p->d_depth[j + 1] = m->softening_per_c * moved * p->d_tool[j + 1];
-    }
+    step_depth(m->modes + k * FSW_MODES, pushed, width, &z, p);
+    step_heat(m, s, k, width, &z, p);
+    const double depth = depth_of(m, &z, pushed, width, p);
     const fsw_torque right = scaled_torque(m, s->torque_scale, acting, depth);
     torque_row(right, p->count, p->d_depth, width, p->d_right);
-
-    /* motor torque (18) and power (24) */
-    const double turning = speed + s->speed_offset_rpm, friction = fsw_friction(m, turning);
-    const double by_speed = m->friction[1] + 2.0 * m->friction[2] * turning;
-    const double rise = right.value - left.value, start = left.value - lag * rise;
-    const double rest = motor - friction - start, kw = FSW_KW_PER_NM_RPM * turning;
-    double *restrict p0 = p->d_power[k][0], *restrict p1 = p->d_power[k][1], *restrict p2 = p->d_power[k][2];
-    p->power[k][0] = kw * start - m->operating_power_kw;
-    p->power[k][1] = kw * rise;
-    p->power[k][2] = kw * rest;
-    for (int j = 0; j < width; j++) {
-      const double n = j & 1 ? p->count[j >> 1] : 0.0; /* how the speed moves */
-      const double d_rise = p->d_right[j] - p->d_left[j], d_start = p->d_left[j] - lag * d_rise;
-      const double d_rest = p->d_motor[j] - by_speed * n - d_start;
-      p0[j] = kw * d_start + FSW_KW_PER_NM_RPM * start * n;
-      p1[j] = kw * d_rise + FSW_KW_PER_NM_RPM * rise * n;
-      p2[j] = kw * d_rest + FSW_KW_PER_NM_RPM * rest * n;
-      p->d_motor[j] = d_start + d_rise + by_speed * n + motor_decay * d_rest;
-    }
-    motor = start + rise + friction + motor_decay * rest;
-    sum += depth + tool + motor + p->power[k][0] + p->power[k][1] + p->power[k][2];
+    step_power(m, s, k, left.value, right.value, &z, p);
+    sum += depth + z.tool + z.motor + p->power[k][0] + p->power[k][1] + p->power[k][2];
     while (out < m->n_out && m->out_step[out] == k) {
       const int below = m->n_out + out;
       w->output[out] = depth + s->depth_offset_mm;
-      w->output[below] = m->operating_temperature_c + tool + s->temp_offset_c;
+      w->output[below] = m->operating_temperature_c + z.tool + s->temp_offset_c;
       for (int j = 0; j < m->depth_width[out]; j++) w->by[out][j] = p->d_depth[j];
       for (int j = 0; j < m->temperature_width[out]; j++) w->by[below][j] = p->d_tool[j];
       out++;

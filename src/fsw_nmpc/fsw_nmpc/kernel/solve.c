@@ -148,10 +148,8 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
   return gap;
 }
 
-/* Newton direction for a centring target mu; `second` (0 to 1) is the share of the second-order terms
- * of the direction held now.
- * Returns the longest step that keeps everything positive, and the complementarity at its end. */
-static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
+/* Right-hand side of the condensed system, into w->step. */
+static void condense(fsw_workspace *w, double mu, double second) {
   const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;
@@ -177,9 +175,14 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
     x[j] = h->work[nv + j] - h->work[j] - w->dual[j];
   }
   for (int k = 0; k < w->n_moves; k++) x[w->move[k]] -= f->work[2 * n_rows + k];
-  fsw_add_transposed(w, w->row_force, w->input_force, x);
-  fsw_substitute(w, x);
-  fsw_row_products(w, x, w->change, w->input_change);
+}
+
+/* Steps of slacks and duals from that of the moves; work: the share of each that the step takes away. */
+static void expand(fsw_workspace *w) {
+  const int n = n_soft(w), nv = w->nv, n_rows = w->n_soft_rows;
+  const double *x = w->step;
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
   for (int k = 0; k < n_rows; k++) {
     f->work[k] = w->change[w->soft_row[k]];
     f->work[n_rows + k] = -f->work[k];
@@ -210,6 +213,20 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
     h->ds[k] = ds;
     h->work[k] = by_s > by_lambda ? by_s : by_lambda;
   }
+}
+
+/* Newton direction for a centring target mu; `second` (0 to 1) is the share of the second-order terms
+ * of the direction held now.
+ * Returns the longest step that keeps everything positive, and the complementarity at its end. */
+static double direction(fsw_workspace *w, double mu, double second, double *gap_there) {
+  const int n = n_soft(w), nv = w->nv;
+  fsw_soft *f = &w->soft;
+  fsw_hard *h = &w->hard;
+  condense(w, mu, second);
+  fsw_add_transposed(w, w->row_force, w->input_force, w->step);
+  fsw_substitute(w, w->step);
+  fsw_row_products(w, w->step, w->change, w->input_change);
+  expand(w);
   const double soft_ratio = largest_of(f->work, n), hard_ratio = largest_of(h->work, 4 * nv);
   const double ratio = soft_ratio > hard_ratio ? soft_ratio : hard_ratio;
   const double alpha = ratio > 1.0 ? 1.0 / ratio : 1.0;
