@@ -35,9 +35,9 @@ from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED
-from fsw_machine import machine_server
 from fsw_msgs.msg import WeldReference
 from fsw_scenario.launcher import Launcher
+from fsw_test_support import machine_server
 
 NODES = {
     "gateway": "fsw_machine.machine_node",
@@ -51,7 +51,7 @@ WARM_UP, AT_THE_END = 50, 30
 
 def machine_file(folder: Path, secure: bool) -> Path:
     """The shipped machine file for a free port, with certificates of its own if wanted."""
-    shipped = Path(machine_server.__file__).with_name("machine.yaml")
+    shipped = machine_server.MACHINE_FILE
     content = yaml.safe_load(shipped.read_text(encoding="utf-8"))
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))

@@ -24,14 +24,13 @@ from fsw_control import weld
 from fsw_control.contract import Command, Reference
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS
-from fsw_machine import machine_server
-from fsw_machine.machine_server import moves_between
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SupervisorState, WeldCommand, WeldReference
 from fsw_msgs.srv import SetMode
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.machine import Proxy, free_port, write_machine_file
+from fsw_test_support.machine_server import MACHINE_FILE, moves_between
 from fsw_test_support.ros_graph import Spinner
 
 _CONTROL = {
@@ -44,7 +43,7 @@ _CONTROL = {
 }
 #: by part, the module whose ``main`` it is
 EMULATOR = {"plant": "fsw_plant.plant_node", **_CONTROL}
-MACHINE = {"machine": "fsw_machine.machine_server", "gateway": "fsw_machine.machine_node", **_CONTROL}
+MACHINE = {"machine": "fsw_test_support.machine_server", "gateway": "fsw_machine.machine_node", **_CONTROL}
 SUPERVISOR = (
     *("controller:=nmpc", "fallbacks:=[decentral, nmpc]", "readmit_ticks:=10", "return_to_target:=true"),
     *(f"interlocks.temperature_{name}" for name in ("low.warn:=210.0", "low.trip:=200.0", "high.trip:=1000.0")),
@@ -92,7 +91,7 @@ class FaultyGraph(Spinner):
     def __enter__(self) -> FaultyGraph:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self.has_machine:
-            text = (Path(machine_server.__file__).with_name("machine.yaml")).read_text(encoding="utf-8")
+            text = MACHINE_FILE.read_text(encoding="utf-8")
             port = free_port()
             self._server_file = write_machine_file(self._folder / "server.yaml", port, text)
             self._proxy = Proxy(port)
@@ -148,7 +147,7 @@ class FaultyGraph(Spinner):
         codes = self._launcher.stop()
         for name, code in codes.items():
             if code:
-                print(f"{name} has ended with {code}: {self._launcher.children[name].last_words()}", flush=True)
+                print(f"{name} has ended with {code}: {self._launcher.children[name].last_lines()}", flush=True)
         return codes
 
     def start_over(self, patience_s: float) -> bool:

@@ -18,7 +18,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from itertools import takewhile
 from operator import attrgetter
 from pathlib import Path
@@ -37,14 +36,16 @@ from mkdocs.structure.files import File
 
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
+from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
 from fsw_control.ranges import Range
 from fsw_control.schema import Model, json_schema
 from fsw_hmi.main import parser as hmi_parser
-from fsw_model import nominal
+from fsw_machine.machine_file import MachineFile
+from fsw_model import ModelParameters, nominal
 from fsw_nmpc.tuning import EstimatorTuning, Tuning
 from fsw_scenario import scenario_file
-from fsw_scenario.scenario_file import ScenarioFile
+from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
 
@@ -130,10 +131,10 @@ def tuning_file() -> str:
     )
 
 
-def attributes(kind: type) -> dict[str, str]:
-    """What the docstring of a dataclass says of each field; its first line where it says nothing."""
+def attributes(kind: type[Model]) -> dict[str, str]:
+    """What the docstring of a model says of each field; its first line where it says nothing."""
     summary = (kind.__doc__ or "").split("\n")[0]
-    found = {field.name: "" for field in fields(kind)}
+    found = dict.fromkeys(kind.model_fields, "")
     names: list[str] = []
     for line in (kind.__doc__ or "").splitlines():
         head = re.fullmatch(r"    (\w+(?:, \w+)*) : .*", line)
@@ -204,7 +205,7 @@ def scenarios() -> str:
     lines = [
         "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
         "editors: [scenario.schema.json](scenario.schema.json).",
-        *model_tables(ScenarioFile),
+        *model_tables(Scenario),
         "",
         f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
         f"{CANISTER_DIAMETER_MM:g} mm.",
@@ -213,9 +214,19 @@ def scenarios() -> str:
     return page("Scenario files", *lines)
 
 
-def scenario_schema() -> str:
-    """JSON Schema of scenario files."""
-    return json.dumps({"title": "FSW scenario"} | json_schema(ScenarioFile), indent=2) + "\n"
+def json_schemas() -> dict[str, str]:
+    """A JSON Schema of each kind of file that users write, for editors."""
+    kinds: dict[str, type[Model]] = {
+        "scenario": Scenario,
+        "campaign": Campaign,
+        "machine": MachineFile,
+        "model": ModelParameters,
+        "tuning": Tuning,
+    }
+    return {
+        f"{name}.schema.json": json.dumps({"title": f"FSW {name}"} | json_schema(model), indent=2) + "\n"
+        for name, model in kinds.items()
+    }
 
 
 def command_line() -> dict[str, str]:
@@ -363,7 +374,7 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 def reference() -> dict[str, str]:
     """The generated files of the reference, by name."""
     pages = {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
-    return {f"{name}.md": text for name, text in pages.items()} | {"scenario.schema.json": scenario_schema()}
+    return {f"{name}.md": text for name, text in pages.items()} | json_schemas()
 
 
 def main() -> int:

@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("fsw_machine.machine_server", extras=("machine",))
+    start("fsw_test_support.machine_server", extras=("machine",))

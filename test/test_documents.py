@@ -17,7 +17,7 @@ import yaml
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_hmi.main import parser as hmi_parser
-from fsw_machine.machine_server import parser as machine_server_parser
+from fsw_test_support.machine_server import parser as machine_server_parser
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGES = [

@@ -19,12 +19,12 @@ PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw*/package.xml") if pa
 #: which packages of this project each may import, all of them above it in this list
 MAY_IMPORT = {
     "fsw_msgs": set(),
-    "fsw_model": set(),
     "fsw_control": {"fsw_msgs"},
+    "fsw_model": {"fsw_control"},
     "fsw_nmpc": {"fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_control"},
     "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_control", "fsw_plant", "fsw_msgs"},  # fsw_plant: for the machine to test with
+    "fsw_machine": {"fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
     "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
@@ -46,18 +46,18 @@ MAY_IMPORT = {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign", "fsw_msgs"),
     },
-    "fsw_bringup": {"fsw_scenario"},
+    "fsw_bringup": {"fsw_scenario", "fsw_control"},
 }
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
     "casadi": "casadi-pip",
     "cffi": "python3-cffi",
     "cryptography": "python3-cryptography",
+    "jinja2": "python3-jinja2",
     "lz4": "mcap-ros2-support",
     "matplotlib": "python3-matplotlib",
     "mcap": "mcap-ros2-support",
     "mcap_ros2": "mcap-ros2-support",
-    "jinja2": "python3-jinja2",
     "hypothesis": "python3-hypothesis",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
@@ -85,6 +85,7 @@ OPTIONAL = {
     "fsw_test_support",
     "dask",
     "distributed",
+    "markdown_it",
     "pyarrow",
     "fmpy",
     "asyncua",

@@ -15,13 +15,12 @@ setup(
     zip_safe=False,
     maintainer="FSW Control maintainers",
     maintainer_email="maintainers@fsw-control.invalid",
-    description="Gateway to a machine over OPC UA, in place of the plant emulator, and a machine to test it with.",
+    description="Gateway to a machine over OPC UA, in place of the plant emulator.",
     license="Apache-2.0",
     tests_require=["pytest"],
     entry_points={
         "console_scripts": [
             "machine = fsw_machine.machine_node:main",
-            "machine_server = fsw_machine.machine_server:main",
         ]
     },
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,9 +36,9 @@ def compare(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
     plant = {f"model.{name}": factor for name, factor in factors.items()}
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "model.yaml"
-        file.write_text(yaml.safe_dump(asdict(parameters)), encoding="utf-8")
+        file.write_text(yaml.safe_dump(dict(parameters)), encoding="utf-8")
         own: dict[str, dict[str, Any]] = {
-            f"decentral:{name}": asdict(tune(name, parameters, evaluations)) for name in NAMES
+            f"decentral:{name}": dict(tune(name, parameters, evaluations)) for name in NAMES
         }
         own[DEFAULT] = {"model_file": str(file)}
         return {

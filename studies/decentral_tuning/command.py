@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, fields
 from pathlib import Path
 
 import fsw_decentral
@@ -32,8 +31,8 @@ MISMATCH = {
 
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
-    rows = [[one.name, *(f"{getattr(gains, one.name):g}" for gains in sets.values())] for one in fields(Gains)]
-    print_table(rows, ["gain", *sets], numbers=True)
+    rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
+    print_table(rows, ["gain", *sets], words=1)
     figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
     rows = []
@@ -41,13 +40,13 @@ def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dic
         limits = {name: f" ({most[name][key]:g})" if key in most[name] else "" for name in sets}
         rows.append([key, *(f"{found[key]:.4g}{limits[name]}" for name, found in figures.items())])
     print()
-    print_table(rows, ["figure", *(f"{name} (most)" for name in sets)], numbers=True)
+    print_table(rows, ["figure", *(f"{name} (most)" for name in sets)], words=1)
     print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances")
     rows = []
     for label, factors in MISMATCH.items():
         other = parameters.scaled(**factors)
         rows.append([label, *(_on_other_process(gains, other) for gains in sets.values())])
-    print_table(rows, ["process", *sets], numbers=True)
+    print_table(rows, ["process", *sets], words=1)
     return figures
 
 
@@ -72,7 +71,7 @@ def as_yaml(sets: dict[str, Gains], figures: dict[str, dict[str, float]]) -> str
             f"moves by noise {found['noise_move_kn']:.3f} kN, {found['noise_move_rpm']:.2f} rpm"
         )
         lines.append(f"{name}:")
-        lines += [f"  {key}: {value!r}" for key, value in asdict(gains).items()]
+        lines += [f"  {key}: {value!r}" for key, value in dict(gains).items()]
     return "\n".join(lines) + "\n"
 
 
@@ -104,7 +103,7 @@ def _run(parsed: argparse.Namespace) -> int:
         with ProgressBar(f"tuning {name}") as bar:
             sets[name] = tune(name, parameters, parsed.evaluations, bar)
     figures = report(sets, parameters)
-    write_json(parsed.json, {name: {"gains": asdict(sets[name]), "figures": found} for name, found in figures.items()})
+    write_json(parsed.json, {name: {"gains": dict(sets[name]), "figures": found} for name, found in figures.items()})
     if parsed.write:
         write_text(Path(fsw_decentral.__file__).parent / "tunings.yaml", as_yaml(sets, figures))
     return 0

@@ -15,8 +15,8 @@ from machine_weld import GRAPH, MachineWeld
 
 from fsw_control import weld as weld_numbers
 from fsw_control.free_domain import free_domain
-from fsw_machine import machine_server
 from fsw_scenario.launcher import Launcher
+from fsw_test_support import machine_server
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
 from fsw_test_support.ros_graph import domain_id
 
@@ -204,5 +204,5 @@ def test_a_machine_file_that_is_wrong_is_refused_in_one_line(tmp_path, shipped_t
         child = launcher.children["gateway"]
         assert child.process.wait(30.0) == 2
         text = child.text().strip()
-        assert "nodes.depth.unit: 'inch' is no unit of length" in text and "\n" not in text
+        assert "nodes.depth.unit is 'inch'; one of mm" in text and "\n" not in text
         weld.close()

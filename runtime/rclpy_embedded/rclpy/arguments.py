@@ -1,7 +1,5 @@
 """ROS arguments on a command line: remapping, parameters, logging, enclave."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -120,7 +118,7 @@ def parse(argv: Sequence[str] | None = None) -> Arguments:
 
 
 def _matches(pattern: str, full_name: str) -> bool:
-    """Tell whether a pattern of a parameter file (``*`` one token, ``**`` any number) fits a node's full name."""
+    """Return whether a pattern of a parameter file (``*`` one token, ``**`` any number) fits a node's full name."""
     regex = re.escape("/" + pattern.lstrip("/")).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"(/\w+)")
     return re.fullmatch(regex, full_name, re.ASCII) is not None
 

@@ -16,7 +16,7 @@ from rclpy.impl import discovery
 from rclpy.impl.logging_output import system
 from rclpy.impl.session import Session
 
-_initialized: WeakSet[Context] = WeakSet()
+initialized: WeakSet[Context] = WeakSet()
 _default: Context | None = None
 default_lock = threading.RLock()
 
@@ -50,11 +50,11 @@ class Context:
             if self._session is not None:
                 raise RuntimeError("Context.init() must only be called once")
             self.arguments = parse(list(sys.argv) if args is None else list(args))
-            if initialize_logging and not _initialized:
+            if initialize_logging and not initialized:
                 system.configure(self.arguments)
             domain_id = discovery.domain_id() if domain_id is None else domain_id
             self._session = Session(domain_id, self.arguments.enclave or "/")
-            _initialized.add(self)
+            initialized.add(self)
 
     @property
     def session(self) -> Session:
@@ -99,8 +99,8 @@ class Context:
                 return False
             self._session.is_shut_down = True
             self._signaled = by_signal
-            _initialized.discard(self)
-            if not _initialized:
+            initialized.discard(self)
+            if not initialized:
                 system.finish()
             callbacks, self._callbacks = self._callbacks, []
         for entry in callbacks:
@@ -150,15 +150,3 @@ def get_default_context(*, shutting_down: bool = False) -> Context:
 def context_or_default(context: Context | None) -> Context:
     """Return the context, or the global one instead of None."""
     return get_default_context() if context is None else context
-
-
-def interrupt_all() -> None:
-    """Mark every context as interrupted. It takes no lock, so a signal handler may call it."""
-    for context in list(_initialized):
-        context._interrupted = True
-
-
-def shutdown_all() -> None:
-    """Shut down every context because of a signal."""
-    for context in list(_initialized):
-        context._shutdown(by_signal=True)

@@ -10,9 +10,10 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
+from rclpy.constants import INT64_MAX
 from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.impl.wait_set import ConditionSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
 
@@ -216,8 +217,7 @@ class Executor:
     ) -> tuple[Task, Any, Any]:
         """Wait for a callback; return the task that runs it, its entity and its node."""
         timeout_ns = timeout_sec_to_nsec(timeout_sec)
-        deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
-        remaining = LONGEST_WAIT_NS
+        deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
         looked = False
         while True:
             if self._is_shutdown:
@@ -227,10 +227,9 @@ class Executor:
             work = self._next(nodes)
             if work is not None:
                 return work
-            if deadline is not None:
-                remaining = max(0, deadline - time.monotonic_ns())
-                if looked and remaining == 0:
-                    raise TimeoutException()
+            remaining = max(0, deadline - time.monotonic_ns())
+            if looked and remaining == 0:
+                raise TimeoutException()
             looked = True
             try:
                 self._collect(remaining)
@@ -292,17 +291,17 @@ class Executor:
                 self._tasks = [task for task in self._tasks if not task.done()]
                 self._due = [task for task in self._tasks if task._resumable]
         self._ready.extend(timer for timer in self._timers if timer[0]._wait_ns() == 0)
-        found = 0
+        ready_readers = 0
         if triggered:
             for reader in self._readers:
                 if reader[0].condition.is_triggered():
                     self._ready.append(reader)
-                    found += 1
-                    if found == triggered:
+                    ready_readers += 1
+                    if ready_readers == triggered:
                         break
         self._ready.extend(guard for guard in self._guards if guard[0]._triggered)
         now = time.monotonic_ns()
-        if found < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
+        if ready_readers < triggered or now - self._events_seen_ns > _EVENT_PERIOD_NS:
             self._events_seen_ns = now
             self._ready.extendleft(event for event in self._events if event[0].is_ready())
         if now - self._tidied_ns > _TIDY_PERIOD_NS:

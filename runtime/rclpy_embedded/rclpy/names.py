@@ -99,9 +99,8 @@ def topic_name_error(name: str) -> NameError_:
 
 def _validate_topic(name: str, error: NameError_, is_service: bool) -> Literal[True]:
     if error:
-        raise (exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException)(
-            name, *error
-        )
+        kind = exceptions.InvalidServiceNameException if is_service else exceptions.InvalidTopicNameException
+        raise kind(name, *error)
     return True
 
 

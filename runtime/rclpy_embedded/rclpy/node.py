@@ -90,8 +90,8 @@ class Node(NodeEntities, NodeGraph, ParameterStore):
             ParameterEvent, "/parameter_events", qos_profile_parameter_events
         )
         if automatically_declare_parameters_from_overrides:
-            given = [(name, parameter.value, ParameterDescriptor()) for name, parameter in overrides.items()]
-            self.declare_parameters("", given, ignore_override=True)
+            declarations = [(name, parameter.value, ParameterDescriptor()) for name, parameter in overrides.items()]
+            self.declare_parameters("", declarations, ignore_override=True)
         self._time_source = TimeSource(node=self)
         self._time_source.attach_clock(self._clock)
         if start_parameter_services:

@@ -91,8 +91,7 @@ class NodeGraph:
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
         """Return name, namespace and enclave of all nodes."""
-        graph = self.__graph
-        return [(node.node_name, node.node_namespace, graph.enclave(guid)) for guid, node in graph.nodes()]
+        return [(node.node_name, node.node_namespace, enclave) for enclave, node in self.__graph.nodes()]
 
     def count_publishers(self, topic_name: str) -> int:
         """Return the number of publishers of a topic."""
@@ -122,20 +121,19 @@ class NodeGraph:
 
     def __infos(self, topic_name: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
         dds_topic = topic_name if no_mangle else "rt" + self.resolve_topic_name(self.__full_name(topic_name))
-        graph = self.__graph
         kind = TopicEndpointTypeEnum.PUBLISHER if writers else TopicEndpointTypeEnum.SUBSCRIPTION
         return [
             TopicEndpointInfo(
                 node_name=node.node_name if node else "_NODE_NAME_UNKNOWN_",
                 node_namespace=node.node_namespace if node else "_NODE_NAMESPACE_UNKNOWN_",
-                topic_type=endpoint.type_name if no_mangle else ros_type(endpoint.type_name or ""),
+                topic_type=endpoint.type_name if no_mangle else ros_type(endpoint.type_name),
                 topic_type_hash=TypeHash.from_string(user_data_field(endpoint.qos, "typehash")),
                 endpoint_type=kind,
                 endpoint_gid=list(endpoint.key.bytes),
                 qos_profile=profile_from_dds(endpoint.qos),
             )
-            for endpoint in graph.endpoints_of(dds_topic, writers=writers)
-            for node in [graph.node_of(endpoint)]
+            for endpoint in self.__graph.endpoints_of(dds_topic, writers=writers)
+            for node in [self.__graph.node_of(endpoint)]
         ]
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:

@@ -134,8 +134,8 @@ class ParameterStore:
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
         """Return the parameters below a prefix by the rest of their names; an empty prefix means all."""
         prefix = prefix and prefix + SEPARATOR
-        found = self._parameters.items()
-        return {name[len(prefix) :]: parameter for name, parameter in found if name.startswith(prefix)}
+        parameters = self._parameters.items()
+        return {name[len(prefix) :]: parameter for name, parameter in parameters if name.startswith(prefix)}
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
         """Return the names below any of the prefixes (none: all) down to a depth (0: any) and their own prefixes."""

@@ -4,8 +4,6 @@ Those differ from plain YAML: ``on``, ``yes`` and ``y`` are booleans, ``0x1f`` a
 a sequence has one type, and a key that comes twice adds to the first.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import Any

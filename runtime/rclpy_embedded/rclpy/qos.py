@@ -1,7 +1,5 @@
 """Quality of service: policies, profiles and their compatibility."""
 
-from __future__ import annotations
-
 import warnings
 from enum import Enum, IntEnum
 from typing import Any
@@ -145,11 +143,7 @@ class QoSProfile:
         if not isinstance(value, (kind, int) if is_enum else kind):
             raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
         if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
-            warnings.warn(
-                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
-                "This will be interpreted as SYSTEM_DEFAULT",
-                stacklevel=2,
-            )
+            warnings.warn("A zero depth with KEEP_LAST stores nothing; it counts as SYSTEM_DEFAULT.", stacklevel=2)
         super().__setattr__(name, kind(value) if is_enum else value)
 
     def to_dict(self) -> dict[str, Any]:
@@ -232,7 +226,7 @@ REQUESTED_POLICIES = (*WEAK_AND_STRICT, "deadline", "liveliness_lease_duration")
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
-    """Tell whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
+    """Return whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
     errors, doubts = "", ""
     for name in REQUESTED_POLICIES:
         offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)

@@ -1,7 +1,5 @@
 """Messages to bytes and back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rosidl_embedded.typesupport import type_support

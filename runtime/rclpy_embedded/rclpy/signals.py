@@ -6,7 +6,7 @@ import threading
 from enum import Enum
 from typing import Any
 
-from rclpy.context import interrupt_all, shutdown_all
+from rclpy.context import initialized
 
 
 class SignalHandlerOptions(Enum):
@@ -26,7 +26,8 @@ _previous_wakeup_fd = -1
 
 def _on_signal(number: int, frame: Any) -> None:
     # The shutdown itself is left to the thread below: here, the locks it takes may be held already.
-    interrupt_all()
+    for context in list(initialized):
+        context._interrupted = True
     previous = _previous.get(number)
     if callable(previous):
         previous(number, frame)
@@ -36,7 +37,8 @@ def _watch(fd: int) -> None:
     """Shut down all contexts; this also wakes a main thread that waits in the middleware, which no signal does."""
     while received := os.read(fd, 1):
         if received[0] in _previous:
-            shutdown_all()
+            for context in list(initialized):
+                context._shutdown(by_signal=True)
     os.close(fd)
 
 

@@ -172,35 +172,39 @@ class Rate:
         self._timer = timer
         self._is_shutdown = False
         self._is_destroyed = False
-        self._condition = threading.Condition()
+        self._event = threading.Event()
+        self._lock = threading.Lock()
         self._num_sleepers = 0
-        self._timer.callback = self._wake
+        self._timer.callback = self._event.set
         context.on_shutdown(self._on_shutdown)
 
     def _on_shutdown(self) -> None:
         self._is_shutdown = True
         self.destroy()
 
-    def _wake(self) -> None:
-        with self._condition:
-            self._condition.notify_all()
-
     def destroy(self) -> None:
         """End it and wake all sleepers."""
         self._is_destroyed = True
-        self._wake()
+        self._event.set()
 
     def sleep(self) -> None:
         """Block until the timer fires. In a callback this would block the executor that runs the timer."""
-        with self._condition:
-            if self._is_shutdown:
-                raise ROSInterruptException()
-            if self._is_destroyed:
-                raise RuntimeError("Rate cannot sleep because it has been destroyed")
-            if self._timer._handle is None:
-                raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
-            self._num_sleepers += 1
-            self._condition.wait()
-            self._num_sleepers -= 1
         if self._is_shutdown:
+            raise ROSInterruptException()
+        if self._is_destroyed:
+            raise RuntimeError("Rate cannot sleep because it has been destroyed")
+        if self._timer._handle is None:
+            self.destroy()
+            raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
+        with self._lock:
+            self._num_sleepers += 1
+        try:
+            self._event.wait()
+        finally:
+            with self._lock:
+                self._num_sleepers -= 1
+                if self._num_sleepers == 0:
+                    self._event.clear()
+        if self._is_shutdown:
+            self.destroy()
             raise ROSInterruptException()

@@ -1,7 +1,5 @@
 """What is known about a publisher or subscription in the graph."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 

@@ -59,7 +59,7 @@ def split_name(type_name: str) -> tuple[str, str, str]:
 
 
 def is_service(type_name: str) -> bool:
-    """Tell a service from a message and from the request, response or event of a service."""
+    """Return whether it is a service rather than a message or the request, response or event of a service."""
     return "/srv/" in type_name and not _SERVICE_PART.search(type_name)
 
 

@@ -22,24 +22,13 @@ from .message import get_message
 HEADER_SIZE = 4
 
 
-def minimum_size(type_: d.AbstractType) -> int:
-    """Least number of bytes that a value takes, without alignment."""
-    if isinstance(type_, d.BasicType):
-        return type_.traits.size
-    if isinstance(type_, d.Array):
-        return type_.size * minimum_size(type_.value_type)
-    if isinstance(type_, d.NamespacedType):
-        return sum(minimum_size(field.type) for field in catalogue.structure(type_.type_name).fields) or 1
-    return 4
-
-
 class Codec:
     """Source of encoder and decoder of a message type, made in one walk, since both pass the same positions.
 
     ``encode(m, w, t)`` writes message `m` with `w` to a stream that begins with the 4 byte header; `t` tells the
     position. ``decode(d, p)`` reads a message from bytes `d` at position `p` and returns it with the position after it.
-    It raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input; lengths are
-    compared with what is left of the data before anything is allocated. Variables have the same names in both.
+    It raises ValueError (UnicodeDecodeError is one), IndexError or struct.error on malformed input.
+    Variables have the same names in both.
     """
 
     def __init__(self, type_name: str) -> None:
@@ -179,9 +168,9 @@ class Codec:
             refusal = _refusal(f"{count} > {type_.maximum_size}", f"{field} is longer than its bound")
             self.encode(refusal)
             self.decode(refusal)
-        too_long = _refusal(f"{count} * {minimum_size(element)} > len(d) - p", f"{field} goes beyond the end")
         if not isinstance(element, d.BasicType):
-            self.decode(too_long, f"{variable} = {values} = []")
+            # Each value takes a byte at least, so a count that goes beyond the data ends with them.
+            self.decode(f"{variable} = {values} = []")
             self.each(element, values, count)
             return
         size = element.traits.size
@@ -189,7 +178,7 @@ class Codec:
             self.align(size)
         elif size > 4 and (self.modulus < size or self.offset % size):
             self.skip_at_runtime(size, f"if {count}: ")
-        self.decode(too_long)
+        self.decode(f"e = p + {count} * {size}", _refusal("e > len(d)", f"{field} goes beyond the end"))
         self.block(element, values, count, isinstance(type_, d.Array))
         self.decode(f"{variable} = {values}")
         if isinstance(type_, d.Array):
@@ -217,8 +206,7 @@ class Codec:
         self.known(modulus, offset)
 
     def block(self, element: d.BasicType, values: str, count: str, is_array: bool) -> None:
-        code, size = element.traits[:2]
-        self.decode(f"e = p + {count} * {size}")
+        code = element.traits.code
         if element.typename == "octet":
             self.encode(f"w(b''.join({values}))")
             self.decode(f"{values} = [d[i:i + 1] for i in range(p, e)]")

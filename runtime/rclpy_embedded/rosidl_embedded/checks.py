@@ -111,7 +111,7 @@ def _to_array(value: Any, code: str) -> array[Any]:
 
 
 def _are_numbers(value: Any, code: str) -> bool:
-    """Tell whether numbers are of the right kind; ranges of integers show in the conversion."""
+    """Return whether numbers are of the right kind; ranges of integers show in the conversion."""
     if hasattr(value, "dtype"):
         return getattr(value, "ndim", 0) == 1 and value.dtype.kind in ("iufb" if code in "fd" else "iub")
     if not isinstance(value, SEQUENCES) or isinstance(value, str):

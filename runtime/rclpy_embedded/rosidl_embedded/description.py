@@ -1,7 +1,5 @@
 """Type descriptions: RIHS01 hashes and definition texts."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from hashlib import sha256

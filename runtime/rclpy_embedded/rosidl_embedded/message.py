@@ -6,8 +6,6 @@ Fields are checked when they are assigned. ``ROS_PYTHON_CHECK_FIELDS=0``, ``pyth
 or ``check_fields=False`` at construction turn this off.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from array import array
@@ -96,9 +94,9 @@ class _Message:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, type(self)):
             return False
-        same = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
+        comparisons = (getattr(self, name) == getattr(other, name) for name in self._fields_and_field_types)
         # Arrays of numpy are compared element by element.
-        return all(one if isinstance(one, bool) else one.all() for one in same)
+        return all(equal if isinstance(equal, bool) else equal.all() for equal in comparisons)
 
     def __repr__(self) -> str:
         texts = []
@@ -163,10 +161,10 @@ def _functions(definition: d.Structure) -> dict[str, Any]:
     setters = []
     for field in definition.fields:
         class_name = _class_name(field.type, namespace)
-        default, given = _construction(field, class_name, namespace)
+        default, assigned = _construction(field, class_name, namespace)
         constructor += [
             f"    if {field.name} is UNSET: _self._{field.name} = {default}",
-            f"    else: _self.{field.name} = {given}",
+            f"    else: _self.{field.name} = {assigned}",
         ]
         setters += [f"def set_{field.name}(self, value):", *_assignment(field, class_name)]
     exec(compile("\n".join(constructor + setters), f"<{definition.type_name}>", "exec"), namespace)

@@ -50,7 +50,7 @@ def packages(folders: Sequence[str]) -> Iterator[str]:
 
 
 def may_have_definitions(package: str) -> bool:
-    """Tell, quickly, whether a package without Python code may have definitions; called for every import."""
+    """Return quickly whether a package without Python code may have definitions; called for every import."""
     if package in COMMON_PACKAGES or any(os.path.basename(entry) == package for entry in sys.path):
         return True
     named = _entries(INTERFACE_PATH) + _entries("AMENT_PREFIX_PATH", "share")

@@ -80,8 +80,8 @@ class TypeSupport:
         if data.__class__ is not bytes:
             data = bytes(data)
         if data[:2] != _HEADER[:2]:
-            found = data[:2].hex() or "missing"
-            text = f"encapsulation {found}, only little-endian plain CDR is supported"
+            encapsulation = data[:2].hex() or "missing"
+            text = f"encapsulation {encapsulation}, only little-endian plain CDR is supported"
             raise DeserializationError(f"not a {self.type_name}: {text}")
         start = HEADER_SIZE + size
         try:

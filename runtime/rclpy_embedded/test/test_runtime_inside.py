@@ -106,6 +106,16 @@ def test_missing_introspection_says_so() -> None:
         importlib.import_module("rclpy.service_introspection")
 
 
+def test_a_tick_that_nobody_slept_for_ends_the_next_sleep(node: Any) -> None:
+    rate = node.create_rate(0.001)
+    rate._timer.callback()
+    sleeper = threading.Thread(target=rate.sleep, daemon=True)
+    sleeper.start()
+    sleeper.join(10)
+    assert not sleeper.is_alive()
+    node.destroy_rate(rate)
+
+
 def test_one_topic_from_many_threads(context: Context, node: Any, wait_until: Any) -> None:
     def create() -> None:
         for _ in range(20):

@@ -8,8 +8,8 @@ from typing import Any
 from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
 from fsw_analysis.replay import replay
+from fsw_control.schema import InputError
 from fsw_scenario.controllers import described_in, maker, name_of
-from fsw_scenario.scenario import ScenarioError
 
 #: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4
 _TOLERANCE = 1e-9
@@ -60,7 +60,7 @@ def _run(arguments: argparse.Namespace) -> int:
     for name in dict.fromkeys(names or recorded):
         try:
             make, described = maker(name), described_in(name)
-        except ScenarioError as error:
+        except InputError as error:
             print_notes([f"{name} is left out: {error}"])
             code = code or _LEFT_OUT
             continue

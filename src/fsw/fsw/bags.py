@@ -18,7 +18,7 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_scenario.scenario import ScenarioError
+from fsw_control.schema import InputError
 from fsw_scenario.scenario_file import parse
 
 #: what a command takes that also reads damaged bags
@@ -97,7 +97,7 @@ def draw_figures(
     if numbers is None and text:
         try:
             numbers = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures
-        except ScenarioError as error:
+        except InputError as error:
             print_notes([str(error)])
     check_new([folder / f"{name}.png" for name in (*(f"fig{one}" for one in numbers or ()), "overview")], force)
     try:

@@ -11,9 +11,7 @@ from pathlib import Path
 
 from fsw.errors import CommandError, exit_code
 from fsw.outputs import new_folder
-from fsw.progress import ProgressBar
-from fsw.simulate import write_phases
-from fsw_analysis import kpi, kpi_table
+from fsw.simulate import run_graph, write_results
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.signals import load_weld
 from fsw_control.free_domain import free_domain
@@ -113,7 +111,7 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
 
 def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Path, realtime: bool) -> list[Path]:
     """Run a scenario once with each controller in command; the others run along."""
-    from fsw_analysis.figures import Run, draw  # matplotlib takes a second to import
+    from fsw_analysis.figures import Run  # matplotlib takes a second to import
 
     place = folder / scenario.name
     runs: list[Run] = []
@@ -122,19 +120,11 @@ def _weld(scenario: Scenario, controllers: dict[str, dict[str, str]], folder: Pa
         own = place / title.replace(" ", "_")
         others = () if variant.open_loop else tuple(controllers)
         graph = WeldGraph(variant, own, others, realtime, parameters=controllers)
-        with (
-            ProgressBar(f"{scenario.name}, {title}") as bar,
-            free_domain() as domain,
-            Launcher(own / "log", domain) as launcher,
-        ):
-            graph.run(launcher, bar)
+        run_graph(graph, f"{scenario.name}, {title}")
         runs.append(Run(title, cut_to_scenario(load_weld(graph.bag))))
         bags.append(graph.bag)
-    results = [kpi.compute(run.signals, run.label) for run in runs]
-    print(f"\n{scenario.name}: {' '.join(scenario.description.split())}")
-    print(kpi_table.markdown(results))
-    pages = draw(runs, scenario.figures, place)
-    return [*bags, *kpi_table.write(results, place), *pages, *write_phases(scenario, runs, place)]
+    print(f"\n{scenario.name}: {' '.join(scenario.description.split())}\n")
+    return [*bags, *write_results(scenario, runs, place)]
 
 
 def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scenario]:

@@ -8,7 +8,7 @@ from typing import Any
 from fsw.errors import CommandError
 from fsw.operate import CLEAR, add_graph_command, add_number
 from fsw_control import units
-from fsw_control.schema import InputError, validate
+from fsw_control.schema import validate
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DISTURBANCE_SHAPES, DURATION_S, DisturbanceEntry
 
 
@@ -29,22 +29,14 @@ def _run(arguments: argparse.Namespace) -> int:
     from fsw_msgs.srv import SetDisturbance
 
     shape = "none" if arguments.shape == CLEAR else arguments.shape
-    allowed = DISTURBANCE_AMPLITUDE[arguments.channel][1]
+    key, allowed = DISTURBANCE_AMPLITUDE[arguments.channel]
     if shape == "none" and arguments.amplitude is not None:
         raise CommandError(f"disturb: {arguments.shape} takes no amplitude")
     if shape != "none" and arguments.amplitude is None:
         raise CommandError(f"disturb: {shape} needs an amplitude, {allowed}; clear ends a disturbance")
-    entry = {
-        "channel": arguments.channel,
-        "shape": shape,
-        DISTURBANCE_AMPLITUDE[arguments.channel][0]: arguments.amplitude,
-        "duration_s": arguments.duration,
-        "period_s": arguments.period,
-    }
-    try:
-        wanted = validate(DisturbanceEntry, entry, "disturb").event(0.0)
-    except InputError as error:
-        raise CommandError(str(error)) from None
+    entry = {"channel": arguments.channel, "shape": shape, key: arguments.amplitude}
+    entry |= {"duration_s": arguments.duration, "period_s": arguments.period}
+    wanted = validate(DisturbanceEntry, entry, "disturb").event(0.0)
     request = SetDisturbance.Request(
         channel=arguments.channel,
         shape=shape,

@@ -12,10 +12,9 @@ from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.parameters import ParameterError
 from fsw_control.schema import InputError
 from fsw_identification.weld_data import IdentificationError
-from fsw_model import ModelParameterError, OperatingPointError
+from fsw_model import OperatingPointError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
-from fsw_scenario.scenario import ScenarioError
 
 
 class CommandError(Exception):
@@ -27,9 +26,7 @@ _SHOWN = (
     CampaignError,
     IdentificationError,
     InputError,
-    ScenarioError,
     ParameterError,
-    ModelParameterError,
     OperatingPointError,
     BagError,
     KpiError,

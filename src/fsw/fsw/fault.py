@@ -8,7 +8,6 @@ from typing import Any
 from fsw.errors import CommandError
 from fsw.operate import CLEAR, add_graph_command, add_number
 from fsw_control import units
-from fsw_control.schema import InputError
 from fsw_plant.event_schema import (
     DURATION_S,
     FAULT_DELAY_S,
@@ -41,10 +40,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if (kind in WITH_MAGNITUDE) != (arguments.magnitude is not None):
         needs = "needs a" if kind in WITH_MAGNITUDE else "takes no"
         raise CommandError(f"fault: {arguments.kind} {needs} magnitude")
-    try:
-        wanted = fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
-    except InputError as error:
-        raise CommandError(str(error)) from None
+    wanted = fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
     request = SetFault.Request(
         sensor=wanted.target,
         kind=wanted.kind,

@@ -24,7 +24,13 @@ class ProgressBar(Progress):
     def __init__(self, title: str, pieces: int | None = None) -> None:
         console = Console(stderr=True)
         counted = [MofNCompleteColumn()] if pieces else []
-        columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *counted, TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            *counted,
+            TimeRemainingColumn(),
+        )
         super().__init__(*columns, console=console, disable=not console.is_terminal)
         self._title, self._total, self._written_s = title, pieces or 1.0, time.monotonic()
         self._task = self.add_task(title, total=self._total)

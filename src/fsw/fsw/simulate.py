@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from fsw.bags import print_notes
 from fsw.errors import CommandError
 from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
-from fsw_analysis import kpi_table, phase_kpi
+from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
 from fsw_control.yaml_text import load_yaml
 from fsw_scenario.closed_loop import ClosedLoop
@@ -81,9 +81,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.scenario is None:
         raise CommandError(f"simulate: which scenario? One of {', '.join(shipped())}, or a YAML file")
-    from fsw_analysis import kpi
     from fsw_analysis.export import export_weld
-    from fsw_analysis.figures import Run, draw
+    from fsw_analysis.figures import Run
 
     overrides = [*arguments.set, *(["plant.noise=false"] if arguments.no_noise else [])]
     scenario = load(arguments.scenario, overrides)
@@ -96,17 +95,12 @@ def _run(arguments: argparse.Namespace) -> int:
     for title, (label, loop) in loops.items():
         with ProgressBar(f"{scenario.name}, {title}") as bar:
             runs.append(Run(title, loop.run(bar)))
-        _print_notes(runs[-1])
+        _print_health(runs[-1])
         file = title.replace(":", "_").replace(" ", "_")
         export_weld(runs[-1].signals, folder / f"signals_{file}.csv")
         if arguments.bag:
             _record(loop.scenario, label, parameters, folder / f"graph_{file}")
-    figures_of_merit = [kpi.compute(run.signals, run.label) for run in runs]
-    kpi_table.write(figures_of_merit, folder)
-    if not arguments.no_figures:
-        draw(runs, scenario.figures, folder)
-    write_phases(scenario, runs, folder, figure=not arguments.no_figures)
-    print(kpi_table.markdown(figures_of_merit), end="")
+    write_results(scenario, runs, folder, with_figures=not arguments.no_figures)
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0
 
@@ -134,22 +128,26 @@ def _loops(
     return loops
 
 
-def write_phases(scenario: Scenario, runs: Sequence[Run], folder: Path, figure: bool = True) -> list[Path]:
-    """Figures of merit by phase, and the figure, of a whole weld; nothing of another scenario. Returns the files."""
-    if not scenario.phases:
-        return []
-    phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
-    figures = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
-    paths = phase_kpi.write(figures, folder)
-    if figure:
-        from fsw_analysis.figures import draw_whole_weld
+def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_figures: bool = True) -> list[Path]:
+    """Print figures of merit, and write them and figures, for a whole weld also by phase; returns the files."""
+    from fsw_analysis.figures import draw, draw_whole_weld
 
-        paths.append(folder / "weld.png")
-        draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
+    results = [kpi.compute(run.signals, run.label) for run in runs]
+    print(kpi_table.markdown(results), end="")
+    paths = kpi_table.write(results, folder)
+    if with_figures:
+        paths += draw(runs, scenario.figures, folder)
+    if scenario.phases:
+        phases = [phase_kpi.recorded_spans(run.signals) or spans(scenario.phases) for run in runs]
+        by_phase = [phase_kpi.compute(run.signals, run.label, inside) for run, inside in zip(runs, phases, strict=True)]
+        paths += phase_kpi.write(by_phase, folder)
+        if with_figures:
+            paths.append(folder / "weld.png")
+            draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])
     return paths
 
 
-def _print_notes(run: Run) -> None:
+def _print_health(run: Run) -> None:
     """Say on stderr how often a controller was not healthy, and why at first."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
@@ -157,7 +155,7 @@ def _print_notes(run: Run) -> None:
         if ticks.size:
             text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
-    print("".join(f"note: {run.label}: {note}\n" for note in notes), end="", file=sys.stderr)
+    print_notes(f"{run.label}: {note}" for note in notes)
 
 
 def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, Any]], folder: Path) -> None:
@@ -166,11 +164,12 @@ def _record(scenario: Scenario, label: str, parameters: Mapping[str, dict[str, A
     if not scenario.open_loop:
         nodes[name_of(label)] = nodes[name_of(label)] | variant_of(label)
     graph = WeldGraph(scenario, folder, parameters=nodes)
-    with (
-        free_domain() as domain,
-        Launcher(folder / "log", domain) as launcher,
-        ProgressBar(f"{scenario.name}, bag {graph.bag}") as bar,
-    ):
+    run_graph(graph, f"{scenario.name}, bag {graph.bag}")
+
+
+def run_graph(graph: WeldGraph, title: str) -> None:
+    """Run a weld in processes, to its end."""
+    with ProgressBar(title) as bar, free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
         graph.run(launcher, bar)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shutil
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +59,7 @@ def _run(arguments: argparse.Namespace) -> int:
     own: dict[str, Mapping[str, Any]] = {}
     for name in NAMES:
         with ProgressBar(f"decentral:{name}") as bar:
-            own[f"decentral:{name}"] = asdict(tune(name, model, arguments.evaluations, bar))
+            own[f"decentral:{name}"] = dict(tune(name, model, arguments.evaluations, bar))
         _write(folder / f"decentral_{name}.yaml", "fsw_decentral", own[f"decentral:{name}"])
     model_file, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(arguments.model, model_file)

@@ -10,11 +10,10 @@ from fsw.demo import _controllers, parser
 from fsw.main import main
 from fsw_analysis.replay import Comparison, TickDifference
 from fsw_campaign import definition
-from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_weld
+from fsw_control.schema import InputError
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
-from fsw_scenario.scenario import ScenarioError
 from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]
@@ -50,7 +49,7 @@ def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
     own(tmp_path, "return Proposal(Command(80.0, 400.0))")
     assert campaign.digest != before
     file.write_text(file.read_text().replace("own.py:Own", "own.py:None"))
-    with pytest.raises(CampaignError, match="no class None"):
+    with pytest.raises(InputError, match="no class None"):
         definition.load(file)
 
 
@@ -89,7 +88,7 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
 
     def maker(name):
         if names[name] == 3:
-            raise ScenarioError("unknown")
+            raise InputError("unknown")
 
     different, not_comparable = ([name for name, one in names.items() if one in kinds] for kinds in ((1, 4), (4,)))
     bag_with(monkeypatch, list(names), different, not_comparable)

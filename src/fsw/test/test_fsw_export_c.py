@@ -102,10 +102,10 @@ def test_nothing_but_the_listed_library_functions(objects, controller):
     ("arguments", "words"),
     [
         (["--model", "nowhere.yaml"], "nowhere.yaml: No such file"),
-        (["--model", "wrong.yaml"], "'copper_lag_s' is -1"),
+        (["--model", "wrong.yaml"], "copper_lag_s is -1"),
         (["--model", "fast.yaml"], "'dead_time_s' is 0.5: the NMPC needs at least 0.9 s"),
         (["--model", "unknown.yaml"], "unknown"),
-        (["--tuning", "wrong.yaml"], "unknown copper_lag_s"),
+        (["--tuning", "wrong.yaml"], "copper_lag_s is an unknown key"),
         (["--parameter", "solver=reference"], "solver must be rti"),
         (["--parameter", "calmness=1e9"], "calmness"),
         (["--parameter", "calmness"], "NAME=VALUE"),

@@ -108,8 +108,8 @@ def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     )
     out = tmp_path / "experiment.yaml"
     assert main(["identify", "--design", "--duration", "90", "--out", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "thermal_gain_c_per_kw" in told and "open loop" not in told
+    printed = capsys.readouterr().out
+    assert "thermal_gain_c_per_kw" in printed and "open loop" not in printed
     assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
     assert "on a process unlike the model they drift far beyond" in capsys.readouterr().out
     scenario = scenario_file.load(str(out))
@@ -131,7 +131,7 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
     out = ("--out", str(tmp_path / "out"))
     assert "cannot read model" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("thermal: 1\n")
-    assert "unknown model parameter" in error_of(capsys, "tune", "--model", str(model), *out)
+    assert "is an unknown key" in error_of(capsys, "tune", "--model", str(model), *out)
     model.write_text("{}\n")
     assert "not empty" in error_of(capsys, "tune", "--model", str(model), "--out", str(full))
     assert "--evaluations" in error_of(capsys, "tune", "--model", str(model), *out, "--evaluations", "0")

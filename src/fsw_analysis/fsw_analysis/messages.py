@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from numbers import Real
 from operator import attrgetter
 from pathlib import Path
@@ -49,9 +49,10 @@ class Table:
         Times of each message [ns]; the stamp is 0 where the type has none.
     """
 
-    def __init__(self, times: list[tuple[int, int]], stamps: list[int], columns: dict[str, Column]) -> None:
-        self.log_ns, self.publish_ns = np.array(times, np.uint64).reshape(-1, 2).astype(np.int64).T
-        self.stamp_ns: IntArray = np.array(stamps, np.int64)
+    def __init__(self, times: Sequence[tuple[int, int, int]], columns: dict[str, Column]) -> None:
+        log_ns, publish_ns, stamp_ns = zip(*times, strict=True) if times else ((), (), ())
+        self.log_ns, self.publish_ns = (np.array(one, np.uint64).astype(np.int64) for one in (log_ns, publish_ns))
+        self.stamp_ns: IntArray = np.array(stamp_ns, np.int64)
         self._columns = columns
 
     def __len__(self) -> int:
@@ -118,59 +119,66 @@ class WeldMessages:
         topic = re.compile(rf"/fsw/([^/]+)/{what}")
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 
-    def decoded(self, name: str) -> list[tuple[int, int, Any]]:
+    def decoded(self, name: str) -> Iterator[tuple[int, int, Any]]:
         """Log time, publish time and message of all messages of a topic but the damaged ones; see `problems`."""
         topic, raw = self.topics.get(name), self.raw.get(name)
         if topic is None or not raw:
-            return []
-        messages: list[tuple[int, int, Any]] = []
+            return
         try:
             if topic.encoding != "cdr" or not topic.definition:
                 raise BagError(f"the bag holds no definition of {topic.type_name or 'its type'}; left out")
             self._definitions.typestore(topic.type_name, topic.definition)
         except BagError as error:
             self.problems.append(f"{name}: {error}")
-            return []
+            return
+        damaged = 0
         for log_ns, publish_ns, data in raw:
             try:
                 message = self._definitions.decode(topic.type_name, topic.definition, data)
             except BagError:
-                continue
-            messages.append((log_ns, publish_ns, message))
-        if damaged := len(raw) - len(messages):
+                damaged += 1
+            else:
+                yield log_ns, publish_ns, message
+        if damaged:
             self.problems.append(f"{topic.name}: {damaged} of {len(raw)} messages are damaged and left out")
-        return messages
 
     def table(self, name: str, wanted: Mapping[str, Kind]) -> Table:
         """Columns of a topic by the paths of fields; empty when the bag has none of its messages, or none to be read.
 
         NaN or empty values stand for a field that its type does not have.
         """
-        rows = self.decoded(name)
-        messages = [one[2] for one in rows]
-        columns: dict[str, Column] = {}
-        missing = []
-        for path, kind in wanted.items():
-            of_kind, nothing = _KINDS[kind]
-            try:
-                values = list(map(attrgetter(path), messages))
-            except AttributeError:
-                values = []
-            if messages and not (values and isinstance(values[0], of_kind)):
-                missing.append(path)
-                values = [nothing] * len(messages)
-            columns[path] = np.fromiter(values, float if kind == "number" else object, len(messages))
-        if missing:
+        times: list[tuple[int, int, int]] = []
+        values: dict[str, list[Any]] = {}
+        getters: list[tuple[list[Any], Any]] = []
+        for log_ns, publish_ns, message in self.decoded(name):
+            if not times:
+                values = {path: [] for path, kind in wanted.items() if _has(message, path, kind)}
+                getters = [(column, attrgetter(path)) for path, column in values.items()]
+            times.append((log_ns, publish_ns, stamp_of(message)))
+            for column, get in getters:
+                column.append(get(message))
+        if missing := [path for path in wanted if times and path not in values]:
             topic = self.topics[name]
             self.problems.append(f"{topic.name}: its type {topic.type_name} has no field {', '.join(missing)}")
-        return Table([one[:2] for one in rows], list(map(stamp_of, messages)), columns)
+        columns = {}
+        for path, kind in wanted.items():
+            found = values.get(path, [_KINDS[kind][1]] * len(times))
+            columns[path] = np.fromiter(found, float if kind == "number" else object, len(times))
+        return Table(times, columns)
+
+
+def _has(message: Any, path: str, kind: Kind) -> bool:
+    try:
+        return isinstance(attrgetter(path)(message), _KINDS[kind][0])
+    except AttributeError:
+        return False
 
 
 def stamp_of(message: Any) -> int:
     """Stamp of a decoded message [ns]; 0 where its type has none."""
     try:
         stamp = message.header.stamp
-        return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+        return int(stamp.sec * NANOSECONDS + stamp.nanosec)
     except AttributeError:
         return 0
 

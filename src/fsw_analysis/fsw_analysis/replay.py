@@ -227,19 +227,17 @@ def replay(
     validate(of_node | of_controller, changed or {})
     recorded = _Inputs(messages, name)
     values, notes = recorded.parameters(name)
+    values |= changed or {}
     try:
         settings, own = (
-            validate(specs, {key: value for key, value in {**values, **(changed or {})}.items() if key in specs})
+            validate(specs, {key: value for key, value in values.items() if key in specs})
             for specs in (of_node, of_controller)
         )
         controller = make(own)
     except Exception as error:  # a user's controller may fail in any way
         raise BagError(f"{messages.path}: controller {name} refuses its recorded parameters: {error}") from None
     references = recorded.set_points(notes)
-    comparable = not recorded.in_mid_weld(name, notes)
-    n = recorded.stamps.size
-    if duration_s < math.inf:
-        n = int(np.searchsorted(recorded.stamps, recorded.stamps[0] + round((duration_s - 0.5 * TICK_S) * NANOSECONDS)))
+    n = recorded.ticks_in(duration_s)
     stamps, came, time_s = (one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s))
     return Replay(
         controller=name,
@@ -251,8 +249,8 @@ def replay(
         proposals=recorded.show(controller, settings, references, stamps),
         own=recorded.own_rows()[:n],
         applied=recorded.applied_rows(stamps),
+        comparable=not recorded.in_mid_weld(name, notes),
         notes=notes,
-        comparable=comparable,
     )
 
 
@@ -310,6 +308,13 @@ class _Inputs:
         answered = self._own.log_ns.tolist() if self._own else [0] * len(self.stamps)
         #: when the last sample of each tick had been received; of one without samples the proposal
         self.came = np.array([received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)], np.int64)
+
+    def ticks_in(self, duration_s: float) -> int:
+        """Number of ticks in the first seconds of the weld."""
+        if duration_s == math.inf:
+            return self.stamps.size
+        end_ns = self.stamps[0] + round((duration_s - 0.5 * TICK_S) * NANOSECONDS)
+        return int(np.searchsorted(self.stamps, end_ns))
 
     def parameters(self, name: str) -> tuple[dict[str, Any], list[str]]:
         """Recorded parameters of the controller's node, with notes; without them it begins at the first command."""

@@ -101,8 +101,6 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     Returns
     -------
     WeldSignals
-        Aligned on the stamps of the sensor topics.
-
     Raises
     ------
     BagError
@@ -119,16 +117,16 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True) for name, table in sensors.items()
     )
     applied = ticks.group(ProposalSignals, command)
-    reference_depth_mm, reference_temperature_c = _references(messages, ticks)
-    weld = WeldSignals(
+    depths_in_force, temperatures_in_force = _references(messages, ticks)
+    signals = WeldSignals(
         path=messages.path,
         stamp_ns=ticks.stamp_ns,
         time_s=ticks.time_s,
         depth_mm=depth * MM,
         torque_nm=torque,
         temperature_c=temperature,
-        reference_depth_mm=reference_depth_mm,
-        reference_temperature_c=reference_temperature_c,
+        reference_depth_mm=depths_in_force,
+        reference_temperature_c=temperatures_in_force,
         force_kn=applied.force_kn,
         speed_rpm=applied.speed_rpm,
         command_source=ticks.align(command, command.column("source")),
@@ -146,8 +144,8 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         problems=messages.problems,
         events=list(events.of_state(ticks.times_s(state), state)),
     )
-    _add_course(weld, messages, ticks)
-    return weld
+    _add_course(signals, messages, ticks)
+    return signals
 
 
 def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:

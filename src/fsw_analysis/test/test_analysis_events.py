@@ -19,7 +19,7 @@ def table(names: Sequence[str], *rows: tuple[Any, ...]) -> tuple[FloatArray, Tab
         for name, value in zip(names, row[1:], strict=True):
             columns[name][at] = value
     times = np.array([row[0] for row in rows], float)
-    return times, Table([(0, 0)] * len(rows), [0] * len(rows), columns)
+    return times, Table([(0, 0, 0)] * len(rows), columns)
 
 
 def told(found: Any) -> list[tuple[float, str, str]]:

@@ -21,6 +21,7 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
+from fsw_control.schema import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
@@ -46,13 +47,21 @@ def schema(campaign: Campaign) -> pa.Schema:
     columns: list[tuple[str, pa.DataType]] = [("index", pa.int32()), ("controller", _TEXT)]
     types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: _TEXT}
     columns += [("plant.seed", pa.int64())]
-    columns += [(one.path, types[type(one.extremes[0])]) for one in campaign.distributions if one.path != "plant.seed"]
+    columns += [
+        (path, types[type(one.extremes[0])]) for path, one in campaign.distributions.items() if path != "plant.seed"
+    ]
     columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
-    for limit in campaign.limits:
-        names = (f"lowest_{limit.signal}", f"highest_{limit.signal}", f"outside_{limit.signal}_s")
+    for signal in campaign.limits:
+        names = (f"lowest_{signal}", f"highest_{signal}", f"outside_{signal}_s")
         columns += [(name, pa.float64()) for name in names]
     columns += [(name, pa.float64()) for name in (*_COUNTS, *ROWS, *TIMES)]
     return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(_EVENT))])
+
+
+class _Manifest(Model):
+    digest: str
+    versions: str
+    campaign: dict[str, Any]
 
 
 class Dataset:
@@ -94,9 +103,9 @@ class Dataset:
             for left in (folder / _WELDS).glob(".*.tmp"):
                 left.unlink()
             if not manifest.exists():
-                content = yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True)
-                _write(folder / SCENARIO, content)
-                _write(manifest, json.dumps(_manifest(campaign), indent=1))
+                _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
+                content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
+                _write(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
             raise CampaignError(f"folder {folder} is being written to by another run; wait for its end") from None
         except OSError as error:
@@ -109,17 +118,17 @@ class Dataset:
 
     def _check(self, resume: bool) -> None:
         """Refuse another campaign's folder, and the same campaign's without ``resume``."""
-        manifest, campaign = read_manifest(self.folder), self.campaign
-        if manifest["digest"] != campaign.digest:
+        manifest, campaign = _read_manifest(self.folder), self.campaign
+        if manifest.digest != campaign.digest:
             raise CampaignError(
-                f"folder {self.folder} has another campaign ({manifest['campaign']['name']}, {manifest['digest']}; "
+                f"folder {self.folder} has another campaign ({manifest.campaign['name']}, {manifest.digest}; "
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
         if not resume and _parts(self.folder):
             raise CampaignError(f"folder {self.folder} has welds of this campaign; go on with --resume")
-        if manifest["versions"] != versions():
+        if manifest.versions != versions():
             raise CampaignError(
-                f"folder {self.folder} was begun with other software ({manifest['versions']}; this is {versions()}); "
+                f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
                 "choose another --out"
             )
 
@@ -144,7 +153,7 @@ class Dataset:
         self.done.update((row["index"], row["controller"]) for row in rows)
 
     def compact(self) -> None:
-        """Join small files into one: each has some 25 kB besides its rows.
+        """Join small files into one: each has an overhead of some 25 kB.
 
         The joined file takes the place of the first; should it end before the others are deleted, their rows are there
         twice, and are read once.
@@ -167,23 +176,9 @@ class Dataset:
             self._lock.close()
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """What the folder of a campaign says of it: ``digest``, ``versions`` and ``campaign``.
-
-    Raises
-    ------
-    CampaignError
-        If it is no campaign's.
-    """
-    try:
-        found: dict[str, Any] = json.loads((folder / _MANIFEST).read_text(encoding="utf-8"))
-        if {"digest", "versions", "campaign"} - found.keys():
-            raise ValueError("entries are missing")
-    except OSError as error:
-        raise CampaignError(f"{folder} is no folder of a campaign: {_MANIFEST}: {error.strerror}") from None
-    except ValueError as error:
-        raise CampaignError(f"{folder / _MANIFEST} is damaged: {error}") from None
-    return found
+def _read_manifest(folder: Path) -> _Manifest:
+    file = folder / _MANIFEST
+    return validate(_Manifest, content_of(read_text(file, "campaign"), str(file)), str(file))
 
 
 def load(folder: Path) -> tuple[Campaign, pa.Table]:
@@ -191,10 +186,10 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
 
     Raises
     ------
-    CampaignError
-        If it is no campaign's, or without rows, or damaged.
+    ValueError
+        If it is not a campaign's, or without rows, or damaged.
     """
-    campaign = definition.read(read_manifest(folder)["campaign"], str(folder / _MANIFEST))
+    campaign = definition.read(_read_manifest(folder).campaign, str(folder / _MANIFEST))
     parts = _parts(folder)
     if not parts:
         raise CampaignError(f"{folder} has no welds yet")
@@ -202,10 +197,6 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     keys = zip(table["index"].to_pylist(), table["controller"].to_pylist(), strict=True)
     _, first = np.unique([f"{index:010d} {label}" for index, label in keys], return_index=True)
     return campaign, table.take(first)
-
-
-def _manifest(campaign: Campaign) -> dict[str, Any]:
-    return {"digest": campaign.digest, "versions": versions(), "campaign": json.loads(campaign.text)}
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -4,56 +4,92 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from fsw_analysis.weld_signals import TruthSignals
-from fsw_campaign.distributions import SAMPLERS, Distribution, draw, values, weld_seed
-from fsw_campaign.errors import CampaignError
+from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
 from fsw_control.contract import Controller
 from fsw_control.ranges import Range
-from fsw_plant.event_schema import DURATION_S
-from fsw_plant.place import Place
+from fsw_control.schema import (
+    InputError,
+    Many,
+    Model,
+    Name,
+    Whole,
+    content_of,
+    needs_one,
+    read_text,
+    shipped_names,
+    validate,
+)
+from fsw_plant.event_schema import TIME_S
 from fsw_scenario import scenario_file
 from fsw_scenario.controllers import make_all, name_of, short, source_of
-from fsw_scenario.scenario import Scenario, ScenarioError
+from fsw_scenario.scenario import Scenario
 
 _SHIPPED = Path(__file__).parent / "campaigns"
-_KEYS = ("name", "description", "scenario", "controllers", "welds", "seed", "sampler", "distributions", "limits")
-_LIMIT_KEYS = ("min", "max", "at_most_s")
+#: keys of a scenario that are not parameters of the weld
+_NOT_DRAWN = ("name", "description", "controller", "figures")
 #: signals that a limit may be for: errors against the set-points, and numbers of the truth
 ERRORS = {"depth_error_mm": "depth_mm", "temperature_error_c": "temperature_c"}
 SIGNALS = (*ERRORS, *(one.name for one in fields(TruthSignals) if re.search(r"_(mm|c|kn|rpm|nm|kw)$", one.name)))
-_WELDS = Range(1, 10_000_000, "welds")
-_SEED = Range(0, 2**32 - 1, "")
-_NUMBER = Range(-1e9, 1e9, "")
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A weld is inside while the signal is, but for ``at_most_s`` in total; None: no bound."""
-
-    signal: str
-    low: float | None
-    high: float | None
-    at_most_s: float
+def _signal(name: str) -> str:
+    if name not in SIGNALS:
+        raise ValueError(f"is not a signal; known: {', '.join(SIGNALS)}")
+    return name
 
 
-@dataclass(frozen=True, slots=True)
-class Entrant:
-    """A controller of the campaign: what rows call it, its label and its parameters, as of ``controllers.make``."""
+class Bounds(Model):
+    """Bounds of a number; at least one."""
 
-    label: str
+    min: float | None = None
+    max: float | None = None
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Bounds:
+        if self.min is not None and self.max is not None and self.min >= self.max:
+            raise ValueError("needs min below max")
+        return needs_one(self, "min", "max")
+
+    def hold(self, numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether each number is inside; NaN is not."""
+        low, high = -np.inf if self.min is None else self.min, np.inf if self.max is None else self.max
+        return np.asarray((numbers >= low) & (numbers <= high))
+
+
+class Limit(Bounds):
+    """A weld is inside while the signal is, but for ``at_most_s`` in total."""
+
+    at_most_s: Annotated[float, TIME_S] = 0.0
+
+
+class Entrant(Model):
+    """A controller of the campaign, or its name alone."""
+
     controller: str
-    parameters: Mapping[str, Any]
+    """as for `--controller`"""
+    parameters: dict[str, Any] = {}
+    label: str = ""
+    """what rows call it; by default the controller's name"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, content: Any) -> Any:
+        content = {"controller": content} if isinstance(content, str) else content
+        if isinstance(content, dict) and isinstance(content.get("controller"), str):
+            return {"label": short(content["controller"]), **content}
+        return content
 
     @property
     def name(self) -> str:
@@ -61,36 +97,40 @@ class Entrant:
         return name_of(self.controller)
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """A scenario, controllers, and distributions of the scenario's parameters.
+def _or_name(schema: dict[str, Any]) -> None:
+    schema["items"] = {"anyOf": [{"type": "string"}, schema["items"]]}
 
-    Attributes
-    ----------
-    name, description : str
-    scenario : dict
-        Content of the scenario file.
-    entrants : tuple of Entrant
-    welds : int
-        Of each controller; weld ``i`` has the same plant and the same noise under all controllers.
-    seed : int
-    sampler : str
-        One of ``SAMPLERS``.
-    distributions : tuple of Distribution
-    limits : tuple of Limit
-        Of a good weld.
-    """
 
-    name: str
-    description: str
-    scenario: dict[str, Any]
-    entrants: tuple[Entrant, ...]
-    welds: int
-    seed: int
-    sampler: str
-    distributions: tuple[Distribution, ...]
-    limits: tuple[Limit, ...]
-    text: str
+class Campaign(Model):
+    """A scenario, controllers, and distributions of the scenario's parameters."""
+
+    name: Name
+    description: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))] = ""
+    scenario: Annotated[dict[str, Any], WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})]
+    """name or path of a scenario, or a scenario itself"""
+    entrants: Annotated[Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)]
+    welds: Annotated[Whole, Range(1, 10_000_000, "welds")]
+    """of each controller; weld ``i`` has the same plant and the same noise under all controllers"""
+    seed: Annotated[Whole, Range(0, 2**32 - 1, "")] = 1
+    sampler: Sampler = "latin_hypercube"
+    distributions: dict[str, Distribution] = {}
+    """by path in the scenario file, e.g. ``plant.model.copper_lag_s``"""
+    limits: dict[Annotated[str, AfterValidator(_signal)], Limit] = {}
+    """of a good weld"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Campaign:
+        if len({one.label for one in self.entrants}) < len(self.entrants):
+            raise ValueError("needs controllers with a label of its own for each")
+        for path in self.distributions:
+            if path.partition(".")[0] in _NOT_DRAWN:
+                raise ValueError(f"distributions.{path} is not a parameter of the weld")
+        return self
+
+    @property
+    def text(self) -> str:
+        """The campaign as JSON, which :func:`read` takes."""
+        return self.model_dump_json(by_alias=True)
 
     @property
     def digest(self) -> str:
@@ -101,18 +141,18 @@ class Campaign:
     @cached_property
     def shares(self) -> NDArray[np.float64]:
         """Points of the sampler, shape (welds, number of distributions)."""
-        return draw(self.distributions, self.welds, self.seed, self.sampler)
+        return draw(len(self.distributions), self.welds, self.seed, self.sampler)
 
     def parameters(self, index: int) -> dict[str, Any]:
         """Values of a weld, by path in the scenario: those drawn, and the seed of the noise unless it is drawn."""
-        return {"plant.seed": weld_seed(self.seed, index), **values(self.distributions, self.shares[index].tolist())}
+        return {"plant.seed": weld_seed(self.seed, index), **values(self.distributions, self.shares[index])}
 
     def weld(self, parameters: Mapping[str, Any], entrant: Entrant) -> Scenario:
         """Scenario of a weld.
 
         Raises
         ------
-        ScenarioError
+        fsw_control.schema.InputError
             If it is not a valid one.
         """
         content = copy.deepcopy(self.scenario)
@@ -125,7 +165,7 @@ class Campaign:
 
         Raises
         ------
-        ScenarioError
+        fsw_control.schema.InputError
             If one is not known or refuses its parameters.
         """
         return make_all(scenario, entrant.controller, {entrant.name: entrant.parameters})
@@ -133,7 +173,7 @@ class Campaign:
 
 def shipped() -> list[str]:
     """Names of the campaigns that come with the package."""
-    return sorted(path.stem for path in _SHIPPED.glob("*.yaml"))
+    return shipped_names(_SHIPPED)
 
 
 def load(source: str | Path, welds: int | None = None) -> Campaign:
@@ -149,108 +189,40 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
 
     Raises
     ------
-    CampaignError
+    fsw_control.schema.InputError
         If there is no such campaign or something in it is wrong.
     """
-    file = Path(source)
-    if str(source) in shipped() and not file.is_file():
-        file = _SHIPPED / f"{source}.yaml"
-    try:
-        content = Place(str(source), failure=CampaignError).yaml(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CampaignError(
-            f"cannot read campaign {source}: {error.strerror}; give a YAML file or one of {', '.join(shipped())}"
-        ) from None
-    except UnicodeDecodeError:
-        raise CampaignError(f"cannot read campaign {source}: not a text file in UTF-8") from None
-    if isinstance(content, dict) and welds is not None:
-        content["welds"] = welds
-    if isinstance(content, dict) and isinstance(content.get("scenario"), str):
-        name = content["scenario"]
-        beside = file.parent / name
-        try:
+    content = content_of(read_text(source, "campaign", _SHIPPED), str(source))
+    if isinstance(content, dict):
+        if welds is not None:
+            content["welds"] = welds
+        if isinstance(name := content.get("scenario"), str):
+            beside = Path(source).parent / name
             text = scenario_file.text_of(beside if beside.is_file() else name)
             content["scenario"] = scenario_file.content_of(text, name)
-        except ScenarioError as error:
-            raise CampaignError(f"{source}: {error}") from None
     return read(content, str(source))
 
 
 def read(content: Any, where: str = "campaign") -> Campaign:
     """Read a campaign from the content of a file, its scenario included; errors as :func:`load`."""
-    at = Place(where, failure=CampaignError, whole="campaign")
-    if not isinstance(content, dict):
-        raise CampaignError(f"{where}: a campaign is a mapping with {', '.join(_KEYS)}; see the shipped ones")
-    at.keys(content, _KEYS, required=("name", "scenario", "controllers", "welds"))
-    sampler = content.setdefault("sampler", "latin_hypercube")
-    numbers = {"welds": at.number(content, "welds", _WELDS), "seed": at.number(content, "seed", _SEED, 1)}
-    for key, value in numbers.items():
-        if value != int(value):
-            raise at.inside(key).error(f"is {value:g}, not a whole number")
-    drawn = at.mapping(content.get("distributions") or {})
-    limits = at.mapping(content.get("limits") or {})
-    campaign = Campaign(
-        name=at.word(content, "name"),
-        description=" ".join(str(content.get("description", "")).split()),
-        scenario=at.inside("scenario").mapping(content["scenario"]),
-        entrants=_entrants(at.list(content, "controllers"), at.inside("controllers")),
-        welds=int(numbers["welds"]),
-        seed=int(numbers["seed"]),
-        sampler=at.choice({"sampler": sampler}, "sampler", SAMPLERS),
-        distributions=tuple(
-            Distribution.read(str(path), entry, at.inside(f"distributions.{path}")) for path, entry in drawn.items()
-        ),
-        limits=tuple(_limit(str(signal), entry, at.inside(f"limits.{signal}")) for signal, entry in limits.items()),
-        text=json.dumps(content, allow_nan=False),
-    )
-    _check(campaign, at)
+    campaign = validate(Campaign, content, where)
+    _check_welds(campaign, where)
     return campaign
 
 
-def _entrants(entries: list[Any], at: Place) -> tuple[Entrant, ...]:
-    found = []
-    for i, entry in enumerate(entries):
-        here = at.inside(f"[{i}]")
-        entry = {"controller": entry} if isinstance(entry, str) else here.mapping(entry)
-        here.keys(entry, ("controller", "parameters", "label"), required=("controller",))
-        controller = str(entry["controller"])
-        parameters = here.inside("parameters").mapping(entry.get("parameters") or {})
-        try:
-            label = str(entry.get("label", short(controller)))
-        except ScenarioError as error:
-            raise here.error(f"cannot be: {error}") from None
-        found.append(Entrant(label, controller, parameters))
-    labels = [one.label for one in found]
-    if not labels or len(set(labels)) < len(labels):
-        raise at.error("needs at least one controller, and a label of its own for each")
-    return tuple(found)
-
-
-def _limit(signal: str, entry: Any, at: Place) -> Limit:
-    if signal not in SIGNALS:
-        raise at.error(f"is for no known signal; known: {', '.join(SIGNALS)}")
-    at.keys(at.mapping(entry), _LIMIT_KEYS)
-    low, high = at.optional(entry, "min", _NUMBER), at.optional(entry, "max", _NUMBER)
-    if (low is None and high is None) or (low is not None and high is not None and low >= high):
-        raise at.error("needs min or max, and min below max")
-    return Limit(signal, low, high, at.number(entry, "at_most_s", Range(0.0, DURATION_S.high, "s"), 0.0))
-
-
-def _check(campaign: Campaign, at: Place) -> None:
+def _check_welds(campaign: Campaign, where: str) -> None:
     """Make the first weld of every controller, and one with each extreme value of each distribution."""
+    base = scenario_file.read(copy.deepcopy(campaign.scenario), f"{where}: scenario")
+    if base.open_loop:
+        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign is about controllers")
     try:
-        base = scenario_file.read(copy.deepcopy(campaign.scenario), "scenario")
-        if base.open_loop:
-            raise CampaignError(f"{at.where}: scenario {base.name} is open-loop; a campaign is about controllers")
         for entrant in campaign.entrants:
             campaign.controllers(campaign.weld({}, entrant), entrant)
-    except ScenarioError as error:
-        raise CampaignError(f"{at.where}: {error}") from None
-    for one in campaign.distributions:
-        if one.path.partition(".")[0] in ("name", "description", "controller", "figures"):
-            raise at.inside(f"distributions.{one.path}").error("is no parameter of the weld")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    for path, one in campaign.distributions.items():
         for value in one.extremes:
             try:
-                campaign.weld({one.path: value}, campaign.entrants[0])
-            except ScenarioError as error:
-                raise at.inside(f"distributions.{one.path}").error(f"= {value!r} cannot be: {error}") from None
+                campaign.weld({path: value}, campaign.entrants[0])
+            except InputError as error:
+                raise InputError(f"{where}: distributions.{path} = {value!r} cannot be: {error}") from None

@@ -2,120 +2,119 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import exp, isfinite, log
-from typing import Any
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveFloat, model_validator
 
-from fsw_plant.place import Place
+from fsw_control.schema import Many, Model
 
-SAMPLERS = ("latin_hypercube", "sobol")
-KINDS = ("uniform", "loguniform", "normal", "choice")
-_NORMAL = ("mean", "deviation", "low", "high")
+Sampler = Literal["latin_hypercube", "sobol"]
+SAMPLERS: tuple[str, ...] = get_args(Sampler)
+_Pair = Annotated[Many[float], Field(min_length=2, max_length=2)]
 
 
-@dataclass(frozen=True, slots=True)
-class Distribution:
-    """Distribution of one parameter.
+class Normal(Model):
+    """A normal distribution, truncated to [low, high]."""
 
-    Attributes
-    ----------
-    path : str
-        Of the parameter in the scenario file, e.g. ``plant.model.copper_lag_s``.
-    kind : str
-        One of ``KINDS``; ``normal`` is truncated to [low, high].
-    low, high : float
-        Bounds of a number.
-    mean, deviation : float
-        Of the normal distribution before it is truncated.
-    choices : tuple
-        Equally likely values of ``choice``.
-    """
+    mean: float
+    """before it is truncated"""
+    deviation: PositiveFloat
+    """before it is truncated"""
+    low: float
+    high: float
 
-    path: str
-    kind: str
-    low: float = 0.0
-    high: float = 0.0
-    mean: float = 0.0
-    deviation: float = 0.0
-    choices: tuple[Any, ...] = ()
+    @model_validator(mode="after")
+    def _check_mean(self) -> Normal:
+        if not self.low <= self.mean <= self.high:
+            raise ValueError("needs a mean from low to high")
+        return self
+
+
+class Distribution(Model):
+    """Distribution of one parameter: exactly one of these."""
+
+    uniform: _Pair | None = None
+    """`[low, high]`"""
+    loguniform: _Pair | None = None
+    """`[low, high]`, uniform in the logarithm"""
+    normal: Normal | None = None
+    choice: Annotated[Many[bool | int | float | str], Field(min_length=1)] | None = None
+    """equally likely values"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Distribution:
+        if len(given := [name for name, value in self if value is not None]) != 1:
+            has = ", ".join(given) or "none"
+            raise ValueError(f"needs exactly one of {', '.join(Distribution.model_fields)}, has {has}")
+        if self.choice:
+            if len({type(value) for value in self.choice}) > 1:
+                raise ValueError("has values of several types; write all numbers with a decimal point or none")
+            return self
+        low, high = self.bounds
+        if not low < high:
+            raise ValueError(f"has low = {low:g}, which must be below high = {high:g}")
+        if self.loguniform and low <= 0.0:
+            raise ValueError(f"has low = {low:g}, which must be above 0")
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Which of them it is."""
+        return next(name for name, value in self if value is not None)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of a number."""
+        if self.normal:
+            return self.normal.low, self.normal.high
+        low, high = self.uniform or self.loguniform or (0.0, 0.0)
+        return low, high
 
     @property
     def extremes(self) -> tuple[Any, ...]:
         """Values that must all be allowed for the distribution to be: its bounds and middle, or all its choices."""
-        return self.choices or (self.low, self.high, self.value(0.5))
+        return self.choice or (*self.bounds, self.value(0.5))
 
     def value(self, share: float) -> Any:
         """Quantile of a share, 0 to 1."""
-        if self.kind == "choice":
-            return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
-        if self.kind == "uniform":
-            found = self.low + share * (self.high - self.low)
-        elif self.kind == "loguniform":
-            found = exp(log(self.low) + share * log(self.high / self.low))
-        else:
-            from scipy.special import ndtr, ndtri
+        if self.choice:
+            return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
+        low, high = self.bounds
+        return min(max(float(self._continuous.ppf(share)), low), high)
 
-            below, above = (float(ndtr((x - self.mean) / self.deviation)) for x in (self.low, self.high))
-            found = self.mean + self.deviation * float(ndtri(below + share * (above - below)))
-        return min(max(found, self.low), self.high)
+    @cached_property
+    def _continuous(self) -> Any:
+        from scipy import stats  # heavy to import
 
-    @classmethod
-    def read(cls, path: str, entry: Any, at: Place) -> Distribution:
-        """Read an entry of the campaign file; raises the place's error where it is not understood."""
-        at.mapping(entry)
-        kind, given = next(iter(entry.items()), ("", None))
-        if len(entry) != 1 or kind not in KINDS:
-            raise at.error(f"needs exactly one of {', '.join(KINDS)}, has {', '.join(map(str, entry)) or 'none'}")
-        at = at.inside(kind)
-        if kind == "choice":
-            if (
-                not isinstance(given, list)
-                or not given
-                or not all(isinstance(g, bool | int | float | str) for g in given)
-            ):
-                raise at.error(f"is {given!r}: give a list of values")
-            if len({type(value) for value in given}) > 1:
-                raise at.error("has values of several types; write all numbers with a decimal point or none")
-            return cls(path, kind, choices=tuple(given))
-        if kind == "normal":
-            at.keys(at.mapping(given), _NORMAL, _NORMAL)
-            numbers = [entry[kind][key] for key in _NORMAL]
-        else:
-            if not isinstance(given, list) or len(given) != 2:
-                raise at.error(f"is {given!r}: give [low, high]")
-            numbers = [0.0, 0.0, *given]
-        if not all(isinstance(n, int | float) and not isinstance(n, bool) and isfinite(n) for n in numbers):
-            raise at.error(f"is {given!r}: give finite numbers")
-        mean, deviation, low, high = map(float, numbers)
-        if not low < high:
-            raise at.error(f"has low = {low:g}, which must be below high = {high:g}")
-        if kind == "loguniform" and low <= 0.0:
-            raise at.error(f"has low = {low:g}, which must be above 0")
-        if kind == "normal" and not (deviation > 0.0 and low <= mean <= high):
-            raise at.error("needs a deviation above 0 and a mean from low to high")
-        return cls(path, kind, low, high, mean, deviation)
+        low, high = self.bounds
+        if self.loguniform:
+            return stats.loguniform(low, high)
+        if self.normal is None:
+            return stats.uniform(low, high - low)
+        mean, deviation = self.normal.mean, self.normal.deviation
+        return stats.truncnorm((low - mean) / deviation, (high - mean) / deviation, mean, deviation)
 
 
-def draw(distributions: Sequence[Distribution], count: int, seed: int, sampler: str) -> NDArray[np.float64]:
+def draw(parameters: int, count: int, seed: int, sampler: str) -> NDArray[np.float64]:
     """Shares of all parameters, a row per weld.
 
     Rows depend on the arguments alone; the first rows of a Sobol sequence do not depend on ``count``.
 
     Returns
     -------
-    (count, len(distributions)) array
+    (count, parameters) array
         0 to 1, to be put into :meth:`Distribution.value`.
     """
     from scipy.stats import qmc  # heavy to import
 
-    if not distributions:
+    if not parameters:
         return np.zeros((count, 0))
     kind = {"latin_hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[sampler]
-    made = kind(len(distributions), seed=np.random.default_rng(seed))
+    made = kind(parameters, seed=np.random.default_rng(seed))
     if sampler == "sobol":  # a power of two, for scipy warns of an unbalanced sequence otherwise
         return np.asarray(made.random_base2(max(count - 1, 0).bit_length())[:count])
     return np.asarray(made.random(count))
@@ -126,6 +125,6 @@ def weld_seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
 
 
-def values(distributions: Sequence[Distribution], shares: Sequence[float]) -> Mapping[str, Any]:
+def values(distributions: Mapping[str, Distribution], shares: Iterable[float]) -> dict[str, Any]:
     """Values by path of one row of :func:`draw`."""
-    return {one.path: one.value(share) for one, share in zip(distributions, shares, strict=True)}
+    return {path: one.value(share) for (path, one), share in zip(distributions.items(), shares, strict=True)}

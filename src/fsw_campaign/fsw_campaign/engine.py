@@ -56,7 +56,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """
     for name in ("tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.startswith(("distributed", "tornado", "asyncio")):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is told in one line
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # failures are reported in one line
     with config.set({**_LEAN, "distributed.comm.timeouts.connect": f"{PATIENCE_S}s"}):
         if scheduler is None:
             # Ctrl-C on a terminal reaches the workers as well; it is for this process alone to end them
@@ -77,8 +77,8 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             get_address_host_port(scheduler)  # a client that fails on a wrong one prints a traceback when it is deleted
             client = Client(scheduler, timeout=f"{PATIENCE_S}s", set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
-            told = " ".join(str(error).split()) or type(error).__name__
-            raise CampaignError(f"no scheduler answers at {scheduler}: {told}") from None
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise CampaignError(f"no scheduler answers at {scheduler}: {reason}") from None
         try:
             client.wait_for_workers(1, timeout=PATIENCE_S)
             yield client

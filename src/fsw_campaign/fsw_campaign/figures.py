@@ -83,24 +83,26 @@ def ratios(results: Results) -> bytes | None:
 def times_outside(results: Results) -> bytes | None:
     """Distributions of the time outside each limit that any weld leaves; None if there is none."""
     found = {
-        limit: [results.numbers(f"outside_{limit.signal}_s", label) for label in results.labels]
-        for limit in results.campaign.limits
+        signal: [results.numbers(f"outside_{signal}_s", label) for label in results.labels]
+        for signal in results.campaign.limits
     }
-    limits = [limit for limit, times in found.items() if np.max(times) > 0.0]
+    signals = [signal for signal, times in found.items() if np.max(times) > 0.0]
 
     def draw(axes: Any, i: int) -> None:
-        for label, times, colour in zip(results.labels, found[limits[i]], colours_of(results.labels), strict=True):
+        signal = signals[i]
+        at_most_s = results.campaign.limits[signal].at_most_s
+        for label, times, colour in zip(results.labels, found[signal], colours_of(results.labels), strict=True):
             _steps(axes, times, label, colour)
-        shown_s = max(_WIDEST * limits[i].at_most_s, float(np.quantile(found[limits[i]], _SHOWN_SHARE)))
+        shown_s = max(_WIDEST * at_most_s, float(np.quantile(found[signal], _SHOWN_SHARE)))
         axes.set_xlim(0.0, shown_s or None)
-        axes.axvline(limits[i].at_most_s, color="0.4", lw=0.8)
-        axes.set(title=limits[i].signal, xlabel="time outside [s]", ylabel="welds up to [%]")
+        axes.axvline(at_most_s, color="0.4", lw=0.8)
+        axes.set(title=signal, xlabel="time outside [s]", ylabel="welds up to [%]")
         axes.title.set_fontsize("medium")
         axes.grid(alpha=0.3)
         if i == 0:
             axes.legend(fontsize="small")
 
-    return _panels(len(limits), draw) if limits else None
+    return _panels(len(signals), draw) if signals else None
 
 
 def sensitivities(results: Results) -> bytes | None:

@@ -16,41 +16,36 @@ from numpy.typing import NDArray
 
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign.dataset import SCENARIO
-from fsw_campaign.definition import Campaign, Entrant
+from fsw_campaign.definition import Bounds, Campaign, Entrant
 from fsw_campaign.welds import OK
 from fsw_scenario import scenario_file
 
 Vector = NDArray[np.float64]
 #: figures by which welds are ranked and parameters are judged
 MAIN = ("iae_depth_mm_s", "iae_temperature_c_s")
-#: of the intervals of shares
-_CONFIDENCE = 0.95
-_95 = 1.96
 WORST = 10
+_CONFIDENCE = 0.95
 #: welds that a group of like parameter values needs, and the most groups
 _GROUP, _MOST_GROUPS = 25, 16
 
 
-def wilson(good: int, total: int) -> tuple[float, float]:
-    """Wilson interval (95 %) of a share."""
-    from scipy.stats import binomtest
-
-    interval = binomtest(good, total).proportion_ci(_CONFIDENCE, method="wilson")
-    return float(interval.low), float(interval.high)
-
-
 def first_order(parameter: Vector, values: Vector) -> float:
-    """Sobol's first-order index: the share of the variance of ``values`` that their mean over like parameters has.
+    """Share of the variance of the ranks of ``values`` that goes with a parameter alone, in whatever direction.
 
-    NaN with too few of them. Groups of equally many welds, less what chance alone gives.
+    Effect size (eta squared) of the Kruskal-Wallis test over groups of like parameter values, which estimates Sobol's
+    first-order index of the ranks; 0 by chance, NaN with too few values.
     """
-    n = values.size
-    groups = min(n // _GROUP, _MOST_GROUPS)
+    from scipy.stats import kruskal
+
+    n, groups = values.size, _groups(values.size)
     if groups < 3 or np.ptp(values) == 0.0:
         return float("nan")
-    means = [float(part.mean()) for part in np.array_split(values[np.argsort(parameter, kind="stable")], groups)]
-    chance = (groups - 1) / (n - 1)
-    return float((np.var(means) / np.var(values) - chance) / (1.0 - chance))
+    statistic = kruskal(*np.array_split(values[np.argsort(parameter, kind="stable")], groups)).statistic
+    return float((statistic - groups + 1) / (n - groups))
+
+
+def _groups(n: int) -> int:
+    return min(n // _GROUP, _MOST_GROUPS)
 
 
 @dataclass(frozen=True)
@@ -97,7 +92,7 @@ class Results:
     @property
     def columns(self) -> list[str]:
         """Columns with figures, on which limits may be set."""
-        parameters = {one.path for one in self.campaign.distributions}
+        parameters = self.campaign.distributions
         return [one.name for one in self.table.schema if pa.types.is_floating(one.type) and one.name not in parameters]
 
     @cached_property
@@ -105,20 +100,24 @@ class Results:
         """Whether each row is inside all limits of the campaign."""
         return np.asarray(self.table["inside"].to_numpy(zero_copy_only=False), dtype=bool)
 
-    def meets(self, bounds: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_] | None:
+    def meets(self, bounds: Mapping[str, Bounds]) -> NDArray[np.bool_] | None:
         """Whether each row ended with figures within bounds, by column; None where no row has one of the figures."""
         found = self.texts("status") == OK
-        for column, (low, high) in bounds.items():
+        for column, one in bounds.items():
             values = self.table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
             if not np.isfinite(values).any():
                 return None
-            found &= (values >= low) & (values <= high)
+            found &= one.hold(values)
         return np.asarray(found)
 
     def share(self, good: NDArray[np.bool_], label: str) -> tuple[int, int, float, float]:
         """How many rows of a controller are good, how many there are, and the Wilson interval (95 %) of the share."""
+        from scipy.stats import binomtest
+
         own = good[self.controller == label]
-        return int(own.sum()), int(own.size), *wilson(int(own.sum()), int(own.size))
+        count, total = int(own.sum()), int(own.size)
+        interval = binomtest(count, total).proportion_ci(_CONFIDENCE, method="wilson")
+        return count, total, float(interval.low), float(interval.high)
 
     def ratio(self, column: str, label: str) -> Vector:
         """Ratios of a figure to that of the first controller on the same plants, where both are above 0."""
@@ -132,47 +131,51 @@ class Results:
         return [key for key in ROWS if np.isfinite(self.numbers(key, self.labels[0])).any()]
 
     def sensitivities(self, column: str, label: str) -> dict[str, tuple[float, float]]:
-        """Of the ranks of a figure, by parameter that is a number: Spearman's correlation, and the first-order index.
+        """Spearman's correlation and :func:`first_order` of a figure, by parameter that is a number.
 
         NaN where one of the two is constant.
         """
-        from scipy.stats import rankdata, spearmanr
+        from scipy.stats import spearmanr
 
         values = self.numbers(column, label)
         known = np.isfinite(values)
-        ranks = rankdata(values[known])
         found = {}
-        for one in self.campaign.distributions:
+        for path, one in self.campaign.distributions.items():
             if isinstance(one.extremes[0], str):
                 continue
-            parameter = self.numbers(one.path, label)[known]
-            varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(ranks) > 0.0
-            correlation = float(spearmanr(parameter, ranks).statistic) if varies else float("nan")
-            found[one.path] = correlation, first_order(parameter, ranks) if varies else float("nan")
+            parameter = self.numbers(path, label)[known]
+            varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(values[known]) > 0.0
+            correlation = float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
+            found[path] = correlation, first_order(parameter, values[known]) if varies else float("nan")
         return found
 
     @property
     def chance(self) -> tuple[float, float]:
         """What correlations and first-order indices of no meaning stay below, 95 times in 100."""
+        from scipy.stats import chi2, norm
+
         n = max(self.complete.size, 4)
-        groups = max(min(n // _GROUP, _MOST_GROUPS), 3)
-        return min(_95 / (n - 1) ** 0.5, 1.0), _95 * (2.0 * (groups - 1)) ** 0.5 / n
+        groups = max(_groups(n), 3)
+        correlation = norm.ppf((1.0 + _CONFIDENCE) / 2.0) / (n - 1) ** 0.5
+        index = (chi2.ppf(_CONFIDENCE, groups - 1) - groups + 1) / (n - groups)
+        return min(float(correlation), 1.0), min(float(index), 1.0)
 
     def worst(self) -> list[tuple[dict[str, Any], str]]:
         """The worst welds and why: first those that did not end, then by ``MAIN`` over their controller's median."""
-        rows = self.table.drop_columns(["events"]).to_pylist()
         medians = {label: [np.nanmedian(self.numbers(key, label)) for key in MAIN] for label in self.labels}
         scored = []
-        for row in rows:
-            if row["status"] != OK:
-                scored.append((float("inf"), row, f"{row['status']}: {row['reason']}"))
-                continue
-            ratios = [(row[key] or 0.0) / m for key, m in zip(MAIN, medians[row["controller"]], strict=True) if m > 0.0]
-            which = int(np.argmax(ratios)) if ratios else 0
-            why = f"{ROWS[MAIN[which]][0]} {max(ratios, default=0.0):.2f} × median"
-            scored.append((max(ratios, default=0.0), row, why))
-        scored.sort(key=lambda one: (-one[0], one[1]["index"], one[1]["controller"]))
-        return [(row, why) for _, row, why in scored[:WORST]]
+        for row in self.table.drop_columns(["events"]).to_pylist():
+            score, why = float("inf"), f"{row['status']}: {row['reason']}"
+            if row["status"] == OK:
+                ratios = [
+                    (row[key] or 0.0) / m if m > 0.0 else 0.0
+                    for key, m in zip(MAIN, medians[row["controller"]], strict=True)
+                ]
+                score, key = max(zip(ratios, MAIN, strict=True), key=lambda one: one[0])
+                why = f"{ROWS[key][0]} {score:.2f} × median"
+            scored.append((-score, row["index"], row["controller"], row, why))
+        scored.sort(key=lambda one: one[:3])
+        return [(row, why) for *_, row, why in scored[:WORST]]
 
     def command(self, row: Mapping[str, Any]) -> str:
         """Command that runs the weld of a row again."""
@@ -182,7 +185,7 @@ class Results:
 
 def arguments(folder: Path, entrant: Entrant, campaign: Campaign, row: Mapping[str, Any]) -> list[str]:
     """Arguments of ``fsw.py`` with which the weld of a row is run again."""
-    paths = dict.fromkeys(["plant.seed", *(one.path for one in campaign.distributions)])
+    paths = dict.fromkeys(["plant.seed", *campaign.distributions])
     name = campaign.scenario["name"]
     is_shipped = name in scenario_file.shipped() and campaign.scenario == scenario_file.content_of(
         scenario_file.text_of(name)

@@ -74,7 +74,7 @@ def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entr
         loop = ClosedLoop(scenario, _controllers(campaign.text, entrant.label, scenario.controllers))
         signals = loop.run()
         row |= _figures(signals)
-        inside = [_outside(signals, limit, row) <= limit.at_most_s for limit in campaign.limits]
+        inside = [_outside(signals, name, limit, row) <= limit.at_most_s for name, limit in campaign.limits.items()]
         row["status"] = DIVERGED if loop.plant.stopped else OK
         row["reason"] = loop.plant.stopped
         row["inside"] = all(inside) and not loop.plant.stopped
@@ -98,13 +98,11 @@ def _figures(signals: WeldSignals) -> Row:
     return found
 
 
-def _outside(signals: WeldSignals, limit: definition.Limit, row: Row) -> float:
+def _outside(signals: WeldSignals, name: str, limit: definition.Limit, row: Row) -> float:
     """Time outside a limit [s]; puts it and the extremes of the signal into the row."""
-    values = _signal(signals, limit.signal)
-    low = -np.inf if limit.low is None else limit.low
-    high = np.inf if limit.high is None else limit.high
-    row[f"lowest_{limit.signal}"], row[f"highest_{limit.signal}"] = float(values.min()), float(values.max())
-    row[f"outside_{limit.signal}_s"] = outside_s = round(int(np.sum(~((values >= low) & (values <= high)))) * TICK_S, 9)
+    values = _signal(signals, name)
+    row[f"lowest_{name}"], row[f"highest_{name}"] = float(values.min()), float(values.max())
+    row[f"outside_{name}_s"] = outside_s = round(int(np.sum(~limit.hold(values))) * TICK_S, 9)
     return outside_s
 
 

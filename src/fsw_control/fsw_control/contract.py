@@ -6,14 +6,16 @@ Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
 
-SENSORS = ("depth", "torque", "thermocouple")
+Sensor = Literal["depth", "torque", "thermocouple"]
+SENSORS: tuple[str, ...] = get_args(Sensor)
 #: sources of commands that are no controllers: modes of the supervisor
-BUILT_IN_SOURCES = ("manual", "hold", "safe_stop")
+BuiltInSource = Literal["manual", "hold", "safe_stop"]
+BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
 
 
 class Measurement(NamedTuple):
@@ -80,7 +82,13 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds and largest change per tick of the manipulated variables."""
+    """Bounds and largest change per tick of the manipulated variables.
+
+    Raises
+    ------
+    ValueError
+        When a minimum is not below its maximum.
+    """
 
     force_min_kn: float = weld.FORCE_MIN_KN
     force_max_kn: float = weld.FORCE_MAX_KN
@@ -89,20 +97,22 @@ class Limits:
     force_step_kn: float = weld.FORCE_STEP_KN
     speed_step_rpm: float = weld.SPEED_STEP_RPM
 
+    def __post_init__(self) -> None:
+        bounds = (("force", self.force_min_kn, self.force_max_kn), ("speed", self.speed_min_rpm, self.speed_max_rpm))
+        for name, low, high in bounds:
+            if not low < high:
+                raise ValueError(f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})")
+
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
-        """Limits from the parameters of a controller.
-
-        Raises
-        ------
-        ValueError
-            When a minimum is not below its maximum.
-        """
-        for low, high in (("force_min", "force_max"), ("speed_min", "speed_max")):
-            if not values[low] < values[high]:
-                raise ValueError(f"{low} must be below {high}")
+        """Limits from the parameters of a controller."""
         names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
         return cls(*(values[name] for name in names))
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Limits:
+        """Limits from the parameters ``limits.*`` of a node."""
+        return cls(**{item.name: values[f"limits.{item.name}"] for item in fields(cls)})
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""
@@ -149,7 +159,7 @@ class Plan:
 
 @dataclass(slots=True)  # made at every tick; frozen, it would take four times as long
 class Diagnosis:
-    """What a controller reports besides its command (all optional)."""
+    """What a controller reports in addition to its command (all optional)."""
 
     depth_estimate_mm: float = float("nan")
     temperature_estimate_c: float = float("nan")

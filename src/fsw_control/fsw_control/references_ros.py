@@ -17,7 +17,7 @@ from rclpy.task import Future
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.contract import Reference
-from fsw_control.ramps import duration_s, ramp, stair
+from fsw_control.ramps import duration_s, ramp, ramp_plan
 from fsw_control.ranges import set_point_problem
 from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
 from fsw_control.reports_ros import OK, WARN, Report
@@ -251,7 +251,7 @@ class KeptReference:
         if start != goal:
             begin_ns = self._tick_ns + _LEAD_NS
             points += ramp(start, goal, begin_ns)
-            plan = stair(start, goal, begin_ns)
+            plan = ramp_plan(start, goal, begin_ns)
         plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
         for stamp_ns, one in points:
             message = convert.reference_message(one, stamp_ns)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args
+from typing import Annotated, Any, Self, TypeVar, get_args
 
 import yaml
 from pydantic import (
@@ -78,6 +78,10 @@ class Model(BaseModel):
         if isinstance(content, dict):
             return {key: value for key, value in content.items() if value is not None}
         return content
+
+    def changed(self, **values: Any) -> Self:
+        """A copy with other values in some fields, checked as a new one; errors as of :func:`validate`."""
+        return validate(type(self), dict(self) | values, type(self).__name__)
 
 
 M = TypeVar("M", bound=Model)
@@ -180,6 +184,11 @@ def range_of(model: type[Model], field: str) -> Range:
     return next(one for one in (*info.metadata, *inside) if isinstance(one, Range))
 
 
+def without_default(schema: dict[str, Any]) -> None:
+    """For ``Field(json_schema_extra=...)``: the default stands for a value that is left out, and is none to write."""
+    del schema["default"]
+
+
 class _GenerateJsonSchema(GenerateJsonSchema):
     """JSON Schema in which what may be left out is not also null, and keys do not repeat their names as titles."""
 
@@ -213,7 +222,7 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
     if kind == "missing":
         return f"lacks {key}"
     if kind in ("extra_forbidden", "invalid_key"):
-        known = list(model.model_fields) if model else []
+        known = [field.alias or name for name, field in model.model_fields.items()] if model else []
         near = get_close_matches(str(key), known, 1)
         return f"is an unknown key; {f'did you mean {near[0]}? ' if near else ''}known: {', '.join(known)}"
     if kind == "union_tag_not_found":
@@ -226,11 +235,15 @@ def _text(error: ErrorDetails, model: type[Model] | None) -> str:
         return f"is {shown}, not a name (letters, digits, _)"
     if kind in _KINDS:
         return f"is {shown}, not {_KINDS[kind]}"
+    if kind == "too_short":
+        return f"needs at least {ctx['min_length']} entries"
+    if kind == "too_long":
+        return f"may have at most {ctx['max_length']} entries"
     if kind == "value_error":
         return str(ctx["error"])
     if kind == "problem":
         return error["msg"]
-    return f"is {shown}: {error['msg']}"
+    return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
 
 
 def _plain(quoted: str) -> str:

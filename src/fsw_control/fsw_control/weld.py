@@ -5,6 +5,7 @@ A parameter file refers to one of them by ``$NAME`` in place of a number.
 
 #: Time between two ticks, paper (36).
 TICK_S = 0.1
+TICK_NS = 100_000_000
 #: Operating point, paper (15); the speed is the one at which 43.6 kW hold it.
 DEPTH_MM, TEMPERATURE_C = 2.66, 816.4
 FORCE_KN, SPEED_RPM = 78.4, 407.576

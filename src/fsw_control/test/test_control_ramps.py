@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
-from fsw_control.ramps import duration_s, ramp, stair
+from fsw_control.ramps import duration_s, ramp, ramp_plan
 from fsw_control.ranges import (
     REFERENCE_DEPTH_MM,
     REFERENCE_TEMPERATURE_C,
@@ -49,9 +49,10 @@ def test_every_ramp_ends_at_its_goal_and_is_no_faster_than_allowed(start, goal):
 def test_stair_has_treads_of_a_second_and_never_leaves_the_ramp(start, goal):
     if start == goal:
         return
-    plan = stair(start, goal, START_NS)
+    plan = ramp_plan(start, goal, START_NS)
     assert plan[-1][1] == goal
-    assert all(after - before == NANOSECONDS for (before, _), (after, _) in pairwise(plan))
+    *gaps, last = [after - before for (before, _), (after, _) in pairwise([(START_NS, start), *plan])]
+    assert set(gaps[1:]) <= {NANOSECONDS} and 0 < last <= NANOSECONDS
     low, high = sorted((start.temperature_c, goal.temperature_c))
     assert all(low <= one.temperature_c <= high for _, one in plan)
     assert ReferencePlan(plan).after(START_NS - 1, start)

@@ -107,7 +107,7 @@ def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:
     gains, limits = Gains.of(values), Limits.of(values)
     tuning = KERNEL.new(
         "fsw_decentral_tuning",
-        **asdict(gains),
+        **dict(gains),
         **asdict(limits),
         friction=tuple(values[f"friction.{name}"] for name in ("constant", "linear", "quadratic")),
         spindle_inertia_kgm2=values["spindle_inertia"],

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from functools import cache
 from importlib import resources
-from math import isfinite
 from typing import Any
 
 import yaml
+from pydantic import NonNegativeFloat, PositiveFloat
+
+from fsw_control.schema import Model
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
+class Gains(Model):
     """All tuning of the three loops; names, units and meaning are those of the parameters in ``decentral.yaml``.
 
     Raises
@@ -22,32 +22,25 @@ class Gains:
         When one is negative or not finite, or an integral or tracking time is 0.
     """
 
-    depth_gain: float
-    depth_integral_time: float
-    depth_derivative_time: float
-    depth_filter: float
-    depth_weight: float
-    depth_reference_filter: float
-    depth_tracking_time: float
-    temperature_gain: float
-    temperature_integral_time: float
-    temperature_derivative_time: float
-    temperature_filter: float
-    temperature_weight: float
-    temperature_reference_filter: float
-    temperature_tracking_time: float
-    power_gain: float
-    power_integral_time: float
-    power_filter: float
-    power_tracking_time: float
-    feedforward_filter: float
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            if not isfinite(value) or value < 0.0:
-                raise ValueError(f"gain {name} is {value!r}, must be finite and not negative")
-            if value == 0.0 and name.endswith(("integral_time", "tracking_time")):
-                raise ValueError(f"gain {name} must be positive")
+    depth_gain: NonNegativeFloat
+    depth_integral_time: PositiveFloat
+    depth_derivative_time: NonNegativeFloat
+    depth_filter: NonNegativeFloat
+    depth_weight: NonNegativeFloat
+    depth_reference_filter: NonNegativeFloat
+    depth_tracking_time: PositiveFloat
+    temperature_gain: NonNegativeFloat
+    temperature_integral_time: PositiveFloat
+    temperature_derivative_time: NonNegativeFloat
+    temperature_filter: NonNegativeFloat
+    temperature_weight: NonNegativeFloat
+    temperature_reference_filter: NonNegativeFloat
+    temperature_tracking_time: PositiveFloat
+    power_gain: NonNegativeFloat
+    power_integral_time: PositiveFloat
+    power_filter: NonNegativeFloat
+    power_tracking_time: PositiveFloat
+    feedforward_filter: NonNegativeFloat
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Gains:
@@ -60,9 +53,9 @@ class Gains:
         """
         sets = tunings()
         if values["tuning"] not in sets:
-            raise ValueError(f"tuning {values['tuning']!r} is none of {', '.join(sets)}")
-        gains = asdict(sets[values["tuning"]])
-        return cls(**gains | {name: values[name] for name in gains if values.get(name, -1.0) >= 0.0})
+            raise ValueError(f"tuning {values['tuning']!r} is not one of {', '.join(sets)}")
+        chosen = {name: values[name] for name in cls.model_fields if values.get(name, -1.0) >= 0.0}
+        return sets[values["tuning"]].changed(**chosen)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 
 from fsw_control.parameters import load, validate
@@ -18,7 +18,7 @@ from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
 
 #: parameters of the decentralized controller's node, and where they are in the library's tuning
-_DECENTRAL = {name: name for name in Gains.__dataclass_fields__} | {
+_DECENTRAL = {name: name for name in Gains.model_fields} | {
     "force_min": "force_min_kn",
     "force_max": "force_max_kn",
     "speed_min": "speed_min_rpm",
@@ -70,7 +70,7 @@ def decentral(choice: Choice) -> Content:
     specs = load("fsw_decentral", "decentral.yaml")
     values = validate(specs, choice.parameters)
     controller = DecentralController(values)
-    values |= asdict(controller.gains)
+    values |= dict(controller.gains)
     parameters = []
     for name, spec in specs.items():
         if name in _DECENTRAL:

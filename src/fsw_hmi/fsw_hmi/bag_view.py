@@ -20,7 +20,7 @@ from fsw_hmi.frames import COLUMNS, short
 from fsw_hmi.limits import limits
 from fsw_recorder.errors import BagError
 
-#: more are not told apart on one chart
+#: more cannot be distinguished on one chart
 MOST_BAGS = 2
 #: stamps below this are of simulated time, which begins at 0 [s]
 _SIMULATED_S = 1e8
@@ -48,8 +48,8 @@ class BagView:
     limits: dict[str, Any] = field(default_factory=dict)
 
 
-def load(paths: Sequence[Path], told: Callable[[Path], object] = lambda _: None) -> list[BagView]:
-    """Read one bag, or two to compare; ``told`` is called before each is read.
+def load(paths: Sequence[Path], reading: Callable[[Path], object] = lambda _: None) -> list[BagView]:
+    """Read one bag, or two to compare; ``reading`` is called before each is read.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def load(paths: Sequence[Path], told: Callable[[Path], object] = lambda _: None)
         raise BagError(f"{len(paths)} bags: the page shows one, or compares {MOST_BAGS}")
     views = []
     for path, name in zip(paths, labels(paths), strict=True):
-        told(path)
+        reading(path)
         views.append(view(load_weld(path), name))
     return views
 

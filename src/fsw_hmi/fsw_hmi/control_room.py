@@ -8,8 +8,9 @@ import secrets
 from dataclasses import dataclass, field
 from typing import Any
 
+from fsw_control.schema import InputError
 from fsw_hmi import security, tokens
-from fsw_hmi.requests import Action, RequestError, SafeStop, read, word
+from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 #: requests of a session in a second; safe stops do not count
@@ -164,7 +165,7 @@ class ControlRoom:
             return self._take(session, number, message)
         if do == "release_control":
             return self._release(session, number)
-        return self._command(session, number, message)
+        return self._command(session, number, do, message)
 
     def _offence(self, session: Session, number: int | None, why: str) -> Verdict:
         session.offences += 1
@@ -188,7 +189,7 @@ class ControlRoom:
         if holder is session:
             return Verdict(number, DONE, "you have control already")
         if message.get("from") != (holder and holder.id):
-            who = f"{holder.who} has control now" if holder else "nobody has control now"
+            who = f"{holder.who} has control now" if holder else "control is free now"
             return Verdict(number, REFUSED, f"{who}: look again", asked=asked)
         self._holder = session.id
         taken = f"control taken from {holder.who}" if holder else "control taken"
@@ -200,11 +201,12 @@ class ControlRoom:
         self._holder = ""
         return Verdict(number, DONE, "control released", asked="release control", control=True)
 
-    def _command(self, session: Session, number: int, message: dict[str, Any]) -> Verdict:
+    def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
         try:
-            action = read(message)
-        except RequestError as error:
-            return Verdict(number, REFUSED, str(error)[:200], asked=_name(message))
+            action = read(do, message)
+        except InputError as error:
+            asked = do if do in ACTIONS else "unknown request"
+            return Verdict(number, REFUSED, str(error)[:200], asked=asked)
         if self.holder is not session:
             return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
         return Verdict(number, action=action, asked=str(action))
@@ -223,11 +225,3 @@ def _id(message: dict[str, Any]) -> int | None:
     if isinstance(number, bool) or not isinstance(number, int) or not -_MAX_ID <= number <= _MAX_ID:
         return None
     return number
-
-
-def _name(message: dict[str, Any]) -> str:
-    """What was asked for, as far as it is a name."""
-    try:
-        return word(message, "do")
-    except RequestError:
-        return "unknown request"

@@ -87,7 +87,7 @@ class Client:
 
 
 class Hub:
-    """All open pages, and what a page that opens is told."""
+    """All open pages, and what a new page is sent."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
@@ -115,5 +115,5 @@ class Hub:
         self._latest = {kind: frame for kind, frame in self._latest.items() if kind in _LASTING}
 
     def latest(self) -> dict[str, str]:
-        """What a page is told that opens now, by kind."""
+        """Latest frames for a new page, by kind."""
         return dict(self._latest)

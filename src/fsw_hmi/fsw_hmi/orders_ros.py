@@ -29,6 +29,7 @@ from fsw_hmi.requests import (
 )
 from fsw_msgs import srv
 from fsw_msgs.srv import SetDisturbance, SetFault, SetMode, SwitchController
+from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 
 SAFE_STOP = "safe_stop"
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
@@ -50,7 +51,7 @@ class _Call:
     repeat: bool
     asked_s: float = 0.0
     future: Future | None = None
-    told: bool = False
+    is_answered: bool = False
 
 
 class Orders:
@@ -96,7 +97,7 @@ class Orders:
             )
             self._call(self._set_reference, "supervisor", wanted, answer, timeout_s)
         elif isinstance(action, Programme):
-            self._call(self._weld[action.verb], "programme", Trigger.Request(), answer, timeout_s)
+            self._call(self._weld[action.action], "programme", Trigger.Request(), answer, timeout_s)
         elif isinstance(action, Disturb):
             self._call(self._disturb, "emulated plant", _disturbance(action), answer, timeout_s)
         elif isinstance(action, Fail):
@@ -121,16 +122,16 @@ class Orders:
         self.look()
 
     def look(self) -> None:
-        """Ask where nobody could be asked yet, and give up what takes too long."""
+        """Send requests whose service was not there yet, and time out the others."""
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
                 asked = call.asked_s and f"the {call.offered_by} did not answer in time"
                 why = asked or f"there is no {call.offered_by} to ask"
-                if not call.repeat or call.told:
+                if not call.repeat or call.is_answered:
                     self._end(call, TIMED_OUT, why)
                 else:
-                    call.told, call.due_s = True, now_s + _REPEAT_FOR_S
+                    call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
                     call.answer(TIMED_OUT, f"{why}; it is asked for up to {_REPEAT_FOR_S:g} s more")
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
@@ -162,24 +163,22 @@ class Orders:
             call.answer(outcome, message)
 
     def _drop(self, call: _Call) -> None:
-        """Forget a question that nobody waits for any longer."""
+        """Drop a pending request."""
         if call.future is not None:
             future, call.future = call.future, None
             call.client.remove_pending_request(future)
 
 
 def _disturbance(action: Disturb) -> SetDisturbance.Request:
-    to_wire = {"depth": units.m_from_mm, "axial_force": units.n_from_kn, "spindle_speed": units.rad_s_from_rpm}
     return SetDisturbance.Request(
         channel=action.channel,
         shape=action.shape,
-        amplitude=to_wire.get(action.channel, float)(action.amplitude),
+        amplitude=units.to_si(action.amplitude, amplitude_unit(action.channel)),
         duration=action.duration_s,
         period=action.period_s,
     )
 
 
 def _fault(action: Fail) -> SetFault.Request:
-    in_metres = action.sensor == "depth" and action.kind != "delay"
-    magnitude = units.m_from_mm(action.magnitude) if in_metres else action.magnitude
+    magnitude = units.to_si(action.magnitude, magnitude_unit(action.sensor, action.kind))
     return SetFault.Request(sensor=action.sensor, kind=action.kind, magnitude=magnitude, duration=action.duration_s)

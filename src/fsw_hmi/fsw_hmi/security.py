@@ -21,8 +21,8 @@ HEADERS = {
 class Security:
     """Middleware: refuses requests from other pages, and adds the headers to every answer.
 
-    The check of the origin keeps off pages of strangers that open a websocket across. A websocket must say where it
-    comes from, as every browser does.
+    The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is refused, too; every browser
+    sends one.
     """
 
     def __init__(self, app: ASGIApp) -> None:

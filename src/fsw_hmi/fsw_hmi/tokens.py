@@ -20,7 +20,7 @@ _MOST_CLIENTS = 1000
 class WrongTokens:
     """Tells which clients try tokens, each for itself.
 
-    The same wrong token counts once, so that pages that log in again with one that is out of date shut nobody out.
+    The same wrong token counts once, so that pages that log in again with an old one do not lock their user out.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ def read(path: Path) -> str:
     Raises
     ------
     ValueError
-        When there is none, or others may read or change the file; the message says what to do.
+        When the file cannot be read or is empty, or others may read or change the file; the message says what to do.
     """
     try:
         token = read_private("token_file", path, _LONGEST_BYTES).decode().strip()

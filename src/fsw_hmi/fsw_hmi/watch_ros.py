@@ -33,7 +33,7 @@ class Watch:
     """Subscribes to everything that the page shows.
 
     A plant may wait with its first tick for a number of subscribers of its sensors, meant are the controllers. So this
-    node subscribes to the sensors only while it hears the drives, which nobody counts.
+    node subscribes to the sensors only while it hears the drives, whose subscribers are not counted.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Watch:
         on_prediction: Callable[[dict[str, Any]], None],
         on_state: Callable[[], None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction, self._told = node, on_rows, on_prediction, on_state
+        self._node, self._on_rows, self._on_prediction, self._show_state = node, on_rows, on_prediction, on_state
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
         self.state: dict[str, Any] | None = None
@@ -124,7 +124,7 @@ class Watch:
         for one in message.controllers:
             if one.name not in self._controllers and len(self._controllers) < _MOST_CONTROLLERS:
                 self._follow(one.name)
-        self._told()
+        self._show_state()
 
     def _follow(self, controller: str) -> None:
         """Listen to a controller that the supervisor knows."""

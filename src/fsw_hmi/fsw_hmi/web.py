@@ -37,7 +37,7 @@ class Order:
     Attributes
     ----------
     number : int
-        By which the outcome is told; 0: only for the record.
+        By which the outcome is reported; 0: only for the record.
     who : str
         Name and session.
     asked : str
@@ -114,7 +114,7 @@ class LivePage:
     # ---------------------------------------------------------------- from the graph
 
     def set_hello(self, hello: Mapping[str, Any]) -> None:
-        """Take what pages are told when they open; open ones begin again."""
+        """Take the first frame of new pages; open pages are restarted with it."""
         self._hello = dict(hello)
         for page in self._pages:
             self._begin(page)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
@@ -74,11 +75,12 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
     """The application with these routes, behind the checks of host and origin.
 
     ``hosts`` are names and addresses under which the page may be asked for, without port, beside those of this
-    computer: a page of strangers may let its own name point here (DNS rebinding).
+    computer: a foreign page may let its own name point here (DNS rebinding).
     """
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
-    return Security(TrustedHostMiddleware(Starlette(routes=list(routes)), allowed, www_redirect=False))
+    packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
+    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False))
 
 
 class _Connection(H11Protocol):

@@ -26,13 +26,25 @@ HERE, THERE = "127.0.0.1", "192.0.2.4"
 GOOD = {
     "safe_stop": ({}, SafeStop()),
     "acknowledge_stop": ({}, AcknowledgeStop()),
-    "set_reference": ({"depth_mm": 2.7, "temperature_c": 820, "ramp": True}, SetReference(2.7, 820.0, True)),
-    "switch": ({"controller": "nmpc", "wait_s": 3}, Switch("nmpc", 3.0)),
-    "mode": ({"mode": "manual", "force_kn": 78, "speed_rpm": 400}, ChangeMode("manual", 78.0, 400.0)),
-    "weld": ({"action": "hold"}, Programme("hold")),
-    "acknowledge": ({"ids": ["interlock:depth_high"]}, Acknowledge(("interlock:depth_high",))),
-    "disturb": ({"channel": "depth", "shape": "step", "amplitude": 0.1}, Disturb("depth", "step", 0.1, 0.0, 0.0)),
-    "fault": ({"sensor": "depth", "kind": "bias", "magnitude": 0.1, "duration_s": 5}, Fail("depth", "bias", 0.1, 5.0)),
+    "set_reference": (
+        {"depth_mm": 2.7, "temperature_c": 820, "ramp": True},
+        SetReference(depth_mm=2.7, temperature_c=820.0, ramp=True),
+    ),
+    "switch": ({"controller": "nmpc", "wait_s": 3}, Switch(controller="nmpc", wait_s=3.0)),
+    "mode": (
+        {"mode": "manual", "force_kn": 78, "speed_rpm": 400},
+        ChangeMode(mode="manual", force_kn=78.0, speed_rpm=400.0),
+    ),
+    "weld": ({"action": "hold"}, Programme(action="hold")),
+    "acknowledge": ({"ids": ["interlock:depth_high"]}, Acknowledge(ids=("interlock:depth_high",))),
+    "disturb": (
+        {"channel": "depth", "shape": "step", "amplitude": 0.1},
+        Disturb(channel="depth", shape="step", amplitude=0.1),
+    ),
+    "fault": (
+        {"sensor": "depth", "kind": "bias", "magnitude": 0.1, "duration_s": 5},
+        Fail(sensor="depth", kind="bias", magnitude=0.1, duration_s=5.0),
+    ),
 }
 
 
@@ -264,7 +276,7 @@ def test_wrong_values_are_refused_in_a_line(room, do, change):
 @pytest.mark.parametrize(
     ("content", "action"),
     [
-        ({"channel": "depth", "shape": "none"}, Disturb("depth", "none", 0.0, 0.0, 0.0)),
+        ({"channel": "depth", "shape": "none"}, Disturb(channel="depth", shape="none")),
         ({"channel": "depth", "shape": "sine", "amplitude": 0.1, "duration_s": 0, "period_s": 2}, None),
         ({"channel": "torque", "shape": "pulse", "amplitude": 10, "duration_s": 2, "period_s": 0}, None),
     ],

@@ -1,6 +1,6 @@
 """Maximum-likelihood estimate of model parameters, initial states and slow disturbances from recorded welds.
 
-The recorded inputs drive the model; what remains of the outputs is the sensors' noise. Inputs are what acted, so a
+The recorded inputs drive the model; the rest of the outputs is the sensors' noise. Inputs are what acted, so a
 closed loop does not bias the estimate. Unknown slow disturbances of force, heat and outputs are random walks, whose
 size is chosen by the evidence; sudden shifts of an output are found in the residuals and estimated along.
 """
@@ -8,7 +8,7 @@ size is chosen by the evidence; sudden shifts of an output are found in the resi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +29,7 @@ STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
 _WHY_STRUCTURAL = "(19)-(22) have six coefficients, welds show three: the torque, its slope over force and over depth"
 #: identifiable even at rest, if everything else of the torque is kept nominal
 _LEVEL = "sliding_friction"
-#: which are kept nominal first, where several cannot be told apart
+#: which are kept nominal first, where several are not identifiable together
 _KEPT_FIRST = ("sticking_stress_pa", "contact_slope")
 #: up to this share it is a disturbance, and not the wrong start
 _SHARE_OF_DISTURBANCE = 0.25
@@ -145,7 +145,7 @@ def identify(
     best = _best_start(start, segments, free, first.noise, count)
     while (left := _select(best, kept, LARGEST_DEVIATION)) != best.free:
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
-        best.parameters, best.free = replace(best.parameters, **nominal), left
+        best.parameters, best.free = best.parameters.changed(**nominal), left
         best.solve(count)
     notes = leave_out(best, first.noise, count)
     drop_small_shifts(best)
@@ -251,7 +251,7 @@ def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
 def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str, ...]:
     """The parameters that are identifiable to ``largest``; for the others ``kept`` says why not.
 
-    Of several that cannot be told apart the least important one is kept nominal first.
+    Of several that are not identifiable together the least important one is kept nominal first.
     """
     whole = problem.information(problem.evaluate())
     left, others = list(range(len(problem.free))), range(len(problem.free), problem.columns)

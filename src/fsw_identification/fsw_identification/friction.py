@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fsw_analysis.weld_signals import WeldSignals
@@ -61,4 +59,4 @@ def from_air(
         )
     found, covariance = np.polyfit(speed, torque, 2, cov=True)
     values, deviations = map(float, found[::-1]), map(float, np.sqrt(np.diag(covariance))[::-1])
-    return replace(start, **dict(zip(_NAMES, values, strict=True))), dict(zip(_NAMES, deviations, strict=True))
+    return start.changed(**dict(zip(_NAMES, values, strict=True))), dict(zip(_NAMES, deviations, strict=True))

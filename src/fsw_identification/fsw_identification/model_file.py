@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 from fsw_identification.estimation import Fit
 from fsw_model import ModelParameters
 
@@ -28,12 +26,12 @@ def estimates(fit: Fit, air: dict[str, float] | None = None) -> dict[str, tuple[
 
 def text(fit: Fit, sources: str, air: dict[str, float] | None = None) -> str:
     """YAML that :meth:`fsw_model.ModelParameters.from_yaml` reads; ``sources`` says where the data are from."""
-    nominal, known = asdict(ModelParameters()), estimates(fit, air)
+    nominal, known = dict(ModelParameters()), estimates(fit, air)
     lines = [f"# Model parameters identified from {sources}; standard deviations behind +-."]
     for name, (value, std) in known.items():
         # YAML 1.1 takes 1.5e+06 for a number only with a point
         lines.append(f"{name}: {float(f'{value:.6g}')!r}  # +- {std:.2g}; nominal {nominal[name]:g}")
-    for name, value in asdict(fit.parameters).items():
+    for name, value in dict(fit.parameters).items():
         if name not in known and value != nominal[name]:
             lines.append(f"{name}: {value!r}  # as given; nominal {nominal[name]:g}")
     lines += ["# Not identifiable from the data, kept nominal:"] * bool(fit.kept)

@@ -263,7 +263,7 @@ class Problem:
         for name, low, high in (("dead_time_s", STEP_S, 10.0), ("motor_lag_s", 0.02, 10.0)):
             if name in moved:
                 moved[name] = min(max(moved[name], low), high)
-        self.parameters, self.values = replace(self.parameters, **moved), self.values + by[n:]
+        self.parameters, self.values = self.parameters.changed(**moved), self.values + by[n:]
 
     def estimate_noise(self, residuals: Sequence[FloatArray]) -> None:
         """Noise of each output from its residuals, without outliers."""

@@ -7,7 +7,6 @@ any number of seconds from one step on.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -34,7 +33,7 @@ N_STATES = 5
 #: between two knots of a slow disturbance, which is linear in between [s]
 KNOT_S = 10.0
 
-_ALL = tuple(one.name for one in fields(ModelParameters))
+_ALL = tuple(ModelParameters.model_fields)
 _N_POWER = 2
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -21,9 +22,9 @@ _REMARKABLE = (0.1, 0.2, 0.002, 0.2, 4.0)
 _WHITE = 0.07
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Summary:
-    """A fit with everything that is said about it.
+    """A fit and its statistics.
 
     Attributes
     ----------
@@ -35,8 +36,6 @@ class Summary:
         What was left out of the data.
     air : dict of str to float
         Standard deviations of the friction's coefficients, if they were estimated.
-    judgement, checked : Judgement
-        Of the data, and of the validation weld.
     """
 
     sources: str
@@ -44,13 +43,17 @@ class Summary:
     validation: Fit | None = None
     notes: tuple[str, ...] = ()
     air: dict[str, float] = field(default_factory=dict)
-    judgement: Judgement = field(init=False)
-    checked: Judgement | None = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "judgement", judge(self.fit.segments, self.fit.residuals))
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Statistics of the residuals."""
+        return judge(self.fit.segments, self.fit.residuals)
+
+    @cached_property
+    def checked(self) -> Judgement | None:
+        """Statistics of the residuals of the validation weld."""
         other = self.validation
-        object.__setattr__(self, "checked", None if other is None else judge(other.segments, other.residuals))
+        return None if other is None else judge(other.segments, other.residuals)
 
 
 def parameter_rows(result: Summary) -> list[list[str]]:

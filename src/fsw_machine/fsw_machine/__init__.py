@@ -1,1 +1,1 @@
-"""Gateway to a machine: OPC UA client in place of the plant emulator, and a machine to test it with."""
+"""Gateway to a machine: OPC UA client in place of the plant emulator."""

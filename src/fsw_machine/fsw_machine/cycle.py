@@ -18,8 +18,8 @@ _GAIN = 0.2
 class CycleTracker:
     """Follows the counter, and the phase of its changes on the local steady clock.
 
-    A server tells nobody when it changes a value, short of a subscription, whose sampling and publishing intervals are
-    up to the server. So it is polled, but only about when the counter is due.
+    A server reports changes of a value only to subscribers, and chooses the sampling and publishing intervals itself.
+    So it is polled, but only about when the counter is due.
 
     Attributes
     ----------
@@ -74,5 +74,5 @@ class CycleTracker:
         elif self._has_waited:
             self._due_s += self._period_s + _GAIN * (read_s - self._due_s)
         else:
-            # It had changed before the first look, nobody knows when: look earlier.
+            # It had changed before the first poll, at an unknown time: poll earlier.
             self._due_s = min(self._due_s, read_s) + self._period_s - LEAD_S

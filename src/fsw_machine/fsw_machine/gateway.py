@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import inf, nan
 from typing import Any, NamedTuple
 
@@ -76,8 +76,8 @@ class Gateway:
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
     drives report: in that cycle the set-points in force, which a command is compared with, and not what a load cell
-    sees besides. So the first command is no bump. While commands do not arrive the drives are not reported: they do
-    not follow, and that must not be taken for something that pushes them besides.
+    measures. So the first command is no bump. While commands do not arrive the drives are not reported: they do
+    not follow, and that must not be taken for an external disturbance.
 
     Every command that is written is inside the bounds and within one move of what the machine has: the set-points it
     shows, or, for the one cycle in which it may not show it yet, the last write that it acknowledged. While it is not
@@ -106,7 +106,10 @@ class Gateway:
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
         self.gate = CommandGate(
-            limits_from(values), values["commands.max_age_s"], values["commands.sources"], more_reasons=REASONS
+            Limits.from_parameters(values),
+            values["commands.max_age_s"],
+            values["commands.sources"],
+            more_reasons=REASONS,
         )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
@@ -131,7 +134,7 @@ class Gateway:
         ValueError
             When a minimum is not below its maximum.
         """
-        self.gate.configure(limits_from(values), values["commands.max_age_s"], values["commands.sources"])
+        self.gate.configure(Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"])
 
     # ---------------------------------------------------------------- the server
 
@@ -318,17 +321,3 @@ class Gateway:
             self.gate.refuse(reason, words)
             return None
         return self._order(*waiting, now_s)
-
-
-def limits_from(values: Mapping[str, Any]) -> Limits:
-    """Limits from the node's parameters ``limits.*``.
-
-    Raises
-    ------
-    ValueError
-        When a minimum is not below its maximum.
-    """
-    limits = Limits(**{item.name: values[f"limits.{item.name}"] for item in fields(Limits)})
-    if limits.force_min_kn >= limits.force_max_kn or limits.speed_min_rpm >= limits.speed_max_rpm:
-        raise ValueError("limits: the minimum of force and of speed must be below the maximum")
-    return limits

@@ -19,7 +19,7 @@ def connection(endpoint: str, connected: bool, lost: str, losses: int, attempts:
     return Report("connection", ERROR, lost or "connecting", values)
 
 
-def machine(gateway: Gateway, standing_s: float, skipped: int, restarts: int) -> Report:
+def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> Report:
     """Whether the machine runs and permits commands, and which of its values are invalid."""
     faults = [f"{name}: {one.fault}" for name, one in gateway.samples.items() if one.fault]
     values: dict[str, object] = {
@@ -35,8 +35,8 @@ def machine(gateway: Gateway, standing_s: float, skipped: int, restarts: int) ->
         values |= {name: one.fault or f"{one.value:.6g}" for name, one in gateway.samples.items()}
     if not gateway.connected:
         return Report("machine", ERROR, "not connected", values)
-    if standing_s:
-        return Report("machine", ERROR, f"the cycle counter has not changed for {standing_s:.1f} s", values)
+    if stalled_s:
+        return Report("machine", ERROR, f"the cycle counter has not changed for {stalled_s:.1f} s", values)
     if not gateway.samples:
         return Report("machine", WARN, "not read yet", values)
     if faults:

@@ -38,7 +38,7 @@ def words(error: BaseException, machine: MachineFile) -> str:
             return f"security: {at} refuses this security ({name}); see what the server is set to"
         return f"{at}: {name}"
     if machine.security is None and "No matching endpoints" in str(error):
-        return f"security: {at} lets nobody in without security; give policy, certificate, ..."
+        return f"security: {at} requires security; give policy, certificate, ..."
     if isinstance(error, TimeoutError):
         return f"{at}: no answer in time"
     if isinstance(error, OSError):

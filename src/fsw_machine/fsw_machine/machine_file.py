@@ -2,126 +2,181 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Generic, Literal, TypeVar
 from urllib.parse import urlsplit
 
-import yaml
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, model_validator
 
 from fsw_control import units
+from fsw_control.schema import Model, content_of, problem, read_text, validate
 
-#: cycle counter, permissive bit, what is measured, what acts, and the set-points in force
-READ = (
-    *("cycle", "permissive", "depth", "torque", "temperature"),
-    *("force_acting", "speed_acting", "force_in_force", "speed_in_force"),
-)
-WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
-#: quantities that are numbers with a unit: the kind of the unit
-_KIND = {
-    "depth": "length",
-    "torque": "torque",
-    "temperature": "temperature",
-    **dict.fromkeys(("force_acting", "force_in_force", "force_setpoint"), "force"),
-    **dict.fromkeys(("speed_acting", "speed_in_force", "speed_setpoint"), "speed"),
-}
-#: by kind and name: factor and offset to the unit inside (mm, N m, degC, kN, rpm)
-_UNITS: dict[str, dict[str, tuple[float, float]]] = {
-    "length": {"mm": (1.0, 0.0), "m": (units.mm_from_m(1.0), 0.0), "um": (1e-3, 0.0)},
-    "torque": {"N m": (1.0, 0.0), "kN m": (1e3, 0.0)},
-    "temperature": {"degC": (1.0, 0.0), "K": (1.0, -273.15)},
-    "force": {"kN": (1.0, 0.0), "N": (units.kn_from_n(1.0), 0.0)},
-    "speed": {"rpm": (1.0, 0.0), "rad/s": (units.rpm_from_rad_s(1.0), 0.0), "1/s": (60.0, 0.0)},
-}
 _NODE_ID = re.compile(r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)")
-_SECURITY_FILES = ("certificate", "private_key", "server_certificate")
-_POLICIES = ("Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss")
-#: by default a value may be so much older than the cycle counter [s]
-_STALE_AFTER_S = 0.25
+#: factor and offset of each unit to the unit inside (mm, N m, degC, kN, rpm)
+_UNITS = {
+    **{"mm": (1.0, 0.0), "m": (units.mm_from_m(1.0), 0.0), "um": (1e-3, 0.0)},
+    **{"N m": (1.0, 0.0), "kN m": (1e3, 0.0)},
+    **{"degC": (1.0, 0.0), "K": (1.0, -273.15)},
+    **{"kN": (1.0, 0.0), "N": (units.kn_from_n(1.0), 0.0)},
+    **{"rpm": (1.0, 0.0), "rad/s": (units.rpm_from_rad_s(1.0), 0.0), "1/s": (60.0, 0.0)},
+}
+_Length = Literal["mm", "m", "um"]
+_Torque = Literal["N m", "kN m"]
+_Temperature = Literal["degC", "K"]
+_Force = Literal["kN", "N"]
+_Speed = Literal["rpm", "rad/s", "1/s"]
+U = TypeVar("U", bound=str)
 
 
-class MachineFileError(ValueError):
-    """The machine file is wrong; the message says where, what and what to do."""
+def _file(value: Any) -> Path:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"is {value!r}, not the name of a file")
+    return Path(value).expanduser()
 
 
-@dataclass(frozen=True, slots=True)
-class NodeSpec:
-    """One node of the server.
+def _endpoint(value: str) -> str:
+    try:
+        parts = urlsplit(value)
+        sound = parts.scheme == "opc.tcp" and parts.hostname and parts.port and not parts.username
+    except ValueError:
+        sound = False
+    if not sound:
+        raise ValueError("is no endpoint; write opc.tcp://host:port/path, user and password apart")
+    return value
 
-    Attributes
-    ----------
-    name : str
-        Of ``READ`` or ``WRITTEN``.
-    node : str
-        Node id; without ``ns=`` it is in the file's namespace.
-    stale_after_s : float
-        How much older than the cycle counter its value may be.
-    factor, offset : float
-        From the node's number to the unit inside (mm, N m, degC, kN, rpm): ``factor * number + offset``.
-    """
 
-    name: str
-    node: str
-    stale_after_s: float = _STALE_AFTER_S
-    factor: float = 1.0
+def _node_id(value: str) -> str:
+    if not _NODE_ID.fullmatch(value):
+        raise ValueError(f"is {value!r}, not a node id; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001")
+    return value
+
+
+def _not_zero(value: float) -> float:
+    if value == 0.0:
+        raise ValueError("must not be 0")
+    return value
+
+
+def _security(value: Any) -> Any:
+    if value is None:
+        raise ValueError("lacks security; for a plain connection write 'security: none'")
+    return None if value == "none" else value
+
+
+def _or_none(schema: dict[str, Any]) -> None:
+    schema["anyOf"] = [{"const": "none"}, {"$ref": schema.pop("$ref")}]
+
+
+_File = Annotated[Path, BeforeValidator(_file)]
+_Word = Annotated[str, Field(min_length=1)]
+
+
+class NodeSpec(Model):
+    """A node of the server."""
+
+    node: Annotated[str, AfterValidator(_node_id)]
+    """node id, e.g. ns=2;s=Weld.Depth; without ``ns=`` in the file's namespace"""
+
+
+class ReadNode(NodeSpec):
+    """A node that is read in every cycle."""
+
+    stale_after_s: PositiveFloat = 0.25
+    """how much older than the cycle counter its value may be"""
+
+
+class Quantity(NodeSpec, Generic[U]):
+    """A node with a quantity: ``factor * number + offset`` in the unit inside (mm, N m, degC, kN, rpm)."""
+
+    unit: U
+    scale: Annotated[float, AfterValidator(_not_zero)] = 1.0
+    """multiplies the node's number"""
     offset: float = 0.0
+    """added after that, in ``unit``"""
 
     def inside(self, number: float) -> float:
         """The quantity in the unit inside."""
-        return self.factor * number + self.offset
+        factor, offset = _UNITS[self.unit]
+        return factor * (self.scale * number + self.offset) + offset
 
     def number(self, inside: float) -> float:
         """The node's number, from the quantity in the unit inside."""
-        return (inside - self.offset) / self.factor
+        factor, offset = _UNITS[self.unit]
+        return ((inside - offset) / factor - self.offset) / self.scale
 
 
-@dataclass(frozen=True, slots=True)
-class Security:
+class Measured(Quantity[U], ReadNode):
+    """A quantity that is read in every cycle."""
+
+
+class Nodes(Model):
+    """The nodes by name."""
+
+    cycle: NodeSpec
+    """cycle counter"""
+    permissive: ReadNode
+    """whether commands are permitted"""
+    depth: Measured[_Length]
+    torque: Measured[_Torque]
+    temperature: Measured[_Temperature]
+    force_acting: Measured[_Force]
+    speed_acting: Measured[_Speed]
+    force_in_force: Measured[_Force]
+    speed_in_force: Measured[_Speed]
+    force_setpoint: Quantity[_Force]
+    speed_setpoint: Quantity[_Speed]
+    heartbeat: NodeSpec
+    """counter value that the set-points answer"""
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self, name)
+
+
+WRITTEN = ("force_setpoint", "speed_setpoint", "heartbeat")
+READ = tuple(name for name in Nodes.model_fields if name not in WRITTEN)
+
+
+class Security(Model):
     """Sign-and-encrypt, the own certificate and key, and the one server certificate that is trusted."""
 
-    policy: str
-    certificate: Path
-    private_key: Path
-    server_certificate: Path
+    policy: Literal["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"]
+    certificate: _File
+    private_key: _File
+    server_certificate: _File
 
 
-@dataclass(frozen=True, slots=True)
-class User:
-    """Who logs in, and the file (or, without one, the environment variable) that holds the password."""
+class User(Model):
+    """Who logs in, and the file or the environment variable that holds the password."""
 
-    name: str
-    password_file: Path | None = None
+    name: _Word
+    password_file: _File | None = None
     password_env: str = ""
 
+    @model_validator(mode="after")
+    def _check_password(self) -> User:
+        if (self.password_file is None) == (not self.password_env):
+            raise ValueError("needs either password_file or password_env")
+        return self
 
-@dataclass(frozen=True, slots=True)
-class MachineFile:
-    """Content of a machine file.
 
-    Attributes
-    ----------
-    where : str
-        The file's name, for messages.
-    endpoint : str
-    namespace : str
-        URI of the namespace of all node ids without ``ns=``; empty: namespace 0.
-    security : Security or None
-        None: plain, as ``security: none`` asks for by name.
-    user : User or None
-    nodes : dict of str to NodeSpec
-        By the names of ``READ`` and ``WRITTEN``.
-    """
+class MachineFile(Model):
+    """Content of a machine file; with ``security: none`` the connection is plain."""
 
-    where: str
-    endpoint: str
-    namespace: str
-    security: Security | None
-    user: User | None
-    nodes: dict[str, NodeSpec]
+    endpoint: Annotated[str, AfterValidator(_endpoint)]
+    namespace: str = ""
+    """URI of the namespace of all node ids without ``ns=``; empty: namespace 0"""
+    security: Annotated[Security | None, BeforeValidator(_security)] = Field(
+        default=None, validate_default=True, json_schema_extra=_or_none
+    )
+    user: User | None = None
+    nodes: Nodes
+
+    @model_validator(mode="after")
+    def _check_user(self) -> MachineFile:
+        if self.user is not None and self.security is None:
+            raise problem("would send its password unencrypted; give security, or remove user", "user")
+        return self
 
     @classmethod
     def load(cls, path: Path) -> MachineFile:
@@ -129,126 +184,21 @@ class MachineFile:
 
         Raises
         ------
-        MachineFileError
+        fsw_control.schema.InputError
             When it cannot be read or is wrong.
         """
-        try:
-            return cls.parse(path.read_text(encoding="utf-8"), path.name, path.parent)
-        except OSError as error:
-            raise MachineFileError(f"machine_file: cannot read {path}: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise MachineFileError(f"machine_file: {path} is no text in UTF-8") from None
+        return cls.parse(read_text(path, "machine_file"), path.name, path.parent)
 
     @classmethod
     def parse(cls, text: str, where: str = "machine.yaml", folder: Path = Path()) -> MachineFile:
         """Read the text of a machine file; errors as :meth:`load`."""
-        try:
-            content = yaml.safe_load(text)
-        except (yaml.YAMLError, ValueError) as error:
-            raise MachineFileError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
-        top = _Section(where, "", content)
-        top.keys("endpoint", "nodes", "security", optional=("namespace", "user"))
-        endpoint = top.text("endpoint")
-        try:
-            parts = urlsplit(endpoint)
-            sound = parts.scheme == "opc.tcp" and parts.hostname and parts.port and not parts.username
-        except ValueError:
-            sound = False
-        top.require(sound, "endpoint", f"{endpoint!r} is none; write opc.tcp://host:port/path, user and password apart")
-        security = None
-        if content["security"] != "none":
-            security = _security(top.section("security", "or write 'security: none' for plain"), folder)
-        user = _user(top.section("user"), folder) if "user" in content else None
-        if user is not None and security is None:
-            top.fail("user", "a password would travel unencrypted; give security, or remove user")
-        namespace = top.text("namespace") if "namespace" in content else ""
-        return cls(where, endpoint, namespace, security, user, _nodes(top.section("nodes")))
+        machine = validate(cls, content_of(text, where), where)
+        return machine.model_copy(
+            update={"security": _beside(folder, machine.security), "user": _beside(folder, machine.user)}
+        )
 
 
-class _Section:
-    """A mapping of the file, and errors that say where it is."""
-
-    def __init__(self, where: str, path: str, content: Any, hint: str = "") -> None:
-        self.where, self.path, self.content = where, path, content
-        if not isinstance(content, Mapping):
-            what = f"{path} must be a mapping" if path else "must be a mapping with endpoint, security and nodes"
-            raise MachineFileError(f"{where}: {what}{f' ({hint})' if hint else ''}")
-
-    def fail(self, key: str, text: str) -> None:
-        raise MachineFileError(f"{self.where}: {f'{self.path}.' if self.path else ''}{key}: {text}")
-
-    def require(self, met: object, key: str, text: str) -> None:
-        if not met:
-            self.fail(key, text)
-
-    def keys(self, *needed: str, optional: tuple[str, ...] = ()) -> None:
-        known = (*needed, *optional)
-        for key in self.content:
-            if key not in known:
-                near = get_close_matches(str(key), known, 1)
-                self.fail(str(key), f"unknown; {f'did you mean {near[0]}?' if near else 'known: ' + ', '.join(known)}")
-        for key in needed:
-            if key not in self.content:
-                hint = "; for a plain connection write 'security: none'" if key == "security" else ""
-                self.fail(key, f"missing{hint}")
-
-    def text(self, key: str) -> str:
-        value = self.content[key]
-        self.require(isinstance(value, str) and value.strip(), key, f"{value!r} is not a text")
-        return str(value).strip()
-
-    def number(self, key: str, default: float) -> float:
-        value = self.content.get(key, default)
-        sound = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        self.require(sound, key, f"{value!r} is not a finite number")
-        return float(value)
-
-    def section(self, key: str, hint: str = "") -> _Section:
-        return _Section(self.where, f"{self.path}.{key}" if self.path else key, self.content[key], hint)
-
-
-def _security(section: _Section, folder: Path) -> Security:
-    section.keys("policy", *_SECURITY_FILES)
-    policy = section.text("policy")
-    section.require(policy in _POLICIES, "policy", f"{policy!r} is none of {', '.join(_POLICIES)}")
-    return Security(policy, *(folder / Path(section.text(name)).expanduser() for name in _SECURITY_FILES))
-
-
-def _user(section: _Section, folder: Path) -> User:
-    if "password" in section.content:
-        section.fail("password", "must not be in this file; write password_file or password_env")
-    section.keys("name", optional=("password_file", "password_env"))
-    ways = [key for key in ("password_file", "password_env") if key in section.content]
-    section.require(len(ways) == 1, "name", "give either password_file or password_env with it")
-    if ways == ["password_env"]:
-        return User(section.text("name"), password_env=section.text("password_env"))
-    return User(section.text("name"), folder / Path(section.text("password_file")).expanduser())
-
-
-def _nodes(section: _Section) -> dict[str, NodeSpec]:
-    section.keys(*READ, *WRITTEN)
-    return {name: _node(section.section(name), name) for name in (*READ, *WRITTEN)}
-
-
-def _node(section: _Section, name: str) -> NodeSpec:
-    kind = _KIND.get(name)
-    optional = () if name in (*WRITTEN, "cycle") else ("stale_after_s",)
-    if kind is not None and "unit" not in section.content:
-        section.fail("unit", f"missing; give one of {', '.join(_UNITS[kind])}")
-    section.keys("node", *(("unit",) if kind else ()), optional=(*optional, *(("scale", "offset") if kind else ())))
-    node = section.text("node")
-    section.require(
-        _NODE_ID.fullmatch(node), "node", f"{node!r} is not a node id; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001"
-    )
-    stale_after_s = section.number("stale_after_s", _STALE_AFTER_S)
-    section.require(stale_after_s > 0.0, "stale_after_s", f"{stale_after_s:g} must be above 0")
-    if kind is None:
-        return NodeSpec(name, node, stale_after_s)
-    unit = section.text("unit")
-    section.require(
-        unit in _UNITS[kind], "unit", f"{unit!r} is no unit of {kind}; give one of {', '.join(_UNITS[kind])}"
-    )
-    factor, offset = _UNITS[kind][unit]
-    scale = section.number("scale", 1.0)
-    section.require(scale, "scale", "must not be 0")
-    return NodeSpec(name, node, stale_after_s, factor * scale, factor * section.number("offset", 0.0) + offset)
+def _beside(folder: Path, part: Model | None) -> Model | None:
+    """A part of the file with its paths relative to the folder."""
+    paths = {name: folder / value for name, value in part or () if isinstance(value, Path)}
+    return part and part.model_copy(update=paths)

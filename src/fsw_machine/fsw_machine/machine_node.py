@@ -11,7 +11,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -19,27 +18,28 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.contract import Limits
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, problem
 from fsw_control.parameters_ros import declare
-from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import STREAM
 from fsw_machine import gateway_reports_ros as reports
-from fsw_machine.gateway import Gateway, Publication, limits_from
+from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand
 
 try:
     from fsw_machine import certificates
-    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Standing, Written, password
+    from fsw_machine.opcua_link import Connected, Event, LinkSettings, Lost, MachineLink, Stalled, Written, password
 except ModuleNotFoundError as error:
     sys.exit(f"fsw_machine: {error.name} is missing; pip install -r requirements/machine.lock")
 
-_PATROL_S = 0.2
+_CHECK_S = 0.2
 _REPORT_S = 1.0
 
 
@@ -61,19 +61,19 @@ class MachineNode(Node):
         self._gateway = Gateway(self._machine, values)
         self._events: deque[Event] = deque()
         self._lost, self._retry_s, self._losses, self._attempts = "", 0.0, 0, 0
-        self._standing_s = self._longest_write_s = 0.0
+        self._stalled_s = self._longest_write_s = 0.0
         self._reported = (0, 0)
-        self._told: dict[str, tuple[bytes, str]] = {}
+        self._logged: dict[str, tuple[bytes, str]] = {}
         self._refused = ""
         self._open_topics()
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
         self._guard = SingleInstanceGuard(self)
         self._guard.check(values["discovery_s"], self._announce)
-        self._settings.add_check(partial(problem, limits_from))
+        self._settings.add_check(partial(problem, Limits.from_parameters))
         self._settings.on_change(self._configure)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_PATROL_S, self._writers.look, clock=steady)
+        self.create_timer(_CHECK_S, self._writers.look, clock=steady)
         self.create_timer(_REPORT_S, self._report, clock=steady)
         self._link = MachineLink(self._machine, _link_settings(values), self._deliver)
         self._link.start()
@@ -90,7 +90,7 @@ class MachineNode(Node):
         self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
 
     def destroy_node(self) -> None:
@@ -113,12 +113,12 @@ class MachineNode(Node):
     def _on_event(self, event: Event) -> None:
         gateway = self._gateway
         if isinstance(event, CycleRead):
-            standing, self._standing_s = self._standing_s, 0.0
+            stalled, self._stalled_s = self._stalled_s, 0.0
             permissive, joined = gateway.permissive, gateway.joined
             publication = gateway.on_read(event)
             if publication is not None:
                 self._publish(publication)
-            if standing or (permissive, joined) != (gateway.permissive, gateway.joined):
+            if stalled or (permissive, joined) != (gateway.permissive, gateway.joined):
                 self._report()
         elif isinstance(event, Written):
             waiting = gateway.on_written(event.order, event.failure, time.monotonic())
@@ -128,7 +128,7 @@ class MachineNode(Node):
             if event.failure:
                 self.get_logger().error(f"command not taken: {event.failure}", throttle_duration_sec=1.0)
         elif isinstance(event, Connected):
-            self._attempts, self._standing_s = 0, 0.0
+            self._attempts, self._stalled_s = 0, 0.0
             gateway.on_connected()
             self._report()
         elif isinstance(event, Lost):
@@ -137,8 +137,8 @@ class MachineNode(Node):
             self._lost, self._retry_s = event.reason, event.retry_s
             gateway.on_lost()
             self._report()
-        elif isinstance(event, Standing):
-            self._standing_s = event.age_s
+        elif isinstance(event, Stalled):
+            self._stalled_s = event.age_s
             self._report()
 
     def _publish(self, out: Publication) -> None:
@@ -170,7 +170,7 @@ class MachineNode(Node):
         self._link.settings = _link_settings(values)
 
     def _announce(self) -> None:
-        self._publish_reports([Report("connection", OK, STARTING, {})])
+        self._diagnostics.publish([Report("connection", OK, STARTING, {})], self._guard.hardware_id)
 
     def _report(self) -> None:
         gateway = self._gateway
@@ -182,33 +182,16 @@ class MachineNode(Node):
             reports.connection(
                 self._machine.endpoint, gateway.connected, self._lost, self._losses, self._attempts, self._retry_s
             ),
-            reports.machine(gateway, self._standing_s, self._link.tracker.skipped, self._link.tracker.restarts),
+            reports.machine(gateway, self._stalled_s, self._link.tracker.skipped, self._link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
             commands_report(gateway.gate, refused, self._writers.names),
             reports.writes(gateway, failed, longest_s),
         ]
-        self._publish_reports(lines)
+        self._diagnostics.publish(lines, self._guard.hardware_id)
         for line in lines:
-            if line.part in ("connection", "machine") and self._told.get(line.part) != (line.level, _kind(line.text)):
-                self._told[line.part] = (line.level, _kind(line.text))
-                self._log(line)
-
-    def _log(self, line: Report) -> None:
-        logger, text = self.get_logger(), f"{line.part}: {line.text}"
-        # three calls, because rclpy refuses a line of code that changes its severity
-        if line.level == ERROR:
-            logger.error(text)
-        elif line.level == WARN:
-            logger.warning(text)
-        else:
-            logger.info(text)
-
-    def _publish_reports(self, lines: list[Report]) -> None:
-        status = [
-            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
-            for part, level, text, values in lines
-        ]
-        self._diagnostics.publish(convert.diagnostics_message(self.get_clock().now().nanoseconds, status))
+            if line.part in ("connection", "machine") and self._logged.get(line.part) != (line.level, _kind(line.text)):
+                self._logged[line.part] = (line.level, _kind(line.text))
+                log(self, line.level, f"{line.part}: {line.text}")
 
 
 def _kind(text: str) -> str:

@@ -48,7 +48,7 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class Stalled:
     """The cycle counter has not changed for so long."""
 
     age_s: float
@@ -63,7 +63,7 @@ class Written:
     took_s: float
 
 
-Event = Connected | Lost | Standing | Written | CycleRead
+Event = Connected | Lost | Stalled | Written | CycleRead
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class MachineLink:
         self._writes: set[asyncio.Task[None]] = set()
         self._thread = threading.Thread(target=self._run_loop, name="opcua", daemon=True)
         for name in ("asyncua", "asyncio"):
-            # what fails is told here, in one line of our own
+            # failures are reported here, in one line of our own
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
     def start(self) -> None:
@@ -186,7 +186,7 @@ class MachineLink:
             if machine.namespace not in uris:
                 raise LinkError(f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}")
             index = uris.index(machine.namespace)
-        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
+        self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes}
         self._order_types = await check_nodes(client, machine, self._nodes)
         self.tracker.values = WHOLE[self._order_types[WRITTEN.index("heartbeat")]]
 
@@ -212,25 +212,25 @@ class MachineLink:
             TimestampsToReturn=ua.TimestampsToReturn.Source,
             NodesToRead=[ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in READ],
         )
-        changed_s = told_s = time.monotonic()
+        changed_s = reported_s = time.monotonic()
         while True:
             assert self._client is not None
             answers = await asyncio.wait_for(self._client.uaclient.read(request), self.settings.request_timeout_s)
             read_s = time.monotonic()
             counter = answers[0].Value.Value if answers[0].Value is not None else None
-            # a bad counter is none: nothing is published then, and nothing written
+            # without a good counter nothing is published and nothing written
             whole = isinstance(counter, int) and not isinstance(counter, bool) and answers[0].StatusCode.is_good()
             steps = self.tracker.see(int(counter or 0), read_s) if whole else None
             if steps is not None:
                 if answers[0].SourceTimestamp is None:
                     raise LinkError("nodes.cycle: without a source timestamp; the server must send one with each value")
-                changed_s = told_s = read_s
+                changed_s = reported_s = read_s
                 values = {name: raw_value(answer) for name, answer in zip(READ, answers, strict=True)}
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
                 self._deliver(CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps))
-            elif read_s - told_s > self.settings.cycle_timeout_s:
-                told_s = read_s
-                self._deliver(Standing(read_s - changed_s))
+            elif read_s - reported_s > self.settings.cycle_timeout_s:
+                reported_s = read_s
+                self._deliver(Stalled(read_s - changed_s))
             await asyncio.sleep(max(0.0, self.tracker.next_poll_s(read_s) - time.monotonic()))
 
     # ---------------------------------------------------------------- writing

@@ -8,7 +8,7 @@ from math import isfinite, nan
 from typing import NamedTuple
 
 from fsw_control.units import NANOSECONDS
-from fsw_machine.machine_file import NodeSpec
+from fsw_machine.machine_file import Measured, ReadNode
 
 #: a value may be so much newer than the cycle counter: half a cycle [ns]; more is of another cycle or another clock
 _NEWER_NS = 50_000_000
@@ -75,7 +75,7 @@ class CycleRead:
     steps: int
 
 
-def fault_of(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> str:
+def fault_of(raw: RawValue, spec: ReadNode, cycle_ns: int) -> str:
     """Why a value must not be used with the cycle of ``cycle_ns``, whatever its type; empty if it may."""
     if not raw.good:
         return f"status {raw.status_name}"
@@ -96,13 +96,13 @@ def number_fault(value: object) -> str:
     return "" if isfinite(value) else "not finite"
 
 
-def sample(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> Sample:
+def sample(raw: RawValue, spec: Measured[str], cycle_ns: int) -> Sample:
     """The number of a value in its unit inside."""
     fault = fault_of(raw, spec, cycle_ns) or number_fault(raw.value)
     return Sample(nan, fault) if fault else Sample(spec.inside(float(raw.value)))  # type: ignore[arg-type]
 
 
-def bit(raw: RawValue, spec: NodeSpec, cycle_ns: int) -> Sample:
+def bit(raw: RawValue, spec: ReadNode, cycle_ns: int) -> Sample:
     """A bit as 1.0 or 0.0; NaN where it must not be used."""
     fault = fault_of(raw, spec, cycle_ns)
     if not fault and not isinstance(raw.value, bool):

@@ -7,7 +7,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_machine.machine_file import READ, WRITTEN, MachineFile, MachineFileError
+from fsw_control.schema import InputError
+from fsw_machine.machine_file import READ, WRITTEN, MachineFile
 
 SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
 
@@ -27,7 +28,7 @@ def changed(text, path, value=None, remove=False):
 
 
 def test_the_shipped_file_names_every_node(machine):
-    assert tuple(machine.nodes) == (*READ, *WRITTEN)
+    assert tuple(dict(machine.nodes)) == (*READ, *WRITTEN)
     assert machine.security is None and machine.user is None
 
 
@@ -68,36 +69,36 @@ def test_scale_and_offset_are_undone_when_written(scale, offset, number):
 
 
 WRONG = [
-    ("nodes.depth.unit", None, "nodes.depth.unit: missing; give one of mm, m, um"),
-    ("nodes.depth.unit", "kN", "nodes.depth.unit: 'kN' is no unit of length"),
-    ("nodes.depth.unit", 5, "nodes.depth.unit: 5 is not a text"),
-    ("nodes.depth.node", "Weld.Depth", "nodes.depth.node: 'Weld.Depth' is not a node id"),
-    ("nodes.depth.node", "ns=two;s=Depth", "is not a node id"),
-    ("nodes.depth.scale", 0, "nodes.depth.scale: must not be 0"),
-    ("nodes.depth.scale", float("nan"), "nodes.depth.scale: nan is not a finite number"),
-    ("nodes.depth.scale", True, "nodes.depth.scale: True is not a finite number"),
-    ("nodes.depth.stale_after_s", -1.0, "nodes.depth.stale_after_s: -1 must be above 0"),
-    ("nodes.depth.untis", "mm", "nodes.depth.untis: unknown; did you mean unit?"),
-    ("nodes.heartbeat.unit", "s", "nodes.heartbeat.unit: unknown"),
-    ("nodes.depht", {"node": "i=1"}, "nodes.depht: unknown; did you mean depth?"),
-    ("nodes.torque", None, "nodes.torque: missing"),
-    ("nodes.torque", "i=5", "nodes.torque must be a mapping"),
-    ("nodes", [], "nodes must be a mapping"),
-    ("security", None, "security: missing; for a plain connection write 'security: none'"),
-    ("security", "off", "security must be a mapping (or write 'security: none' for plain)"),
-    ("security", False, "security must be a mapping"),
-    ("security", SECURITY | {"policy": "Basic128"}, "security.policy: 'Basic128' is none of Basic256Sha256"),
-    ("security", {**SECURITY, "private_key": ""}, "security.private_key: '' is not a text"),
-    ("endpoint", "http://plc:4840", "endpoint: 'http://plc:4840' is none; write opc.tcp://host:port/path"),
-    ("endpoint", "opc.tcp://plc", "endpoint: "),
-    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint: "),
-    ("user", {"name": "weld", "password_env": "P"}, "user: a password would travel unencrypted"),
+    ("nodes.depth.unit", None, "nodes.depth lacks unit"),
+    ("nodes.depth.unit", "kN", "nodes.depth.unit is 'kN'; one of mm, m or um"),
+    ("nodes.depth.unit", 5, "nodes.depth.unit is 5; one of mm"),
+    ("nodes.depth.node", "Weld.Depth", "nodes.depth.node is 'Weld.Depth', not a node id"),
+    ("nodes.depth.node", "ns=two;s=Depth", "not a node id"),
+    ("nodes.depth.scale", 0, "nodes.depth.scale must not be 0"),
+    ("nodes.depth.scale", float("nan"), "nodes.depth.scale is nan, not a finite number"),
+    ("nodes.depth.scale", True, "nodes.depth.scale is True, not a number"),
+    ("nodes.depth.stale_after_s", -1.0, "nodes.depth.stale_after_s is -1.0: must be greater than 0"),
+    ("nodes.depth.untis", "mm", "nodes.depth.untis is an unknown key; did you mean unit?"),
+    ("nodes.heartbeat.unit", "s", "nodes.heartbeat.unit is an unknown key; known: node"),
+    ("nodes.depht", {"node": "i=1"}, "nodes.depht is an unknown key; did you mean depth?"),
+    ("nodes.torque", None, "nodes lacks torque"),
+    ("nodes.torque", "i=5", "nodes.torque is 'i=5', not a mapping"),
+    ("nodes", [], "nodes is [], not a mapping"),
+    ("security", None, "lacks security; for a plain connection write 'security: none'"),
+    ("security", "off", "security is 'off', not a mapping"),
+    ("security", False, "security is False, not a mapping"),
+    ("security", SECURITY | {"policy": "Basic128"}, "security.policy is 'Basic128'; one of Basic256Sha256"),
+    ("security", {**SECURITY, "private_key": ""}, "security.private_key is '', not the name of a file"),
+    ("endpoint", "http://plc:4840", "endpoint is no endpoint; write opc.tcp://host:port/path"),
+    ("endpoint", "opc.tcp://plc", "endpoint is no endpoint"),
+    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint is no endpoint"),
+    ("user", {"name": "weld", "password_env": "P"}, "user would send its password unencrypted"),
 ]
 
 
 @pytest.mark.parametrize(("path", "value", "words"), WRONG)
 def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
-    with pytest.raises(MachineFileError) as caught:
+    with pytest.raises(InputError) as caught:
         MachineFile.parse(changed(shipped_text, path, value, remove=value is None))
     assert words in str(caught.value)
     assert str(caught.value).startswith("machine.yaml: ") and "\n" not in str(caught.value)
@@ -106,26 +107,26 @@ def test_one_line_for_what_is_wrong(shipped_text, path, value, words):
 @pytest.mark.parametrize(
     ("user", "words"),
     [
-        ({"name": "weld", "password": "secret"}, "user.password: must not be in this file"),
-        ({"name": "weld"}, "user.name: give either password_file or password_env"),
-        ({"name": "weld", "password_env": "P", "password_file": "p"}, "user.name: give either"),
+        ({"name": "weld", "password": "secret"}, "user.password is an unknown key; did you mean password_"),
+        ({"name": "weld"}, "user needs either password_file or password_env"),
+        ({"name": "weld", "password_env": "P", "password_file": "p"}, "user needs either"),
     ],
 )
 def test_passwords_are_elsewhere(shipped_text, user, words):
     text = changed(changed(shipped_text, "security", SECURITY), "user", user)
-    with pytest.raises(MachineFileError, match=words):
+    with pytest.raises(InputError, match=words):
         MachineFile.parse(text)
 
 
 @pytest.mark.parametrize("text", ["", "5", "nodes: [", "\0", "[]"])
 def test_what_is_no_machine_file(text):
-    with pytest.raises(MachineFileError) as caught:
+    with pytest.raises(InputError) as caught:
         MachineFile.parse(text)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(MachineFileError, match="cannot read"):
+    with pytest.raises(InputError, match="cannot read"):
         MachineFile.load(tmp_path / "none.yaml")
 
 

@@ -13,7 +13,6 @@ from fsw_machine.certificates import SecurityError
 from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile, User
-from fsw_machine.machine_server import CLIENT_URI, SERVER_URI
 from fsw_machine.node_check import WHOLE
 from fsw_machine.opcua_link import (
     BackOff,
@@ -21,13 +20,15 @@ from fsw_machine.opcua_link import (
     LinkSettings,
     Lost,
     MachineLink,
-    Standing,
+    Stalled,
     Written,
     _variant,
     password,
 )
 from fsw_machine.samples import CycleRead
+from fsw_test_support.certificates import make
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file
+from fsw_test_support.machine_server import CLIENT_URI, SERVER_URI
 
 SETTINGS = LinkSettings(request_timeout_s=1.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
 PATIENCE_S = 20.0
@@ -81,10 +82,10 @@ def plain(folder, shipped_text):
 def secured(folder, shipped_text):
     """A machine with security and a user; returns it, its port and its file's additions."""
     hosts = ["localhost", "127.0.0.1"]
-    made = {name: certificates.make(folder, name, CLIENT_URI, hosts) for name in ("client", "other")}
+    made = {name: make(folder, name, CLIENT_URI, hosts) for name in ("client", "other")}
     start = datetime.now(UTC) - timedelta(days=9)
-    made["expired"] = certificates.make(folder, "expired", CLIENT_URI, hosts, days=3, start=start)
-    made["server"] = certificates.make(folder, "server", SERVER_URI, hosts)
+    made["expired"] = make(folder, "expired", CLIENT_URI, hosts, days=3, start=start)
+    made["server"] = make(folder, "server", SERVER_URI, hosts)
     for name, text in (("password", "stir\n"), ("wrong", "weld\n")):
         (folder / name).touch(0o600)
         (folder / name).write_text(text)
@@ -215,13 +216,13 @@ def test_a_stalled_and_a_cut_connection_are_lost_and_found_again(connect, plain,
 def test_a_counter_that_stands_still_is_told(connect, plain, folder, shipped_text):
     changes = {"nodes__cycle__node": "s=Weld.Heartbeat"}  # constant, because nobody writes it
     linked = connect(write_machine_file(folder / "still.yaml", plain[1], shipped_text, **changes))
-    assert linked.next(Standing).age_s > 0.3
+    assert linked.next(Stalled).age_s > 0.3
 
 
 def test_certificates_are_checked_before_they_are_used(tmp_path, shipped_text):
     later = datetime.now(UTC) + timedelta(days=5)
-    cert, key = certificates.make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
-    certificates.make(tmp_path, "later", CLIENT_URI, ["127.0.0.1"], start=later)
+    cert, key = make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
+    make(tmp_path, "later", CLIENT_URI, ["127.0.0.1"], start=later)
     (tmp_path / "text.der").touch(0o600)
     (tmp_path / "text.der").write_text("no certificate")
     names = {
@@ -251,7 +252,7 @@ def _good(folder, text, security):
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644])
 def test_a_key_or_password_that_others_may_read_is_refused(tmp_path, shipped_text, mode):
-    cert, key = certificates.make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
+    cert, key = make(tmp_path, "client", CLIENT_URI, ["127.0.0.1"])
     (tmp_path / "password").write_text("stir\n")
     for path in (key, tmp_path / "password"):
         path.chmod(mode)
@@ -260,7 +261,7 @@ def test_a_key_or_password_that_others_may_read_is_refused(tmp_path, shipped_tex
     with pytest.raises(SecurityError, match=rf"security\.private_key: .*: chmod 600 {key}"):
         certificates.check(MachineFile.load(file).security, certificates.now())
     with pytest.raises(SecurityError, match=r"user\.password_file: .*: chmod 600 "):
-        password(User("fsw", tmp_path / "password"))
+        password(User(name="fsw", password_file=str(tmp_path / "password")))
 
 
 @pytest.mark.parametrize(("kind", "values"), WHOLE.items(), ids=[kind.name for kind in WHOLE])

@@ -1,7 +1,7 @@
 """Process model of friction stir welding of copper canisters, the paper's (5)-(27)."""
 
 from fsw_model.equations import STEP_S
-from fsw_model.parameters import ModelParameterError, ModelParameters, nominal
+from fsw_model.parameters import ModelParameters, nominal
 from fsw_model.process import (
     Equilibrium,
     Linearisation,
@@ -18,7 +18,6 @@ __all__ = [
     "ModelParameters",
     "OperatingPointError",
     "Outputs",
-    "ModelParameterError",
     "ProcessModel",
     "ProcessState",
     "nominal",

@@ -5,7 +5,6 @@ not in partial fractions, the solver is LSODA at tight tolerance, and the dead t
 """
 
 from bisect import bisect_right
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -97,7 +96,7 @@ LIMITS = [(0.0, 78.4, SPEED_RPM), (0.1, 95.0, 300.0), (7.3, 60.0, 500.0), (7.4, 
 @pytest.mark.parametrize("inputs", [FIG_4, FIG_5, LIMITS], ids=["fig4", "fig5", "limits"])
 def test_agrees_with_the_integrated_equations(inputs, dead_time_s):
     end_s = 45.0
-    model = ProcessModel(replace(nominal(), dead_time_s=dead_time_s))
+    model = ProcessModel(nominal().changed(dead_time_s=dead_time_s))
     changes = [change[0] for change in inputs]
     held = [inputs[bisect_right(changes, k / 10 + 1e-9) - 1] for k in range(round(end_s * 10))]
     run = model.simulate([h[1] for h in held], [h[2] for h in held])

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from math import exp, isfinite
+from math import exp
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import yaml
+from pydantic import AfterValidator, NonNegativeFloat, model_validator
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, load
-from fsw_control.yaml_text import load_yaml
+from fsw_control.schema import Model, content_of, problem, read_text, validate
 from fsw_model import STEP_S, ModelParameters
-from fsw_nmpc.horizon import BLOCKS
 from fsw_nmpc.library import KERNEL, State, Trajectory
 
 #: Reference trajectories, see ``kernel/trajectory.c``.
@@ -25,8 +23,13 @@ _APPROACH_PER_DEAD_TIME = 0.3
 _NODE = defaults(load("fsw_nmpc", "nmpc.yaml"))
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatorTuning:
+def _known(trajectory: str) -> str:
+    if trajectory not in TRAJECTORIES:
+        raise ValueError(f"is {trajectory!r}; one of {', '.join(TRAJECTORIES)}")
+    return trajectory
+
+
+class EstimatorTuning(Model):
     """Standard deviations of the sensors, and of the random walk per tick of what changes by itself.
 
     Attributes
@@ -41,23 +44,22 @@ class EstimatorTuning:
         A measurement further off is a jump; 0: never.
     """
 
-    depth_noise_mm: float = 2e-3
-    torque_noise_nm: float = 2.0
-    temperature_noise_c: float = 0.1
-    creep_walk_mm: float = 1e-5
-    copper_walk_c: float = 1e-3
-    motor_walk_nm: float = 0.05
-    force_walk_kn: float = 1.2e-3
-    heat_walk_kw: float = 5e-4
-    torque_scale_walk: float = 5e-5
-    depth_offset_walk_mm: float = 2e-5
-    temperature_offset_walk_c: float = 3e-2
-    offset_memory_s: float = 600.0
-    jump_sigmas: float = 4.0
+    depth_noise_mm: NonNegativeFloat = 2e-3
+    torque_noise_nm: NonNegativeFloat = 2.0
+    temperature_noise_c: NonNegativeFloat = 0.1
+    creep_walk_mm: NonNegativeFloat = 1e-5
+    copper_walk_c: NonNegativeFloat = 1e-3
+    motor_walk_nm: NonNegativeFloat = 0.05
+    force_walk_kn: NonNegativeFloat = 1.2e-3
+    heat_walk_kw: NonNegativeFloat = 5e-4
+    torque_scale_walk: NonNegativeFloat = 5e-5
+    depth_offset_walk_mm: NonNegativeFloat = 2e-5
+    temperature_offset_walk_c: NonNegativeFloat = 3e-2
+    offset_memory_s: NonNegativeFloat = 600.0
+    jump_sigmas: NonNegativeFloat = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Tuning:
+class Tuning(Model):
     """Reference trajectories, cost and estimator.
 
     Attributes
@@ -81,37 +83,27 @@ class Tuning:
     estimator : EstimatorTuning
     """
 
-    trajectory: str = "approach"
-    depth_time_s: float = 1.0
-    temperature_time_s: float = 0.84
-    dead_band_depth_mm: float = 0.0
-    dead_band_temperature_c: float = 0.0
-    weight_depth_per_mm: float = 0.0
-    weight_temperature_per_c: float = 0.0
-    depth_scale_mm: float = 0.0022
-    temperature_scale_c: float = 0.08
-    move_force_per_kn: float = 0.0
-    move_speed_per_rpm: float = 0.0
-    full_move_cost: float = 0.2
-    blocks: int = 20
+    trajectory: Annotated[str, AfterValidator(_known)] = "approach"
+    depth_time_s: NonNegativeFloat = 1.0
+    temperature_time_s: NonNegativeFloat = 0.84
+    dead_band_depth_mm: NonNegativeFloat = 0.0
+    dead_band_temperature_c: NonNegativeFloat = 0.0
+    weight_depth_per_mm: NonNegativeFloat = 0.0
+    weight_temperature_per_c: NonNegativeFloat = 0.0
+    depth_scale_mm: NonNegativeFloat = 0.0022
+    temperature_scale_c: NonNegativeFloat = 0.08
+    move_force_per_kn: NonNegativeFloat = 0.0
+    move_speed_per_rpm: NonNegativeFloat = 0.0
+    full_move_cost: NonNegativeFloat = 0.2
+    blocks: Literal[20, 54] = 20
     estimator: EstimatorTuning = EstimatorTuning()
 
-    def __post_init__(self) -> None:
-        if self.trajectory not in TRAJECTORIES:
-            raise ValueError(f"tuning 'trajectory' is {self.trajectory!r}: must be one of {', '.join(TRAJECTORIES)}")
-        own = [(f.name, getattr(self, f.name)) for f in fields(self) if f.name not in ("trajectory", "estimator")]
-        for name, value in own + [
-            (f"estimator.{f.name}", getattr(self.estimator, f.name)) for f in fields(self.estimator)
-        ]:
-            if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0.0:
-                raise ValueError(f"tuning {name!r} is {value!r}: must be a finite number >= 0")
-        if self.blocks not in BLOCKS:
-            raise ValueError(f"tuning 'blocks' is {self.blocks!r}: must be {' or '.join(map(str, BLOCKS))}")
+    @model_validator(mode="after")
+    def _check_approach(self) -> Tuning:
         for name in ("depth_time_s", "temperature_time_s"):
             if self.trajectory == "approach" and getattr(self, name) < 2 * STEP_S:
-                raise ValueError(
-                    f"tuning {name!r} is {getattr(self, name)!r}: an approach takes at least {2 * STEP_S} s"
-                )
+                raise problem(f"is {getattr(self, name):g}: an approach takes at least {2 * STEP_S} s", name)
+        return self
 
     @classmethod
     def preset(cls, name: str, parameters: ModelParameters) -> Tuning:
@@ -153,9 +145,8 @@ class Tuning:
             Multiplies the cost of depth deviations, where the inputs do not suffice for both outputs.
         """
         e = self.estimator
-        walks = {f.name: getattr(e, f.name) / calmness for f in fields(e) if "_walk" in f.name}
-        return replace(
-            self,
+        walks = {name: value / calmness for name, value in e if "_walk" in name}
+        return self.changed(
             depth_time_s=self.depth_time_s / depth_aggressiveness,
             temperature_time_s=self.temperature_time_s / temperature_aggressiveness,
             weight_depth_per_mm=self.weight_depth_per_mm * depth_priority,
@@ -163,7 +154,7 @@ class Tuning:
             full_move_cost=self.full_move_cost * calmness,
             move_force_per_kn=self.move_force_per_kn * calmness,
             move_speed_per_rpm=self.move_speed_per_rpm * calmness,
-            estimator=replace(e, **walks),
+            estimator=e.changed(**walks),
         )
 
     def struct(
@@ -219,28 +210,20 @@ class Tuning:
 
         Raises
         ------
-        ValueError
+        fsw_control.schema.InputError
             If the file cannot be read or something in it is wrong; the message is one line.
         """
-        try:
-            content = load_yaml(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ValueError(f"tuning_file: cannot read {path}: {error.strerror}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ValueError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
-        if not isinstance(content, Mapping) or not isinstance(content.get("estimator", {}), Mapping):
-            raise ValueError(f"{path}: must map names of tuning fields to values")
-        own, estimator = dict(content), dict(content.get("estimator", {}))
-        own.pop("estimator", None)
-        for given, kind in ((own, cls), (estimator, EstimatorTuning)):
-            unknown = sorted(str(name) for name in given if name not in {f.name for f in fields(kind)})
-            if unknown:
-                known = ", ".join(f.name for f in fields(kind))
-                raise ValueError(f"{path}: unknown {', '.join(unknown)}; known: {known}")
-        try:
-            return replace(base, **own, estimator=replace(base.estimator, **estimator))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+        content = content_of(read_text(path, "tuning_file"), str(path))
+        return validate(cls, _over(base.model_dump(), content), str(path))
+
+
+def _over(base: dict[str, Any], content: Any) -> Any:
+    """A mapping with the values of another in it, at all depths; anything else instead of it."""
+    if not isinstance(content, Mapping):
+        return content
+    return base | {
+        name: _over(base[name], value) if isinstance(base.get(name), dict) else value for name, value in content.items()
+    }
 
 
 #: (28)-(37): L1 cost outside dead-bands about first-order corridors (32), (33), with the weights (37)

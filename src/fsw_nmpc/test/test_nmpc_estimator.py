@@ -1,7 +1,5 @@
 """What the estimator makes of noise, jumps, spikes, held values and another process, and that it knows how well."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -163,7 +161,7 @@ def test_every_state_is_detectable(tuning):
     least, values = visibility(tuning)
     assert least > 1e-6
     assert sum(np.abs(values) > 1.0 - 1e-9) == 4  # creep, which the process has, and one per sensor
-    unleaking = replace(tuning, estimator=replace(tuning.estimator, offset_memory_s=1e12))
+    unleaking = tuning.changed(estimator=tuning.estimator.changed(offset_memory_s=1e12))
     assert visibility(unleaking)[0] < 1e-10  # what the leak is for
 
 

@@ -1,7 +1,5 @@
 """The prediction: the same process as the model, exact dead time, exact sensitivities."""
 
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -29,7 +27,7 @@ def start_from(state, force_kn, speed_rpm):
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85, 1.8, 0.9, 4.0, 10.0])
 def test_prediction_is_the_process(dead_time_s, rng):
     """From a moving state, with random moves at every interval: as the process model steps it, the tail included."""
-    p = replace(P, dead_time_s=dead_time_s)
+    p = P.changed(dead_time_s=dead_time_s)
     model, library = ProcessModel(p), make_library(54, p)
     state, force, speed = model.equilibrium().state.copy(), 78.4, 407.576
     for _ in range(60):
@@ -68,7 +66,7 @@ def test_dead_time_is_exact(library, rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85, 1.83])
 def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, rng):
-    p = replace(P, dead_time_s=dead_time_s)
+    p = P.changed(dead_time_s=dead_time_s)
     library = make_library(20, p)
     h = library.horizon
     predict = prediction_function(p, h)
@@ -87,7 +85,7 @@ def test_horizons_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="21 blocks"):
         horizon_of(P, 21)
     with pytest.raises(ValueError, match=r"'dead_time_s' is 0\.5: the NMPC needs at least 0\.9 s"):
-        horizon_of(replace(P, dead_time_s=0.5), 20)
+        horizon_of(P.changed(dead_time_s=0.5), 20)
 
 
 @pytest.mark.skipif(

@@ -1,7 +1,5 @@
 """Reference trajectories: feasible, consistent in time, early where set-points are known; and the paper's corridors."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -99,7 +97,7 @@ def test_changes_that_make_no_sense_change_nothing(library, changes):
     ],
 )
 def test_corridors_of_the_paper(library, kind, ticks, first):
-    tuning = replace(PAPER, trajectory=kind)
+    tuning = PAPER.changed(trajectory=kind)
     time_s, (depth, _), width = trajectories(library, 2.76, tuning=tuning, ticks=ticks)
     assert depth[0] == pytest.approx(first, abs=1e-6)
     assert width[0] == pytest.approx(0.004) and width[1] == pytest.approx(0.2)

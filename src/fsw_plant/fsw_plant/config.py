@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from fsw_control import Limits, parameters
 from fsw_control.parameters import ParameterError, ParameterSpec
-from fsw_model import STEP_S, ModelParameterError, ModelParameters
+from fsw_model import STEP_S, ModelParameters
 
 
 @lru_cache(maxsize=1)
 def specs() -> dict[str, ParameterSpec]:
     """Descriptions of all parameters of the plant: ``plant.yaml``, and a factor on each parameter of the model."""
     factors = {
-        f"model.{field.name}": ParameterSpec(
-            f"model.{field.name}", "double", 1.0, f"Factor on the model parameter {field.name}", range=(0.1, 10.0)
+        f"model.{name}": ParameterSpec(
+            f"model.{name}", "double", 1.0, f"Factor on the model parameter {name}", range=(0.1, 10.0)
         )
-        for field in fields(ModelParameters)
+        for name in ModelParameters.model_fields
     }
     return parameters.load("fsw_plant", "plant.yaml") | factors
 
@@ -62,21 +62,18 @@ class PlantConfig:
             If a name is unknown, or a value has the wrong type or is out of range, or values contradict.
         """
         checked = parameters.validate(specs(), flatten(values))
-        limits = Limits(
-            force_min_kn=checked["limits.force_min_kn"],
-            force_max_kn=checked["limits.force_max_kn"],
-            speed_min_rpm=checked["limits.speed_min_rpm"],
-            speed_max_rpm=checked["limits.speed_max_rpm"],
-            force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
-            speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
-        )
-        for what, low, high in (
-            ("force", limits.force_min_kn, limits.force_max_kn),
-            ("speed", limits.speed_min_rpm, limits.speed_max_rpm),
-        ):
-            if low >= high:
-                raise ParameterError(f"limits.{what}_min ({low:g}) must be below limits.{what}_max ({high:g})")
-        return cls(checked, limits, _model(checked))
+        try:
+            limits = Limits(
+                force_min_kn=checked["limits.force_min_kn"],
+                force_max_kn=checked["limits.force_max_kn"],
+                speed_min_rpm=checked["limits.speed_min_rpm"],
+                speed_max_rpm=checked["limits.speed_max_rpm"],
+                force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
+                speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
+            )
+            return cls(checked, limits, _model(checked))
+        except ValueError as error:
+            raise ParameterError(str(error)) from None
 
 
 def json_schema() -> dict[str, Any]:
@@ -88,14 +85,14 @@ def json_schema() -> dict[str, Any]:
         for group in groups:
             inside = inside.setdefault("properties", {}).setdefault(group, {"type": "object"})
         kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(spec.type, "array")
-        found = {"type": kind, "description": spec.description, "default": spec.default}
+        entry = {"type": kind, "description": spec.description, "default": spec.default}
         if spec.unit:
-            found["unit"] = spec.unit
+            entry["unit"] = spec.unit
         if spec.range is not None and kind != "array":
-            found["minimum"], found["maximum"] = spec.range
+            entry["minimum"], entry["maximum"] = spec.range
         if spec.options:
-            found["enum"] = list(spec.options)
-        inside.setdefault("properties", {})[name] = found
+            entry["enum"] = list(spec.options)
+        inside.setdefault("properties", {})[name] = entry
         inside["additionalProperties"] = False
     return root
 
@@ -114,9 +111,6 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
 def _model(values: Mapping[str, Any]) -> ModelParameters:
     """The parameters of the model file, each with its factor."""
     file = values["model_file"]
-    factors = {field.name: values[f"model.{field.name}"] for field in fields(ModelParameters)}
-    try:
-        parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
-        return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
-    except ModelParameterError as error:
-        raise ParameterError(str(error)) from None
+    factors = {name: values[f"model.{name}"] for name in ModelParameters.model_fields}
+    parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
+    return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import model_validator
 
+from fsw_control.contract import SENSORS, Sensor
 from fsw_control.ranges import Range
-from fsw_control.schema import InputError, Model, range_of, validate
+from fsw_control.schema import Model, range_of, validate
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
-from fsw_plant.place import Place
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")
@@ -22,7 +22,6 @@ FAULT_DELAY_S = Range(0.0, 60.0, "s")
 
 Channel = Literal["depth", "temperature", "axial_force", "spindle_speed", "torque"]
 Shape = Literal["step", "ramp", "sine", "pulse", "none"]
-Sensor = Literal["depth", "torque", "thermocouple"]
 Kind = Literal["freeze", "dropout", "nan", "spike", "bias", "drift", "delay", "duplicate", "none"]
 DISTURBANCE_SHAPES, FAULT_KINDS = get_args(Shape), get_args(Kind)
 #: kinds of faults that have a magnitude
@@ -105,7 +104,7 @@ DISTURBANCE_AMPLITUDE = {
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
 FAULT_MAGNITUDE = {
     sensor: (key, range_of(FaultEntry, key))
-    for sensor, key in zip(get_args(Sensor), list(FaultEntry.model_fields)[2:], strict=False)
+    for sensor, key in zip(SENSORS, list(FaultEntry.model_fields)[2:], strict=False)
 }
 
 
@@ -160,19 +159,3 @@ def _check_keys(entry: Model, what: str, allowed: Collection[str], needed: Colle
         problems.append(f"has {', '.join(unused)}, which {what} does not use")
     if problems:
         raise ValueError(" and ".join(problems))
-
-
-def read_disturbance(entry: Any, at: Place, at_s: float) -> Disturbance:
-    """A ``disturbance`` of a scenario."""
-    try:
-        return validate(DisturbanceEntry, entry, at.where).event(at_s)
-    except InputError as error:
-        raise at.failure(str(error)) from None
-
-
-def read_fault(entry: Any, at: Place, at_s: float) -> Fault:
-    """A ``fault`` of a scenario."""
-    try:
-        return validate(FaultEntry, entry, at.where).event(at_s)
-    except InputError as error:
-        raise at.failure(str(error)) from None

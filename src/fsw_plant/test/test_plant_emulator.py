@@ -245,7 +245,7 @@ def test_own_model_parameters_from_a_file(tmp_path):
     with pytest.raises(ParameterError, match="cannot read model"):
         plant_of(model_file=str(tmp_path / "none.yaml"))
     file.write_text("coper_lag_s: 70")
-    with pytest.raises(ParameterError, match="unknown model parameter coper_lag_s"):
+    with pytest.raises(ParameterError, match="coper_lag_s is an unknown key"):
         plant_of(model_file=str(file))
 
 

@@ -25,15 +25,17 @@ from fsw_analysis.weld_signals import (
 )
 from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal, Reference
 from fsw_control.host import answer
+from fsw_control.ramps import stair
 from fsw_control.references import ReferencePlan
 from fsw_control.schema import InputError
 from fsw_control.validity import SensorGuard
+from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
-from fsw_plant import TICK_NS, PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
 from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
-from fsw_scenario.timeline import announced, references, switches
+from fsw_scenario.timeline import references, switches
 
 #: ticks between two reports of progress
 _PROGRESS_TICKS = 100
@@ -119,7 +121,7 @@ class ClosedLoop:
         supervised = faulty or len(self._controllers) > 1
         supervisor = OfflineSupervisor(self._controllers, first) if supervised else None
         (active, mode), reason = (first, "auto"), ""
-        coming = announced(changes.items()) if scenario.announced else None
+        coming = stair(changes.items()) if scenario.announced else None
         plan = None if coming is None else ReferencePlan([(tick * TICK_NS, one) for tick, one in coming])
         guard = SensorGuard()
         ticks: list[_Tick] = []

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import lru_cache
 
 import numpy as np
@@ -70,7 +69,7 @@ def simulate(
     inertia = model.parameters.spindle_inertia_kgm2 * RAD_PER_S_PER_RPM / STEP_S
     start = model.equilibrium(REST.depth_mm, REST.temperature_c)
     state = start.state.copy()
-    controller = DecentralController(asdict(gains))
+    controller = DecentralController(dict(gains))
     reference = REST
     changes = references or {}
     queue = [Command(start.force_kn, start.speed_rpm)] * (2 + latency_ticks)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -146,8 +146,8 @@ def _scenario(seed: int, duration_s: float, sizes: dict[str, float], centre: dic
 
 def plant_factors(model: ModelParameters) -> dict[str, float]:
     """Parameters of the plant emulator that make it the process of a model."""
-    usual = asdict(nominal())
-    return {f"model.{name}": v / usual[name] for name, v in asdict(model).items() if v != usual[name]}
+    usual = dict(nominal())
+    return {f"model.{name}": v / usual[name] for name, v in dict(model).items() if v != usual[name]}
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:

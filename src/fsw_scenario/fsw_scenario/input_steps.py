@@ -12,7 +12,7 @@ from fsw_control.ranges import Range
 from fsw_control.schema import Many, Model, content_of, problem, read_text, shipped_names, validate
 from fsw_control.weld import TICK_S
 from fsw_model import ProcessModel
-from fsw_plant.event_schema import DURATION_S
+from fsw_plant.event_schema import DURATION_S, TIME_S
 
 COLUMNS = (
     *("time_s", "depth_mm", "temperature_c", "motor_torque_nm", "process_torque_nm", "power_kw"),
@@ -33,7 +33,7 @@ def _on_a_tick(time_s: float) -> float:
 class InputStep(Model):
     """New inputs from a time on; one left out stays. Their ranges are far beyond what drives can do."""
 
-    at_s: Annotated[float, Range(0.0, DURATION_S.high, "s"), AfterValidator(_on_a_tick)]
+    at_s: Annotated[float, TIME_S, AfterValidator(_on_a_tick)]
     force_kn: Annotated[float, Range(0.0, 1000.0, "kN")] | None = None
     speed_rpm: Annotated[float, Range(0.0, 10_000.0, "rpm")] | None = None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import signal
@@ -48,10 +47,10 @@ class Child:
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
     def status(self) -> dict[str, Any]:
-        """What it has told last, see ``fsw_control.status_file``."""
+        """The status that it wrote last, see ``fsw_control.status_file``."""
         return read_status(self.log.with_suffix(".status"))
 
-    def last_words(self) -> str:
+    def last_lines(self) -> str:
         """The last lines that it printed, as one line."""
         return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
 
@@ -126,7 +125,7 @@ class Launcher:
             child = self.children[name]
             if not child.running:
                 code = child.process.returncode
-                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_words()} (see {child.log})")
+                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_lines()} (see {child.log})")
 
     def wait_until(
         self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None
@@ -159,33 +158,28 @@ class Launcher:
         child = self.children[name]
         self.wait_until(lambda: re.search(pattern, child.text()), timeout_s, f"{name} to print {pattern!r}")
         match = re.search(pattern, child.text())
-        return match.group(0) if match else ""
+        return match[0] if match else ""
 
     def stop(self, *names: str) -> dict[str, int]:
         """End processes (all by default, the last started first) and return their exit codes."""
         chosen = [self.children[name] for name in names] if names else list(reversed(self.children.values()))
         for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for child in chosen:
-                if child.running:
-                    with contextlib.suppress(ProcessLookupError):
-                        child.process.send_signal(sign)
+                child.process.send_signal(sign)  # nothing happens to one that has ended
             end = time.monotonic() + self._patience_s
             while any(child.running for child in chosen) and time.monotonic() < end:
                 time.sleep(_POLL_S)
-            if not any(child.running for child in chosen):
-                break
         return {child.name: child.process.wait() for child in chosen}
 
 
 @dataclass(slots=True)
-class _Life:
+class _Restarts:
     """What is known of a process that is started again when it ends."""
 
     began_s: float
-    lives: int = 1
-    soon: int = 0  #: how often in succession it ended soon after its start
     due_s: float | None = None  #: when it is to be started again
-    given_up: bool = False
+    first: bool = True  #: whether it has not been started again yet
+    soon: int = 0  #: how often in succession it ended soon after its start
 
 
 class Respawn:
@@ -196,7 +190,7 @@ class Respawn:
     launcher : Launcher
     names : sequence of str
         Running processes.
-    tell : callable, optional
+    report : callable, optional
         Takes a line for the person at the console.
     clock : callable, optional
         Monotonic time [s].
@@ -206,13 +200,13 @@ class Respawn:
         self,
         launcher: Launcher,
         names: Sequence[str],
-        tell: Callable[[str], object] = lambda line: print(line, file=sys.stderr, flush=True),
+        report: Callable[[str], object] = lambda line: print(line, file=sys.stderr, flush=True),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._launcher, self._tell, self._clock = launcher, tell, clock
-        self._lives = {name: _Life(clock()) for name in names}
+        self._launcher, self._report, self._clock = launcher, report, clock
+        self._restarts = {name: _Restarts(clock()) for name in names}
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Start again what has ended; to be called often.
 
         Raises
@@ -221,22 +215,23 @@ class Respawn:
             When a process refuses its very first start. A later refusal may pass, as a full disk does.
         """
         now_s = self._clock()
-        for name, life in self._lives.items():
+        for name, restarts in self._restarts.items():
             child = self._launcher.children[name]
-            if life.given_up or child.running:
+            if child.running or restarts.soon >= _MOST_SOON:
                 continue
-            if life.due_s is None:
-                self._on_end(child, life, now_s)
-            elif now_s >= life.due_s:
+            if restarts.due_s is None:
+                self._on_end(child, restarts, now_s)
+            elif now_s >= restarts.due_s:
                 self._launcher.start(name, child.module, child.arguments)
-                life.began_s, life.due_s, life.lives = now_s, None, life.lives + 1
+                restarts.began_s, restarts.due_s, restarts.first = now_s, None, False
 
-    def _on_end(self, child: Child, life: _Life, now_s: float) -> None:
+    def _on_end(self, child: Child, restarts: _Restarts, now_s: float) -> None:
         code = child.process.returncode
-        if life.lives == 1 and code == REFUSED:
+        if restarts.first and code == REFUSED:
             self._launcher.check([child.name])
-        life.soon = life.soon + 1 if now_s - life.began_s < _SOON_S else 0
-        life.given_up = life.soon >= _MOST_SOON
-        life.due_s = now_s + RESPAWN_DELAY_S * 2.0 ** max(0, life.soon - 1)
-        what = f"is given up: it ended {life.soon} times in succession" if life.given_up else "is started again"
-        self._tell(f"{child.name} has ended with exit code {code} and {what}; see {child.log}")
+        restarts.soon = restarts.soon + 1 if now_s - restarts.began_s < _SOON_S else 0
+        restarts.due_s = now_s + RESPAWN_DELAY_S * 2.0 ** max(0, restarts.soon - 1)
+        what = "is started again"
+        if restarts.soon >= _MOST_SOON:
+            what = f"is given up: it ended {restarts.soon} times in succession"
+        self._report(f"{child.name} has ended with exit code {code} and {what}; see {child.log}")

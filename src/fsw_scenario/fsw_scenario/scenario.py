@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Self
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from fsw_control import weld
 from fsw_control.contract import Reference
-from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C, Range
-from fsw_control.schema import InputError, Model, Name, needs_one
+from fsw_control.parameters import ParameterError
+from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, Range
+from fsw_control.schema import Many, Model, Name, needs_one, problem, without_default
 from fsw_control.weld import TICK_S
+from fsw_plant import PlantConfig
+from fsw_plant.config import flatten
+from fsw_plant.config import json_schema as plant_json_schema
 from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_plant.schedule import EventEntry
-from fsw_scenario.weld_programme import Phase
+from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
+from fsw_scenario.weld_programme_file import joined, set_points
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
 OPEN_LOOP = "none"
-#: the error of a wrong scenario
-ScenarioError = InputError
-#: on the path of a whole weld
-ANGLE_DEG = Range(0.0, 720.0, "deg")
 _EPSILON_S = 1e-9
 
 
@@ -49,19 +50,6 @@ class Sine(Model):
     period_s: Annotated[float, Range(2 * TICK_S, DURATION_S.high, "s")]
 
 
-class SetPointEntry(Model):
-    """New set-points; one left out stays."""
-
-    depth_mm: Annotated[float, REFERENCE_DEPTH_MM] | None = None
-    temperature_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
-    over_s: Annotated[float, TIME_S] = 0.0
-    """length of a ramp to them; 0: a step"""
-
-    @model_validator(mode="after")
-    def _check_any(self) -> Self:
-        return needs_one(self, "depth_mm", "temperature_c")
-
-
 class ReferenceEntry(SetPointEntry):
     """New set-points; one left out stays."""
 
@@ -83,14 +71,10 @@ class CommandEntry(Model):
         return needs_one(self, "force_kn", "speed_rpm")
 
 
-def _without_default(json_schema: dict[str, Any]) -> None:
-    del json_schema["default"]
-
-
 class Event(EventEntry):
     """Has its time and exactly one of `disturbance`, `fault`, `reference`, `switch`, `command`."""
 
-    at_s: Annotated[float, TIME_S] = Field(0.0, json_schema_extra=_without_default)
+    at_s: Annotated[float, TIME_S] = Field(0.0, json_schema_extra=without_default)
     """time; the event takes effect at the first tick that is not before"""
     at_deg: Annotated[float, ANGLE_DEG] | None = None
     """instead of `at_s`, with `phases`: where on the path"""
@@ -107,41 +91,103 @@ class Event(EventEntry):
         return self
 
 
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    """A weld experiment.
+class _PlantParameters:
+    """What the JSON Schema says of ``plant``."""
 
-    Attributes
-    ----------
-    name, description : str
-    duration_s : float
-        Length of the experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
-    controller : str
-        Selected at the start; ``OPEN_LOOP`` when the events drive the manipulated variables.
-    plant : dict of str to value
-        The plant's parameters that differ from their defaults, by dotted name.
-    events : tuple of Event
-        In order of time, with ``at_s``; those of ``phases`` are among them.
-    figures : tuple of int
-        The paper's figures that it shows.
-    announced : bool
-        Whether controllers know the set-points beforehand.
-    phases : tuple of Phase
-        Of a whole weld.
-    text : str
-        The YAML it was read from, with all overrides applied.
+    @staticmethod
+    def __get_pydantic_json_schema__(_: Any, __: Any) -> dict[str, Any]:
+        return plant_json_schema()
+
+
+class Scenario(Model):
+    """A weld experiment: ticks 1 (stamp 0.1 s) to ``n_ticks``.
+
+    Once read, it is complete: all events have ``at_s``, and the set-points of phases are among them; ``plant`` has
+    dotted names.
     """
 
-    name: str
-    duration_s: float
+    name: Name
     description: str = ""
-    controller: str = "decentral"
-    plant: dict[str, Any] = field(default_factory=dict)
-    events: tuple[Event, ...] = ()
-    figures: tuple[int, ...] = ()
+    duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
+    """of the experiment; with `phases` it is left out"""
+    controller: Name = "decentral"
+    """the one that is applied at the start; `none`: open loop"""
+    plant: Annotated[dict[str, Any], _PlantParameters] = {}
+    """parameters of the plant that differ from their defaults, see `plant.yaml`"""
+    phases: Many[Phase] = ()
+    """of a whole weld, in place of `reference` events"""
+    events: Many[Event] = ()
+    """in order of time"""
+    figures: Many[Literal[4, 5, 6, 7, 8, 9]] = ()
+    """figures of the paper that the scenario shows"""
     announced: bool = False
-    phases: tuple[Phase, ...] = ()
-    text: str = ""
+    """whether controllers know the set-points beforehand, by `/fsw/reference_plan`"""
+    _text: str = ""
+
+    @field_validator("plant")
+    @classmethod
+    def _check_plant(cls, values: dict[str, Any]) -> dict[str, Any]:
+        try:
+            PlantConfig.from_values(values)
+        except ParameterError as error:
+            raise ValueError(f"is wrong: {error}") from None
+        return flatten(values)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if "phases" in self.model_fields_set:
+            phases = joined(self.phases)
+            whole_s = sum(phase.duration_s for phase in phases)
+            duration_s = self.duration_s or round(whole_s, 1)
+            if abs(duration_s - whole_s) > TICK_S:
+                raise problem(f"= {duration_s:g}, but the phases take {whole_s:.1f} s; leave it out", "duration_s")
+        elif "duration_s" in self.model_fields_set:
+            phases, duration_s = (), self.duration_s
+        else:
+            raise ValueError("lacks duration_s")
+        own = [
+            Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))
+            for at_s, one in set_points(phases, start_reference(self.plant))
+        ]
+        events = self._placed(phases)
+        self._check(events, duration_s)
+        events = sorted((*own, *events), key=attrgetter("at_s"))
+        return self.model_copy(update={"duration_s": duration_s, "phases": phases, "events": tuple(events)})
+
+    def _placed(self, phases: Sequence[Phase]) -> list[Event]:
+        """The events, those with an angle at the time at which the tool first passes there."""
+        events = list(self.events)
+        for i, event in enumerate(events):
+            if event.at_deg is not None:
+                if not phases:
+                    raise problem("needs phases; give at_s", "events", i, "at_deg")
+                allowed = Range(phases[0].from_deg, phases[-1].to_deg, "deg, the end of the path")
+                if complaint := allowed.complaint(event.at_deg):
+                    raise problem(f"= {complaint}", "events", i, "at_deg")
+                at_s = round(time_at(phases, event.at_deg), 1)
+                events[i] = event.model_copy(update={"at_s": at_s, "at_deg": None})
+        return events
+
+    def _check(self, events: Sequence[Event], duration_s: float) -> None:
+        latest, before_s = Range(0.0, duration_s, "s, the scenario's duration"), 0.0
+        for i, event in enumerate(events):
+            if complaint := latest.complaint(event.at_s):
+                raise problem(f"= {complaint}", "events", i, "at_s")
+            if event.at_s < before_s:
+                raise problem("is earlier than the event before it; list events in order of time", "events", i)
+            if event.switch is not None and self.open_loop:
+                raise problem(f"switches the controller, but controller is {OPEN_LOOP}", "events", i)
+            if event.command is not None and not self.open_loop:
+                raise problem(f"has a command, which needs controller: {OPEN_LOOP}", "events", i)
+            if self.phases and (event.reference or event.command):
+                text = "has set-points or a command; with phases, give set_points in the phases"
+                raise problem(text, "events", i)
+            before_s = event.at_s
+
+    @property
+    def text(self) -> str:
+        """The YAML it was read from, with all overrides applied."""
+        return self._text
 
     @property
     def n_ticks(self) -> int:

@@ -20,18 +20,19 @@ from std_msgs.msg import Header, String
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
-from fsw_control.node_arguments import NodeArguments, asks_for_help
+from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load as load_parameters
 from fsw_control.parameters_ros import declare
+from fsw_control.ramps import stair
 from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED, LATEST, PLAYER_READY, STREAM, subscribe_sensors
+from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
-from fsw_plant import TICK_NS
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.scenario_file import load
-from fsw_scenario.timeline import announced, references, switches
+from fsw_scenario.timeline import references, switches
 from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
 from fsw_scenario.weld_programme_ros import ProgrammeServer
@@ -72,17 +73,16 @@ class ScenarioNode(Node):
         self._course = Course(references(self._scenario, start_reference(self._scenario.plant)))
         #: what the controllers follow, by the same rule; with what this node sends
         self._received = reference_queue(self)
-        self._mark, self._mark_heard, self._restarts = _MARK.format(0), False, 0
+        self._mark, self._mark_received, self._restarts = _MARK.format(0), False, 0
         self._stamps = StampFilter(silence_s=1.0)
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._tick = 0  #: of the scenario; the process is further by what was held
         self._held = 0
-        self._told = -self._scenario.n_ticks  # the first tick is told
-        self._heard_s = self._began_s = time.monotonic()
+        self._reported = -self._scenario.n_ticks  # the first tick is reported
+        self._last_sample_s = self._began_s = time.monotonic()
         self.finished = False
-        self.failure = ""
         self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
         self._requests = self.create_publisher(String, "fsw/switch_request", STREAM)
@@ -99,7 +99,7 @@ class ScenarioNode(Node):
             if self._programme.stopped:
                 self._programme.publish(self._stamp_ns)
                 self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}")
-        if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
+        if not self.finished and time.monotonic() - self._last_sample_s > self._silence_s:
             self._end(f"{self._missing()} for {self._silence_s:g} s; is the graph running, on the same domain?")
 
     def _missing(self) -> str:
@@ -124,7 +124,7 @@ class ScenarioNode(Node):
 
     def _begin(self) -> None:
         self._listening = True
-        self._heard_s = time.monotonic()
+        self._last_sample_s = time.monotonic()
         _, first = self._course.coming.popleft()
         if self._simulated:
             self._announce()
@@ -134,7 +134,7 @@ class ScenarioNode(Node):
         if self._scenario.phases:
             machine = PhaseMachine(self._scenario.phases)
             self._programme = ProgrammeServer(self, machine, self._course, self._in_force, self._restart)
-            subscribe_sent(self, self._received, self._on_heard)
+            subscribe_sent(self, self._received, self._on_received)
         subscribe_sensors(self, self._on_sample)
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
@@ -165,14 +165,14 @@ class ScenarioNode(Node):
             self._began_s = time.monotonic()
             if not self._simulated:
                 self._announce()
-        self._heard_s = time.monotonic()
+        self._last_sample_s = time.monotonic()
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         if self._programme is not None:
             machine, self._stamp_ns = self._programme.machine, stamp_ns
             machine.follow(self._tick)
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
-            if self._course.followed and self._mark_heard and self._received.mark != self._mark:
+            if self._course.followed and self._mark_received and self._received.mark != self._mark:
                 self.get_logger().warning("set-points by hand are in force: the programme's follow after a resume")
                 self._course.leave()
                 self._announce()
@@ -183,19 +183,19 @@ class ScenarioNode(Node):
         while self._switches and self._switches[0][0] <= self._tick + 1:
             _, controller = self._switches.popleft()
             self._requests.publish(String(data=controller))
-        if (self._tick - self._told) * 100 >= self._scenario.n_ticks:
-            self._told = self._tick
-            self._tell(False)
+        if (self._tick - self._reported) * 100 >= self._scenario.n_ticks:
+            self._reported = self._tick
+            self._report(False)
         if self._tick >= self._scenario.n_ticks:
             self._end("")
 
-    def _tell(self, finished: bool) -> None:
+    def _report(self, finished: bool) -> None:
         tick, wall_s = min(self._tick, self._scenario.n_ticks), time.monotonic() - self._began_s
         write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
 
-    def _on_heard(self, mark: str) -> None:
+    def _on_received(self, mark: str) -> None:
         """Note that this node's newest set-points have come back; from then on others are somebody else's."""
-        self._mark_heard = self._mark_heard or mark == self._mark
+        self._mark_received = self._mark_received or mark == self._mark
 
     def _in_force(self) -> Reference:
         """The set-points that the controllers follow now."""
@@ -204,7 +204,7 @@ class ScenarioNode(Node):
     def _restart(self, present: Reference) -> None:
         """Send set-points that hold at once and void whatever was sent ahead, and then what is coming."""
         self._restarts += 1
-        self._mark, self._mark_heard = _MARK.format(self._restarts), False
+        self._mark, self._mark_received = _MARK.format(self._restarts), False
         self._announce()
         self._send(present, 0)
         self._send_ahead()
@@ -218,7 +218,7 @@ class ScenarioNode(Node):
     def _announce(self) -> None:
         """Publish the plan of all set-points, where the scenario has one."""
         if self._scenario.announced:
-            planned = [(self._time_ns(tick), reference) for tick, reference in announced(self._course.coming)]
+            planned = [(self._time_ns(tick), reference) for tick, reference in stair(self._course.coming)]
             self._plan.publish(convert.reference_plan_message(planned, self._time_ns(0)))
 
     def _time_ns(self, tick: int) -> int:
@@ -239,15 +239,22 @@ class ScenarioNode(Node):
         return self._tick + _AHEAD if len(self._course.coming) > _AHEAD else self._scenario.n_ticks
 
     def _end(self, failure: str) -> None:
+        """End the process, with exit code 1 after a failure."""
         if self.finished:
             return
-        self.finished, self.failure = True, failure
+        self.finished = True
         if failure:
             print(f"scenario: {failure}", file=sys.stderr, flush=True)
-        else:
-            self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
-            self._tell(True)
+            raise SystemExit(1)
+        self.get_logger().info(f"{self._scenario.name} is over after {self._scenario.duration_s:g} s")
+        self._report(True)
         rclpy.try_shutdown()
+
+    def destroy_node(self) -> None:
+        """End; a scenario that was not played to its end is reported."""
+        if not self.finished:
+            print("scenario: ended before the scenario was over", file=sys.stderr)
+        super().destroy_node()
 
 
 def _node_of(info: TopicEndpointInfo) -> tuple[str, str]:
@@ -268,22 +275,10 @@ def main(args: Sequence[str] | None = None) -> int:
     source = plain[0] if plain and not plain[0].startswith("-") else None
     if source is not None:
         argv.remove(source)
-    nodes: list[ScenarioNode] = []
-
-    def make() -> ScenarioNode:
-        nodes.append(ScenarioNode(source))
-        return nodes[0]
-
-    code = run(
-        make,
-        argv,
-        NodeArguments("fsw_scenario", __doc__ or "", load_parameters("fsw_scenario", "player.yaml"), "[SCENARIO]"),
+    parameters = load_parameters("fsw_scenario", "player.yaml")
+    return run(
+        lambda: ScenarioNode(source), argv, NodeArguments("fsw_scenario", __doc__ or "", parameters, "[SCENARIO]")
     )
-    if code == 0 and nodes and nodes[0].failure:
-        return 1
-    if code == 0 and not (nodes and nodes[0].finished) and not asks_for_help(argv):
-        print("scenario: ended before the scenario was over", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
 from math import pi, sin
 
 from fsw_control.contract import Command, Reference
 from fsw_control.weld import TICK_S
 from fsw_scenario.scenario import Scenario, tick_of
-
-#: 1 s: a controller is given eight set-points ahead, which is past the dead time; steps of longer treads show in the
-#: power (total variation of the spindle speed in a ramp with 1, 2, 4 s: 83, 154, 239 rpm)
-_TREAD_TICKS = 10
 
 
 def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
@@ -56,26 +51,6 @@ def references(scenario: Scenario, start: Reference) -> dict[int, Reference]:
                 depth_mm + event.sine.depth_mm * swing, temperature_c + event.sine.temperature_c * swing
             )
     return {0: changes[0]} | {tick: new for (_, old), (tick, new) in pairwise(changes.items()) if new != old}
-
-
-def announced(changes: Iterable[tuple[int, Reference]]) -> list[tuple[int, Reference]]:
-    """What is announced of changes of the set-points, in order of ticks.
-
-    Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as a stair with the
-    values in the middle of its treads, so that the few set-points that a controller is given reach further ahead.
-    """
-    plan: list[tuple[int, Reference]] = []
-    course: list[tuple[int, Reference]] = []
-    for change in [*changes, None]:
-        if course and (change is None or change[0] != course[-1][0] + 1):
-            treads = range(0, len(course) - 1, _TREAD_TICKS)
-            middles = (min(i + _TREAD_TICKS // 2, len(course) - 1) if len(course) > _TREAD_TICKS else i for i in treads)
-            plan += [(course[i][0], course[k][1]) for i, k in zip(treads, middles, strict=True)]
-            plan.append(course[-1])
-            course = []
-        if change is not None:
-            course.append(change)
-    return plan
 
 
 def commands(scenario: Scenario, start: Command) -> dict[int, Command]:

@@ -8,7 +8,6 @@ above its target costs much more than the same figure below it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +18,12 @@ from fsw_model import ModelParameters, OperatingPointError, nominal
 from fsw_scenario.decentral_loop import errors, noise_moves, sensitivity
 
 Vector = NDArray[np.float64]
-#: A bound and a target are kept with so much to spare, so that they hold after rounding.
+#: Margins by which bounds and targets are kept, so that they hold after rounding.
 _BOUND_MARGIN, _TARGET_MARGIN = 0.985, 0.995
 #: cost of exceeding a target and a bound, per share of it
 _MISSED, _BROKEN = 5.0, 50.0
-#: beyond this excess over the bounds a run is not worth its time; the loop may be unstable
-_HOPELESS = 0.5
+#: beyond this excess over the bounds nothing is simulated; the loop may be unstable
+_UNUSABLE = 0.5
 _SWINGING_C = 2.0
 #: how far the first simplex of the search reaches from the start, in logarithms of the gains
 _REACH = 0.25
@@ -129,13 +128,13 @@ def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
     """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
     robust = robustness(gains, parameters)
     excess = sum(max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items())
-    hopeless = 1e3 + min(excess, 1e3)
-    if excess > _HOPELESS:
-        return hopeless
+    unusable = 1e3 + min(excess, 1e3)
+    if excess > _UNUSABLE:
+        return unusable
     try:
         found = errors(gains, parameters)
     except OperatingPointError:
-        return hopeless
+        return unusable
     shares = np.array([found[key] / target for key, target in TARGETS[name].items()])
     missed = np.maximum(shares - _TARGET_MARGIN, 0.0).sum()
     swing = max(found["unsettled_c"] - _SWINGING_C, 0.0)
@@ -172,7 +171,7 @@ def tune(
     done = 0
 
     def gains_of(x: Vector) -> Gains:
-        return replace(start, **{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
+        return start.changed(**{key: float(f"{v:.3g}") for key, v in zip(SEARCHED, np.exp(x), strict=True)})
 
     def cost_of(x: Vector) -> float:
         nonlocal done

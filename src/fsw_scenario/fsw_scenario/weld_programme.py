@@ -7,43 +7,75 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate
 from math import pi
-from typing import Literal, get_args
+from typing import Annotated, Literal, Self, get_args
 
+from pydantic import Field, model_validator
+
+from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C, Range
+from fsw_control.schema import Many, Model, needs_one, without_default
 from fsw_control.weld import TICK_S
+from fsw_plant.event_schema import DURATION_S, TIME_S
 
 #: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38 to 40 min per turn.
 CANISTER_DIAMETER_MM = 1050.0
 #: Arc of one degree.
 MM_PER_DEG = pi * CANISTER_DIAMETER_MM / 360.0
-#: Traverse speed of the paper, section II.
-TRAVERSE_MM_PER_MIN = 86.0
 PhaseName = Literal["dwell", "start", "downward", "joint_line", "overlap", "parking"]
 #: The sequences of a weld in their order; one may be left out.
 PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
+ANGLE_DEG, LENGTH_MM = Range(0.0, 720.0, "deg"), Range(0.0, 10_000.0, "mm")
 #: numbers of ticks that are further apart come from a jump of the clock
 _CLOCK_JUMP_TICKS = 100
 
 
-@dataclass(frozen=True, slots=True)
-class Phase:
-    """A part of the weld, at one traverse speed.
+class SetPointEntry(Model):
+    """New set-points; one left out stays."""
 
-    Attributes
-    ----------
-    name : str
-        One of ``PHASES``.
-    duration_s : float
-    from_deg, to_deg : float
-        Angle about the canister's axis, at its beginning and end.
-    length_mm : float
-        Of its path; longer than the arc where the path is oblique.
-    """
+    depth_mm: Annotated[float, REFERENCE_DEPTH_MM] | None = None
+    temperature_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
+    over_s: Annotated[float, TIME_S] = 0.0
+    """length of a ramp to them; 0: a step"""
+
+    @model_validator(mode="after")
+    def _check_any(self) -> Self:
+        return needs_one(self, "depth_mm", "temperature_c")
+
+
+class PhaseSetPoint(SetPointEntry):
+    """New set-points in a phase; one left out stays."""
+
+    at_s: Annotated[float, TIME_S] = 0.0
+    """time from the phase's beginning"""
+
+
+class Phase(Model):
+    """A part of the weld: of a duration, or with travel from an angle of the path to another."""
 
     name: PhaseName
-    duration_s: float
-    from_deg: float = 0.0
-    to_deg: float = 0.0
-    length_mm: float = 0.0
+    """in this order; one may be left out"""
+    duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
+    """of a phase without travel"""
+    to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
+    """of one with travel: where it ends"""
+    from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
+    """where the phase before ends, which is the default"""
+    length_mm: Annotated[float, LENGTH_MM] = Field(0.0, json_schema_extra=without_default)
+    """of the path; default: the arc on the canister, and not less"""
+    speed_mm_per_min: Annotated[float, Range(10.0, 300.0, "mm/min")] = 86.0
+    """traverse speed; the default is the paper's, section II"""
+    set_points: Many[PhaseSetPoint] = ()
+
+    @model_validator(mode="after")
+    def _check_travel(self) -> Self:
+        moving = [key for key in ("from_deg", "length_mm", "speed_mm_per_min") if key in self.model_fields_set]
+        duration, travel = (key in self.model_fields_set for key in ("duration_s", "to_deg"))
+        if moving and not travel:
+            raise ValueError(f"has {', '.join(moving)} but no to_deg")
+        if duration and travel:
+            raise ValueError("has duration_s and to_deg; the duration of a path follows from its speed")
+        if not duration and not travel:
+            raise ValueError("lacks duration_s or, with travel, to_deg")
+        return self
 
 
 class State(StrEnum):

@@ -17,9 +17,9 @@ from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import SetMode
 from fsw_scenario.weld_programme import PhaseMachine, State
 from fsw_scenario.weld_programme_course import Course
+from fsw_supervisor.state_machine import Mode
 
 _TICKS_PER_REPORT = 10
-SAFE_STOP = "safe_stop"
 
 
 class ProgrammeServer:
@@ -56,8 +56,8 @@ class ProgrammeServer:
         self.stopped = ""
         self._asked: Future | None = None
         self._stamp_ns = 0
-        self._told: tuple[object, ...] | None = None
-        self._told_tick = 0
+        self._reported: tuple[object, ...] | None = None
+        self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._serve("hold", self._hold)
@@ -83,27 +83,27 @@ class ProgrammeServer:
     def _abort(self) -> tuple[bool, str]:
         return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
 
-    def _keep(self, ok: bool, words: str) -> tuple[bool, str]:
+    def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
         """Keep the set-points in force: sent now, they void what was sent ahead."""
         if ok:
             present = self._in_force()
             self._course.leave()
             self._restart(present)
-        return ok, words
+        return ok, answer
 
     def _resume(self) -> tuple[bool, str]:
         """Go back to the programme, from a hold or from set-points by hand."""
         by_hand = self.machine.state is State.RUNNING and not self._course.followed
-        ok, words = (True, self.machine.describe()) if by_hand else self.machine.resume()
+        ok, answer = (True, self.machine.describe()) if by_hand else self.machine.resume()
         if not ok:
-            return ok, words
+            return ok, answer
         present = self._in_force()
         way = self._course.resume(present, self.machine.tick)
         self._restart(present)
-        return ok, f"{words}; {way}"
+        return ok, f"{answer}; {way}"
 
     def _on_supervisor(self, message: SupervisorState) -> None:
-        if message.actual_mode == SAFE_STOP and self._abort()[0]:
+        if message.actual_mode == Mode.SAFE_STOP and self._abort()[0]:
             self.stopped = f"safe stop by the supervisor: {message.reason}"
 
     def ask_safe_stop(self) -> None:
@@ -117,7 +117,8 @@ class ProgrammeServer:
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():
-            self._asked = self._set_mode.call_async(SetMode.Request(mode=SAFE_STOP, axial_force=nan, spindle_speed=nan))
+            request = SetMode.Request(mode=str(Mode.SAFE_STOP), axial_force=nan, spindle_speed=nan)
+            self._asked = self._set_mode.call_async(request)
         elif self._asked is None:
             self._node.get_logger().error(
                 "abort: no supervisor to ask for a safe stop; start one", throttle_duration_sec=1.0
@@ -126,8 +127,8 @@ class ProgrammeServer:
     def on_tick(self, stamp_ns: int) -> None:
         """Report where due."""
         self._stamp_ns = stamp_ns
-        self._told_tick += 1
-        if self._state() != self._told or self._told_tick >= _TICKS_PER_REPORT:
+        self._ticks_since_report += 1
+        if self._state() != self._reported or self._ticks_since_report >= _TICKS_PER_REPORT:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
@@ -141,7 +142,7 @@ class ProgrammeServer:
         planned = self._course.programme_at(self.machine.tick)
         left = not self._course.followed
         way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
-        self._told, self._told_tick = self._state(), 0
+        self._reported, self._ticks_since_report = self._state(), 0
         self._publisher.publish(
             WeldProgress(
                 header=convert.header(stamp_ns),

@@ -2,7 +2,6 @@
 
 import math
 import random
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -34,8 +33,7 @@ def test_shipped_gains_reach_their_targets(name):
 def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
     """Away from the shipped gains as well, and with every filter and derivative in play."""
     gains = tunings()[name]
-    other = replace(
-        gains,
+    other = gains.changed(
         depth_derivative_time=0.3,
         temperature_derivative_time=0.4,
         temperature_filter=0.8,
@@ -54,7 +52,7 @@ def test_noise_moves_of_the_formulas_are_the_simulated_ones():
 
 
 def test_an_unstable_loop_has_no_finite_sensitivity():
-    gains = replace(tunings()["tight"], temperature_gain=5.0)
+    gains = tunings()["tight"].changed(temperature_gain=5.0)
     assert simulated_sensitivity(gains)[1] == math.inf
 
 
@@ -62,10 +60,10 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
     """As many variables as there are gains, whose scales differ by 30, turned against the axes."""
     shipped = tunings()["tight"]
     turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((len(SEARCHED), len(SEARCHED))))
-    scales, bottom = np.geomspace(1.0, 30.0, len(SEARCHED)), np.log(list(asdict(shipped).values()))
+    scales, bottom = np.geomspace(1.0, 30.0, len(SEARCHED)), np.log(list(dict(shipped).values()))
 
     def valley(gains, name, parameters):
-        return float(((scales * (turn @ (np.log(list(asdict(gains).values())) - bottom))) ** 2).sum())
+        return float(((scales * (turn @ (np.log(list(dict(gains).values())) - bottom))) ** 2).sum())
 
     monkeypatch.setattr(tune_decentral, "cost", valley)
     shares = []
@@ -82,6 +80,6 @@ def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
     found = tune_decentral.tune("conservative", other, evaluations=60)
     start = tune_decentral.start_of("conservative", other)
     assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(start, "conservative", other)
-    assert set(SEARCHED) == set(asdict(found))
+    assert set(SEARCHED) == set(dict(found))
     for key, (low, high) in SEARCHED.items():
         assert low <= getattr(found, key) <= high

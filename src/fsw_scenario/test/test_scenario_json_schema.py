@@ -9,9 +9,9 @@ import yaml
 
 from fsw_control.schema import json_schema
 from fsw_scenario import scenario_file
-from fsw_scenario.scenario_file import ScenarioFile
+from fsw_scenario.scenario import Scenario
 
-SCHEMA = json_schema(ScenarioFile)
+SCHEMA = json_schema(Scenario)
 TYPES = {"object": dict, "array": list, "string": str, "number": (int, float), "integer": int, "boolean": bool}
 
 

@@ -67,10 +67,10 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
     with Launcher(tmp_path, 77) as launcher:
         first = launcher.start("w", "child_w", ["tell"])
         assert first.process.wait() == 3
-        assert (first.status(), first.last_words()) == ({"url": "x", "number": 2.5}, "it broke")
+        assert (first.status(), first.last_lines()) == ({"url": "x", "number": 2.5}, "it broke")
         again = launcher.start("w", "child_w")
         again.process.wait()
-        assert (again.status(), again.last_words()) == ({}, "it printed nothing")
+        assert (again.status(), again.last_lines()) == ({}, "it printed nothing")
 
 
 def test_waiting_for_text_and_for_too_long(modules, tmp_path):
@@ -117,10 +117,10 @@ class Kept:
         """Wait for its end; returns the process that comes in its place once the pause is over."""
         ended = self.child(name)
         ended.process.wait(60.0)
-        self.respawn.look()
+        self.respawn.update()
         assert self.child(name) is ended
         self.now_s += 9.0
-        self.respawn.look()
+        self.respawn.update()
         return self.child(name)
 
 
@@ -137,7 +137,7 @@ def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, 
         assert (again.running, other.running, launcher.children["g"]) == (True, True, other)
         assert len(kept.told) == 1
         assert "exit code -9" in kept.told[0]
-        kept.respawn.look()
+        kept.respawn.update()
         assert launcher.children["f"] is again
 
 
@@ -158,7 +158,7 @@ def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
         launcher.start("i", "child_i").process.wait()
         kept = Kept(launcher, "i")
         with pytest.raises(LaunchError, match=f"exit code {REFUSED}"):
-            kept.respawn.look()  # its first start
+            kept.respawn.update()  # its first start
     modules("child_j", f"import os\ndef main():\n    return {REFUSED} if os.path.exists('{tmp_path}/j') else 1\n")
     with Launcher(tmp_path, 77) as launcher:
         launcher.start("j", "child_j").process.wait()

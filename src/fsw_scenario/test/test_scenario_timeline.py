@@ -6,16 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
+from fsw_control.ramps import stair
 from fsw_control.references import ReferencePlan
-from fsw_plant import TICK_NS
-from fsw_scenario.timeline import announced
+from fsw_control.weld import TICK_NS
 
 FAR = Reference(2.66, 950.0)
 
 
 def believed(changes):
     """Ticks at which the plan of all changes is believed, but for the last one, after which nothing comes."""
-    plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in announced(changes.items())])
+    plan = ReferencePlan([(tick * TICK_NS, one) for tick, one in stair(changes.items())])
     assert not any(plan.after(tick * TICK_NS, FAR) for tick in changes)
     return [tick for tick, one in changes.items() if plan.after(tick * TICK_NS, one)]
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
+from fsw_control.ramps import stair
 from fsw_control.schema import InputError
 from fsw_scenario import scenario_file, timeline
 from fsw_scenario.scenario import start_reference
@@ -93,11 +94,11 @@ def test_a_bad_programme_is_one_clear_error(phases, part):
 def test_a_ramp_is_announced_as_a_stair_about_it_and_steps_as_they_are():
     ramp = [(100 + i, Reference(2.66, 800.0 + 0.1 * i)) for i in range(101)]
     steps = [(10, Reference(2.7, 800.0)), (11, Reference(2.66, 800.0)), (300, Reference(2.7, 810.0))]
-    plan = timeline.announced([*steps[:2], *ramp, steps[2]])
+    plan = stair([*steps[:2], *ramp, steps[2]])
     assert [tick for tick, _ in plan] == [10, 11, *range(100, 201, 10), 300]
     assert (plan[:2], plan[-2:]) == (steps[:2], [ramp[-1], steps[2]])
     assert [one.temperature_c for _, one in plan[2:-2]] == pytest.approx([800.5 + i for i in range(10)])
-    assert timeline.announced([]) == []
+    assert stair([]) == []
 
 
 def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
@@ -129,7 +130,9 @@ actions = st.lists(events, max_size=200)
 def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, actions):
     angles = itertools.pairwise(itertools.accumulate(durations, initial=0.0))
     phases = [
-        Phase(name, duration_s, *angle, length_mm=duration_s)
+        Phase.model_construct(
+            name=name, duration_s=duration_s, from_deg=angle[0], to_deg=angle[1], length_mm=duration_s
+        )
         for name, duration_s, angle in zip(PHASES, durations, angles, strict=False)
     ]
     machine, number = PhaseMachine(phases), 0
@@ -157,7 +160,12 @@ def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, action
 
 
 def test_a_finished_weld_is_over():
-    machine = PhaseMachine([Phase("dwell", 1.0), Phase("start", 1.0, 0.0, 5.0, 7.0)])
+    machine = PhaseMachine(
+        [
+            Phase.model_construct(name="dwell", duration_s=1.0),
+            Phase.model_construct(name="start", duration_s=1.0, to_deg=5.0, length_mm=7.0),
+        ]
+    )
     machine.follow(99)
     assert machine.describe() == "done in phase start at 5.0 deg"
     assert machine.progress().length_mm == 7.0 and machine.progress().time_left_s == 0.0

@@ -27,7 +27,7 @@ class Weld:
 
     def __init__(self, programme=PROGRAMME):
         self.course = Course(programme)
-        self.machine = PhaseMachine([Phase("dwell", 100.0)])
+        self.machine = PhaseMachine([Phase(name="dwell", duration_s=100.0)])
         self.queue = ReferenceQueue()
         self.number = 0
         self.send_ahead()

@@ -52,8 +52,6 @@ class ArbiterSettings:
 
     def __post_init__(self) -> None:
         lim, period_s = self.limits, self.tick_period_s
-        if lim.force_min_kn >= lim.force_max_kn or lim.speed_min_rpm >= lim.speed_max_rpm:
-            raise ValueError("limits: the minimum of force and of speed must be below the maximum")
         if self.deadline_s >= period_s:
             raise ValueError(
                 f"deadline_s is {self.deadline_s} s; it must lie between 0 and tick_period_s ({period_s} s)"
@@ -77,7 +75,7 @@ class ArbiterSettings:
             As the class does, and when a name is unknown or a value does not fit.
         """
         checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
-        limits = Limits(**{item.name: checked[f"limits.{item.name}"] for item in fields(Limits)})
+        limits = Limits.from_parameters(checked)
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
         return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))
 

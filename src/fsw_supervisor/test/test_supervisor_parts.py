@@ -9,7 +9,7 @@ import pytest
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import ParameterError, defaults, load
 from fsw_supervisor.arbiter import problem
-from fsw_supervisor.command_watch import Push
+from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -45,7 +45,7 @@ def test_what_is_left_out_has_the_shipped_value():
         ({"deadline_s": 0.2}, "deadline_s is 0.2 s"),
         ({"force_transition_kn": 2.0}, "force_transition_kn"),
         ({"speed_transition_rpm": 4.0}, "speed_transition_rpm"),
-        ({"limits.force_min_kn": 99.0}, "minimum of force"),
+        ({"limits.force_min_kn": 99.0}, "must be below force_max"),
         ({"safe_force_kn": 10.0}, "safe_force_kn must lie in 60.0 to 95.0 kN"),
         ({"controller": ""}, "controller must name"),
         ({"interlocks.temperature_high.trip": 880.0}, "temperature_high"),
@@ -141,7 +141,7 @@ def test_new_interlock_limits_hold_at_once():
 @pytest.fixture
 def push():
     """What pushes a drive that has followed its command for long; one move is 1."""
-    push = Push()
+    push = DriveOffset()
     for _ in range(20):
         push.learn(0.0, 1.0)
     return push

@@ -121,11 +121,11 @@ def test_what_an_operator_sees_changes_the_revision_only_when_it_changes(machine
     for call, changes in (
         (lambda: machine.explain("because"), True),
         (lambda: machine.explain("because"), False),
-        (lambda: machine.want("nmpc"), True),
-        (lambda: machine.want("nmpc"), False),
-        (lambda: machine.want(mode=Mode.HOLD), True),
-        (lambda: machine.want(), False),
-        (lambda: machine.want("nmpc", Mode.HOLD), False),
+        (lambda: machine.set_target("nmpc"), True),
+        (lambda: machine.set_target("nmpc"), False),
+        (lambda: machine.set_target(mode=Mode.HOLD), True),
+        (lambda: machine.set_target(), False),
+        (lambda: machine.set_target("nmpc", Mode.HOLD), False),
         (lambda: machine.log(Level.INFO, "a", "b"), True),
         (machine.renew, False),
         (lambda: machine.acknowledge("anna"), True),
@@ -191,14 +191,26 @@ def test_a_standby_that_leads_tells_so_and_slews(machine):
     assert machine.events[-1].text == f"leads in auto: {machine.reason}"
 
 
+def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other_again_and_again(machine):
+    machine.mirror("hold")
+    machine.lead("took over: 2 ticks went unanswered")
+    for _ in range(3):
+        machine.mirror("hold")
+        machine.lead("took over: 3 ticks went unanswered")
+    assert machine.reason == "took over: 3 ticks went unanswered (as the leading supervisor: hold)"
+    machine.mirror("nmpc")
+    machine.lead("took over: 2 ticks went unanswered")
+    assert machine.reason == "took over: 2 ticks went unanswered (as the leading supervisor: nmpc)"
+
+
 # ---------------------------------------------------------------- settings
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "minimum of force"),
-        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "minimum of force and of speed"),
+        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "force_min"),
+        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "speed_min"),
         ({"deadline_s": 0.1}, "deadline_s is 0.1 s"),
         ({"safe_force_kn": 59.9}, "safe_force_kn must lie in"),
         ({"safe_force_kn": 95.1}, "safe_force_kn must lie in"),

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -28,7 +27,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     file = tmp_path / "figures.json"
     assert main(["--check", "--json", str(file)]) == 0
     written = json.loads(file.read_text(encoding="utf-8"))
-    assert written["tight"]["gains"] == asdict(tunings()["tight"])
+    assert written["tight"]["gains"] == dict(tunings()["tight"])
     assert written["tight"]["figures"]["tracking_iae_depth_mm_s"] == pytest.approx(
         errors(tunings()["tight"])["tracking_iae_depth_mm_s"]
     )
@@ -39,7 +38,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
     ("arguments", "code", "said"),
     [
         (["--model", "missing.yaml"], 1, "missing.yaml"),
-        (["--model", "bad.yaml"], 1, "unknown model parameter"),
+        (["--model", "bad.yaml"], 1, "warmth is an unknown key"),
         (["--json", "bad.yaml"], 1, "bad.yaml exists"),
         (["--evaluations", "many"], 2, "many"),
         (["--tuning", "loose"], 2, "loose"),
@@ -47,7 +46,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
         (["--write", "--check"], 2, "--check"),
     ],
 )
-def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments, code, said):
+def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, code, said):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.yaml").write_text("warmth: 1.0\n", encoding="utf-8")
     try:
@@ -61,6 +60,6 @@ def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments,
 
 @pytest.mark.slow
 def test_the_script_is_the_command():
-    told = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
-    assert told.returncode == 0
-    assert "--evaluations" in told.stdout
+    printed = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
+    assert printed.returncode == 0
+    assert "--evaluations" in printed.stdout

@@ -25,37 +25,21 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.limits import EMULATOR, REFERENCE, limits
 from fsw_hmi.page_files import UPLOT
+from fsw_hmi.security import Security
 from fsw_test_support.machine import free_port
 
 PAGE = Path(__file__).resolve().parents[3] / "src/fsw_hmi/fsw_hmi/page"
 BUILD = "test"
 TOKEN = "token"
 TICK_S = 0.1
-LIMITS = {
-    "depth_mm": {
-        "quality": [-0.2, 0.2],
-        "dead_band": 0.02,
-        "warn": [None, 3.4],
-        "trip": [None, 3.7],
-        "range": [1.5, 4.0],
-    },
-    "temperature_c": {
-        "quality": [790, 910],
-        "dead_band": 1.0,
-        "warn": [800, 900],
-        "trip": [790, 910],
-        "range": [750, 950],
-    },
-    "force_kn": {"range": [60, 95]},
-    "speed_rpm": {"range": [300, 500]},
-    "torque_nm": {"range": [0, 1600]},
-    "power_kw": {"range": [0, 60]},
+_INTERLOCKS = {
+    **{"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.7},
+    **{"interlocks.temperature_low.warn": 800.0, "interlocks.temperature_high.warn": 900.0},
+    **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
-_CSP = (
-    "default-src 'self'; connect-src 'self'; style-src 'self'; img-src 'self' data:; frame-ancestors 'none';"
-    " base-uri 'none'; form-action 'none'"
-)
+LIMITS = limits(_INTERLOCKS)
 
 
 def weld_row(time_s: float) -> list[float]:
@@ -115,7 +99,7 @@ class FakeHmi:
             lifespan=self._run_ticks,
         )
         self._server = uvicorn.Server(
-            uvicorn.Config(_secured(app), port=self.port, log_level="warning", ws="websockets-sansio")
+            uvicorn.Config(Security(app), port=self.port, log_level="warning", ws="websockets-sansio")
         )
         self._thread = threading.Thread(target=self._server.run, daemon=True)
 
@@ -254,10 +238,6 @@ class FakeHmi:
         return "done", ""
 
     def _hello(self, session: str) -> dict[str, Any]:
-        channels = {
-            "depth": {"unit": "mm", "min": -1, "max": 1},
-            "temperature": {"unit": "degC", "min": -50, "max": 50},
-        }
         return {
             "t": "hello",
             "build": self.build,
@@ -268,14 +248,8 @@ class FakeHmi:
             "emulator": self.emulator,
             "columns": COLUMNS,
             "limits": LIMITS,
-            "reference": {
-                "depth_mm": [1.5, 4.0],
-                "temperature_c": [750, 950],
-                "rate_depth_mm_per_s": 0.02,
-                "rate_temperature_c_per_s": 1.0,
-            },
-            "disturbances": {"channels": channels, "shapes": ["step", "ramp", "sine", "pulse", "none"]},
-            "faults": {"sensors": channels, "kinds": ["freeze", "dropout", "bias", "none"]},
+            "reference": REFERENCE,
+            **EMULATOR,
         }
 
     async def _index(self, request: Request) -> Response:
@@ -373,20 +347,6 @@ def _prediction(time_s: float) -> dict[str, Any]:
         for name in ("depth_mm", "temperature_c", "force_kn", "speed_rpm")
     }
     return {"t": "prediction", "controller": "nmpc", "time_s": times, **named}
-
-
-def _secured(app: Starlette) -> Any:
-    """The headers that the real server sends: the page must live with them."""
-
-    async def wrapped(scope: Any, receive: Any, send: Any) -> None:
-        async def with_headers(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                message["headers"] += [(b"content-security-policy", _CSP.encode()), (b"cache-control", b"no-cache")]
-            await send(message)
-
-        await app(scope, receive, with_headers)
-
-    return wrapped
 
 
 if __name__ == "__main__":

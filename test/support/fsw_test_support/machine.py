@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from fsw_machine.machine_file import MachineFile
-from fsw_machine.machine_server import MachineServer
 from fsw_plant import PlantConfig, PlantEmulator
+from fsw_test_support.machine_server import MachineServer
 from fsw_test_support.ros_graph import PATIENCE_S
 
 

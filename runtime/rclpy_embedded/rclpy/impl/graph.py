@@ -75,7 +75,7 @@ class Graph:
         self._deserialize = deserialize
         self._participant = participant
         self._participant_reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
-        # Made when somebody asks first: most programs never do.
+        # Made at the first query: most programs have none.
         self._endpoint_readers: list[BuiltinDataReader] = []
         self._enclaves: dict[bytes, str] = {}
         self._writers: dict[bytes, DcpsEndpoint] = {}
@@ -84,7 +84,7 @@ class Graph:
         self._announced: dict[bytes, list[Any]] = {}
 
     def tidy(self) -> None:
-        """Take what has come since the last query, so that it does not pile up while nobody asks."""
+        """Take what has come since the last query, so that it does not pile up between queries."""
         with self._lock:
             self._update()
 
@@ -101,6 +101,7 @@ class Graph:
                 name = sample.topic_name
                 # DCPS...: Cyclone's own, read by this participant.
                 if sample.sample_info.instance_state == InstanceState.Alive and name and not name.startswith("DCPS"):
+                    sample.type_name = sample.type_name or ""
                     endpoints[sample.key.bytes] = sample
                 else:
                     endpoints.pop(sample.key.bytes, None)
@@ -112,14 +113,12 @@ class Graph:
                 except ValueError as error:
                     faults.count("ros_discovery_info", f"malformed ros_discovery_info: {error}")
 
-    def nodes(self) -> list[tuple[bytes, Any]]:
-        """Return all nodes of the participants that are alive: participant and what it announces of the node."""
+    def nodes(self) -> list[tuple[str, Any]]:
+        """Return all nodes of the participants that are alive: enclave and what is announced of the node."""
         with self._lock:
             self._update()
-            return [(guid, node) for guid in self._enclaves for node in self._announced.get(guid, ())]
-
-    def enclave(self, participant: bytes) -> str:
-        return self._enclaves.get(participant, "/")
+            enclaves = self._enclaves.items()
+            return [(enclave, node) for guid, enclave in enclaves for node in self._announced.get(guid, ())]
 
     def endpoints(self, *, writers: bool) -> list[DcpsEndpoint]:
         with self._lock:
@@ -140,12 +139,10 @@ class Graph:
 
     def endpoints_by_node(self, name: str, namespace: str, *, writers: bool) -> list[DcpsEndpoint]:
         """Return the writers or the readers of a node; NodeNameNonExistentError if no such node is known."""
-        found = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
-        if not found:
-            raise NodeNameNonExistentError(
-                f"Cannot get endpoints of node: node '{name}' in namespace '{namespace}' does not exist"
-            )
-        guids = set[bytes]().union(*(_guids(node, writers) for node in found))
+        nodes = [node for _, node in self.nodes() if (node.node_name, node.node_namespace) == (name, namespace)]
+        if not nodes:
+            raise NodeNameNonExistentError(f"node '{name}' in namespace '{namespace}' does not exist")
+        guids = set[bytes]().union(*(_guids(node, writers) for node in nodes))
         return [endpoint for endpoint in self.endpoints(writers=writers) if endpoint.key.bytes in guids]
 
 
@@ -162,6 +159,5 @@ def names_and_types(endpoints: Iterable[DcpsEndpoint], demangle: Callable[[str],
     for endpoint in endpoints:
         name = demangle(endpoint.topic_name) if demangle else endpoint.topic_name
         if name is not None:
-            type_name = endpoint.type_name or ""
-            found.setdefault(name, set()).add(ros_type(type_name) if demangle else type_name)
+            found.setdefault(name, set()).add(ros_type(endpoint.type_name) if demangle else endpoint.type_name)
     return [(name, sorted(types)) for name, types in sorted(found.items())]

@@ -116,9 +116,7 @@ class LoggingSystem:
         publishers.append(publish)
         if len(publishers) > 1:
             text = (
-                f"Publisher already registered for node name: '{logger_name}'. If this is due to multiple nodes with "
-                f"the same name then all logs for the logger named '{logger_name}' will go out over the existing "
-                "publisher."
+                f"Publisher already registered for node name: '{logger_name}'. Nodes of one name share the first one."
             )
             self.log(log_message(LoggingSeverity.WARN, "rcl.logging_rosout", text, "attach", __file__, 0))
 

@@ -37,10 +37,7 @@ def _check_options(options: dict[str, Any]) -> None:
         if not callable(getattr(clock, "now", None)):
             raise ValueError(f'Received throttle_time_source_type of "{clock}" is not a clock instance')
         if options.get("throttle_duration_sec") is None:
-            raise TypeError(
-                'required parameter "throttle_duration_sec" not specified '
-                'but is required for the the logging filter "throttle"'
-            )
+            raise TypeError("throttle_time_source_type needs throttle_duration_sec")
 
 
 @dataclass
@@ -124,13 +121,11 @@ class RcutilsLogger:
         caller, arguments = _caller(), (severity, name, options)
         site = self._call_sites.setdefault(caller, _CallSite(arguments))
         if site.arguments != arguments:
-            raise ValueError(
-                f"severity, logger and filters of a log call cannot be changed between calls: {site.arguments} were "
-                f"given at first, now {arguments}"
-            )
+            raise ValueError(f"a log call cannot be changed between calls: first {site.arguments}, now {arguments}")
         if not site.passes():
             return False
-        system.log(log_message(severity, name, message, *caller[:3]), self._ancestor)
+        ancestor = self._ancestor if name == self.name else ""
+        system.log(log_message(severity, name, message, *caller[:3]), ancestor)
         return True
 
     debug = _logging_at(LoggingSeverity.DEBUG)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import atexit
 import threading
-from dataclasses import dataclass, field
-from typing import Any, TypeVar, cast
+from dataclasses import dataclass
+from typing import Any, TypeVar
 from weakref import WeakSet
 
 from cyclonedds.core import Entity, Policy, Qos
@@ -46,31 +46,30 @@ def _gid(entity: Entity) -> Any:
     return get_message("rmw_dds_common/msg/Gid")(data=list(entity.guid.bytes))
 
 
-class _Announced(Handle):
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self.gid = _gid(cast(Entity, self))
-
-
-class Writer(_Announced, DataWriter[RawSample]):
+class Writer(Handle, DataWriter[RawSample]):
     """A writer of CDR."""
 
 
-class Reader(_Announced, DataReader[RawSample]):
+class Reader(Handle, DataReader[RawSample]):
     """A reader of CDR."""
 
 
 _Kind = TypeVar("_Kind", Reader, Writer)
 
 
-@dataclass(eq=False)
 class LocalNode(Handle):
-    """What a node of this participant announces."""
+    """A node of this participant; `info` is what is announced of it."""
 
-    session: Session
-    namespace: str
-    name: str
-    endpoints: list[Reader | Writer] = field(default_factory=list)
+    def __init__(self, session: Session, namespace: str, name: str) -> None:
+        self.session = session
+        self.namespace = namespace
+        self.name = name
+        self.info = get_message("rmw_dds_common/msg/NodeEntitiesInfo")(node_namespace=namespace, node_name=name)
+
+    def gids(self, endpoint: Reader | Writer) -> list[Any]:
+        """Return the announced GIDs among which that of an endpoint belongs."""
+        gids: list[Any] = self.info.writer_gid_seq if isinstance(endpoint, Writer) else self.info.reader_gid_seq
+        return gids
 
     @property
     def full_name(self) -> str:
@@ -87,7 +86,6 @@ class Session(Handle):
     def __init__(self, domain_id: int, enclave: str = "/") -> None:
         self.domain_id = domain_id
         self._lock = threading.RLock()
-        self._nodes: list[LocalNode] = []
         self._ids = 0
         self._closed = False
         self.is_shut_down = False
@@ -96,6 +94,7 @@ class Session(Handle):
         self.publisher = Publisher(self.participant)
         self.subscriber = Subscriber(self.participant)
         self.info_support = type_support(get_message("rmw_dds_common/msg/ParticipantEntitiesInfo"))
+        self._info = self.info_support.cls(gid=_gid(self.participant))
         self._info_writer = self.create(Writer, "ros_discovery_info", self.info_support, _INFO_WRITER)
         self.info_reader = self.create(Reader, "ros_discovery_info", self.info_support, _INFO_READER)
         #: What is known of all participants of the domain.
@@ -109,7 +108,8 @@ class Session(Handle):
         self.check(f"failed to create an endpoint of '{dds_topic}'")
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
-            return kind(self.publisher if kind is Writer else self.subscriber, topic, qos)
+            parent: Any = self.publisher if kind is Writer else self.subscriber
+            return kind(parent, topic, qos)
 
     def check(self, complaint: str) -> None:
         """Raise an RCLError with `complaint` if the context was shut down."""
@@ -125,45 +125,34 @@ class Session(Handle):
 
     def add_node(self, node: LocalNode) -> None:
         with self._lock:
-            self._nodes.append(node)
+            self._info.node_entities_info_seq.append(node.info)
             self._announce()
 
     def remove_node(self, node: LocalNode) -> None:
         with self._lock:
             if not self._closed:
-                self._nodes.remove(node)
+                infos = self._info.node_entities_info_seq
+                self._info.node_entities_info_seq = [info for info in infos if info is not node.info]
                 self._announce()
 
     def add_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
         with self._lock:
-            node.endpoints.extend(endpoints)
+            for endpoint in endpoints:
+                node.gids(endpoint).append(_gid(endpoint))
             self._announce()
 
     def remove_endpoints(self, node: LocalNode, *endpoints: Reader | Writer) -> None:
         with self._lock:
             if self._closed:
                 return
-            node.endpoints = [endpoint for endpoint in node.endpoints if endpoint not in endpoints]
-            if node in self._nodes:
-                self._announce()
+            for endpoint in endpoints:
+                node.gids(endpoint).remove(_gid(endpoint))
+            self._announce()
             for endpoint in endpoints:
                 delete(endpoint)
 
     def _announce(self) -> None:
-        entities = get_message("rmw_dds_common/msg/NodeEntitiesInfo")
-        message = self.info_support.cls(
-            gid=_gid(self.participant),
-            node_entities_info_seq=[
-                entities(
-                    node_namespace=node.namespace,
-                    node_name=node.name,
-                    reader_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Reader)],
-                    writer_gid_seq=[endpoint.gid for endpoint in node.endpoints if isinstance(endpoint, Writer)],
-                )
-                for node in self._nodes
-            ],
-        )
-        self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(message)))
+        self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(self._info)))
 
     def close(self) -> None:
         with self._lock:

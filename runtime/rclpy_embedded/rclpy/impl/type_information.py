@@ -31,8 +31,8 @@ def _size_in_memory(topic: Any) -> ctypes.c_uint32 | None:
         if words[i] == id(sample_type):
             # behind the Python type: flags, pointer to the information, its size
             size = ctypes.c_uint32.from_address(base + (i + 3) * _WORD)
-            found = size.value == len(information) and ctypes.string_at(words[i + 2], size.value) == information
-            return size if found else None
+            is_expected = size.value == len(information) and ctypes.string_at(words[i + 2], size.value) == information
+            return size if is_expected else None
     return None
 
 

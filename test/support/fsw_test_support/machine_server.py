@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
@@ -31,14 +32,16 @@ from fsw_control import Command, weld
 from fsw_control.command_check import refusal
 from fsw_control.schema import InputError
 from fsw_control.units import NANOSECONDS
-from fsw_machine import certificates
-from fsw_machine.certificates import SecurityError
-from fsw_machine.machine_file import WRITTEN, MachineFile, MachineFileError
+from fsw_machine.certificates import SecurityError, der, now
+from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
+from fsw_test_support.certificates import make
 
 #: an operator's switch: whether commands are permitted; in the namespace of the machine file
 SWITCH = "s=Weld.PermissiveSwitch"
+#: the machine file that the gateway takes, too, where it is given none
+MACHINE_FILE = Path(str(resources.files("fsw_machine") / "machine.yaml"))
 SERVER_URI = "urn:fsw-control:machine-server"
 CLIENT_URI = "urn:fsw-control:fsw_machine"
 _TYPES = {"cycle": ua.VariantType.UInt32, "heartbeat": ua.VariantType.UInt32, "permissive": ua.VariantType.Boolean}
@@ -117,7 +120,7 @@ class MachineServer:
         await self._secure()
         server.set_identity_tokens([ua.AnonymousIdentityToken if machine.user is None else ua.UserNameIdentityToken])
         index = await server.register_namespace(machine.namespace) if machine.namespace else 0
-        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes.items()}
+        self._ids = {name: node_id(spec, index) for name, spec in machine.nodes}
         self._ids["switch"] = ua.NodeId.from_string(f"ns={index};{SWITCH}")
         for name, identifier in self._ids.items():
             kind = _TYPES.get(name, ua.VariantType.Boolean if name == "switch" else ua.VariantType.Double)
@@ -141,9 +144,9 @@ class MachineServer:
         trusted = security.certificate.read_bytes()
 
         async def validate(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
-            if certificates.der(certificate) != trusted:
+            if der(certificate) != trusted:
                 raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
-            if certificates.now() > certificate.not_valid_after_utc:
+            if now() > certificate.not_valid_after_utc:
                 raise ServiceError(ua.StatusCodes.BadCertificateTimeInvalid)
 
         await self._server.load_certificate(str(security.server_certificate))
@@ -272,8 +275,8 @@ class _Users:
 
 def make_certificates(folder: Path, hosts: Sequence[str] = ("localhost", "127.0.0.1")) -> str:
     """Make test certificates of both sides; returns the lines for the machine file."""
-    certificates.make(folder, "client", CLIENT_URI, hosts)
-    certificates.make(folder, "server", SERVER_URI, hosts)
+    make(folder, "client", CLIENT_URI, hosts)
+    make(folder, "server", SERVER_URI, hosts)
     names = {"certificate": "client.der", "private_key": "client_key.pem", "server_certificate": "server.der"}
     lines = [f"  {key}: {(folder / name).resolve()}" for key, name in names.items()]
     return "\n".join(["security:", "  policy: Basic256Sha256", *lines])
@@ -306,7 +309,7 @@ def parser() -> argparse.ArgumentParser:
 
 async def serve(arguments: argparse.Namespace) -> None:
     """Run the machine until SIGINT or SIGTERM."""
-    file = arguments.machine_file or Path(__file__).with_name("machine.yaml")
+    file = arguments.machine_file or MACHINE_FILE
     machine = MachineFile.load(file)
     parts = urlsplit(machine.endpoint)
     endpoint = urlunsplit(parts._replace(netloc=f"{parts.hostname}:{arguments.port or parts.port}"))
@@ -342,7 +345,7 @@ def main() -> int:
             print(make_certificates(arguments.make_certificates))
         else:
             asyncio.run(serve(arguments))
-    except (MachineFileError, SecurityError, InputError, OSError) as error:
+    except (InputError, SecurityError, OSError) as error:
         print(f"run_machine_server.py: {error}", file=sys.stderr)
         return 2
     return 0
