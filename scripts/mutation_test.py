@@ -49,8 +49,8 @@ RESULT = WORKSPACE / "docs" / "results" / "mutation.md"
 #: by package, the modules that are mutated
 MODULES = {
     "fsw_supervisor": (
-        *("arbiter", "arbitration", "command_watch", "controller_registry", "failover", "operator_requests"),
-        *("safety_monitor", "settings", "state_machine", "tick"),
+        *("arbiter", "arbitration", "controller_registry", "failover", "in_force"),
+        *("operator_requests", "safety_monitor", "settings", "start_up", "state_machine", "tick", "ticks"),
     ),
     "fsw_control": ("command_gate", "command_check", "validity", "message_synchronizer", "references"),
     "fsw_machine": ("gateway", "cycle", "samples", "stamps"),

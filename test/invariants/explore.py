@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.state_machine import Mode
-from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, SETTINGS, BrokenRuleError, Cell, Rules
+from fsw_test_support.welding_cell import ALPHABET, CANDIDATES, RESTART, BrokenRuleError, Cell, Rules
 
 #: with all well again and the operator's help, a controller is back in control after so many ticks
 RECOVERY_TICKS = 40
@@ -88,11 +88,12 @@ def started(mode: str, gateway: bool) -> Cell:
 _SKIPPED = """settings limits _limits lockstep _lockstep reason requested_by since_ns transitions revision events tick
     _stamp_ns _interlocks hold_s _persistence_ticks reasons _causes who message on_done missed late rejected duplicates
     latencies_s _past _sent foreign_commands jumps counts latency_s samples read gate _machine machine _safety safety
-    _registry registry operator watch start _counters ticks paused invalid written failed cut last_failure steps config
-    strict stamps _frozen leading last commands lost_ticks stalls _outbox silent_ticks _mode_tick manual _started_s"""
+    _registry registry operator _operator watch in_force _in_force start_up answered decision _counters ticks paused
+    invalid written failed cut last_failure steps config
+    strict stamps _frozen silent_ticks _mode_tick manual _measured_s"""
 _IRRELEVANT = frozenset(_SKIPPED.split())
 #: of these only whether there is any matters
-_WHETHER = frozenset(["inhibited", "problem", "failure", "excuse", "refusal"])
+_WHETHER = frozenset(["inhibited", "problem", "failure", "fault_excused_reason", "refusal"])
 #: numbers of ticks, and counts that matter no more when they are large
 _TICKS = frozenset(["_swapped_tick", "last_tick", "foreign_tick", "_excused_tick"])
 _FORGOTTEN_TICKS, _FORGOTTEN_S = 10, 2.0
@@ -110,15 +111,16 @@ def state(cell: Cell) -> int:
     Ages are hardly ever negative: of -1 and -2 Python makes the same hash.
     """
     arbiter, gateway = cell.arbiter, cell.gateway
-    machine, start, operator = arbiter.machine, arbiter._start, arbiter.operator
-    parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start]
-    parts += [arbiter._arbitration, arbiter._stamps, arbiter.tick, gateway, cell.watchdog, cell.rules]
+    machine, start_up, operator = arbiter.machine, arbiter._start_up, arbiter.operator
+    parts = [machine, arbiter.safety, arbiter.registry, operator, arbiter.watch, start_up]
+    parts += [arbiter.in_force, arbiter.ticks._arbitration, arbiter.ticks._stamps, arbiter.ticks.present]
+    parts += [gateway, cell.watchdog, cell.rules]
     own = (cell.in_force, cell.temperature, cell.candidate, cell.linked, cell.delivering, cell.followed, cell.source)
-    own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.last is None)
+    own += (cell.pushed_kn, min(cell.control, CONTROL_TICKS), arbiter.ticks.last is None)
     own += tuple(arbiter.safety.sensor_reasons.values())
     own += (0 if machine.mode in _LASTING_MODES else machine.ticks_in_mode,)
     own += (operator.manual if machine.mode is Mode.MANUAL else None,)
-    listening_ends_s = start.listening_ends_s(SETTINGS.takeover_wait_s)
+    listening_ends_s = start_up.listening_ends_s
     own += (None if listening_ends_s is None else max(listening_ends_s - cell.now_s, -1.0),)
     # While nothing is measured the clock may jump.
     shift_ns = 0 if gateway is None else gateway.stamps.shift_ns

@@ -10,9 +10,10 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
+from rclpy.constants import INT64_MAX
 from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
-from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.impl.wait_set import ConditionSet
 from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
 
@@ -216,8 +217,7 @@ class Executor:
     ) -> tuple[Task, Any, Any]:
         """Wait for a callback; return the task that runs it, its entity and its node."""
         timeout_ns = timeout_sec_to_nsec(timeout_sec)
-        deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
-        remaining = LONGEST_WAIT_NS
+        deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
         looked = False
         while True:
             if self._is_shutdown:
@@ -227,10 +227,9 @@ class Executor:
             work = self._next(nodes)
             if work is not None:
                 return work
-            if deadline is not None:
-                remaining = max(0, deadline - time.monotonic_ns())
-                if looked and remaining == 0:
-                    raise TimeoutException()
+            remaining = max(0, deadline - time.monotonic_ns())
+            if looked and remaining == 0:
+                raise TimeoutException()
             looked = True
             try:
                 self._collect(remaining)

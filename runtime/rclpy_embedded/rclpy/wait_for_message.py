@@ -3,7 +3,8 @@
 import time
 from typing import Any
 
-from rclpy.impl.wait_set import LONGEST_WAIT_NS, ConditionSet
+from rclpy.constants import INT64_MAX
+from rclpy.impl.wait_set import ConditionSet
 from rclpy.qos import QoSProfile
 from rclpy.utilities import timeout_sec_to_nsec
 
@@ -17,7 +18,7 @@ def wait_for_message(
     shut down.
     """
     timeout_ns = timeout_sec_to_nsec(time_to_wait)
-    deadline = None if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
+    deadline = INT64_MAX if timeout_ns < 0 else time.monotonic_ns() + timeout_ns
     subscription = node.create_subscription(msg_type, topic, lambda _: None, qos_profile)
     conditions = ConditionSet(node.context.session)
     node.context._wakers.add(conditions)
@@ -26,7 +27,7 @@ def wait_for_message(
         while node.context.ok():
             if (taken := subscription.take()) is not None:
                 return True, taken[0]
-            remaining = LONGEST_WAIT_NS if deadline is None else deadline - time.monotonic_ns()
+            remaining = deadline - time.monotonic_ns()
             if remaining <= 0:
                 break
             conditions.wait(remaining)

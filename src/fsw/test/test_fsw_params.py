@@ -51,7 +51,7 @@ def test_list_get_and_set(told):
         (("set", NODE, "depth_gain", "1e9"), "refuses depth_gain"),
         (("set", NODE, "depth_gain", "much"), "'much' is not a number"),
         (("set", NODE, "depth_gain", "[1"), "is not of type double"),
-        (("set", NODE, "tuning", "5"), "none of conservative, tight"),
+        (("set", NODE, "tuning", "5"), "one of conservative, tight"),
         (("set", NODE, "period", "0.2"), "read-only"),
         (("list", "a node"), "not the name of a node"),
     ],

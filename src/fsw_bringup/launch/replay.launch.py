@@ -26,12 +26,13 @@ ARGUMENTS = {
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
     "log_level": ("info", "Log level of all nodes"),
 }
+CHOICES = {"start_paused": ["true", "false"]}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow from them."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(name, default_value=default, description=description, choices=CHOICES.get(name))
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=replay)])
@@ -45,17 +46,17 @@ def replay(context: LaunchContext) -> list[Any]:
     RuntimeError
         When there is no such bag or parameter file, or another argument is wrong.
     """
-    given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
-    bag = Path(given["bag"]).expanduser()
+    arguments = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
+    bag = Path(arguments["bag"]).expanduser()
     if not bag.exists():
         raise RuntimeError(f"bag: there is nothing at {bag}")
     files = [str(Path(get_package_share_directory("fsw_bringup")) / "config" / "weld.yaml")]
-    if given["params_file"]:
-        files.append(str(Path(given["params_file"]).expanduser()))
+    if arguments["params_file"]:
+        files.append(str(Path(arguments["params_file"]).expanduser()))
         if not Path(files[-1]).is_file():
             raise RuntimeError(f"params_file: there is no file {files[-1]}")
-    shadows = list(dict.fromkeys(name.strip() for name in given["controllers"].split(",") if name.strip()))
-    common = {"output": "screen", "ros_arguments": ["--log-level", given["log_level"]]}
+    shadows = list(dict.fromkeys(name.strip() for name in arguments["controllers"].split(",") if name.strip()))
+    common = {"output": "screen", "ros_arguments": ["--log-level", arguments["log_level"]]}
     shadow_nodes = [
         Node(
             package=f"fsw_{name}",
@@ -68,8 +69,8 @@ def replay(context: LaunchContext) -> list[Any]:
     ]
     player = {
         "bag": ParameterValue(str(bag), value_type=str),
-        "rate": _rate(given["rate"]),
-        "start_paused": _flag("start_paused", given["start_paused"]),
+        "rate": _rate(arguments["rate"]),
+        "start_paused": arguments["start_paused"] == "true",
         **({"wait_for": SENSORS} if shadows else {}),
     }
     over = [Shutdown(reason="the player has ended")]
@@ -83,11 +84,5 @@ def _rate(text: str) -> float:
     except ValueError:
         rate = 0.0
     if not 0.0 < rate <= 1e6:
-        raise RuntimeError(f"rate: {text!r} is no number above 0")
+        raise RuntimeError(f"rate: {text!r} is not a number above 0")
     return rate
-
-
-def _flag(name: str, text: str) -> bool:
-    if text.lower() not in ("true", "false"):
-        raise RuntimeError(f"{name}: {text!r} is neither true nor false")
-    return text.lower() == "true"

@@ -51,12 +51,13 @@ ARGUMENTS = {
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
     "log_level": ("info", "Log level of all nodes"),
 }
+CHOICES = {name: ["true", "false"] for name in ("record", "hmi", "realtime")} | {"standby": ["", "true", "false"]}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the nodes follow from them."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(name, default_value=default, description=description, choices=CHOICES.get(name))
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=weld)])
@@ -70,8 +71,8 @@ def weld(context: LaunchContext) -> list[Any]:
     RuntimeError
         When an argument is wrong.
     """
-    given = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
-    labels = [label.strip() for label in given["controllers"].split(",") if label.strip()]
+    arguments = {name: LaunchConfiguration(name).perform(context).strip() for name in ARGUMENTS}
+    labels = [label.strip() for label in arguments["controllers"].split(",") if label.strip()]
     try:
         variants = {name_of(label): variant_of(label) for label in labels}
     except InputError as error:
@@ -79,37 +80,32 @@ def weld(context: LaunchContext) -> list[Any]:
     controllers = list(variants)
     if not controllers:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
-    record = _flag("record", given["record"])
-    hmi = _flag("hmi", given["hmi"])
-    speed = _speed(_flag("realtime", given["realtime"]), given["speed"])
-    standby = _flag("standby", given["standby"]) if given["standby"] else speed is None
+    record = arguments["record"] == "true"
+    speed = _speed(arguments["realtime"] == "true", arguments["speed"])
+    standby = speed is None if arguments["standby"] == "" else arguments["standby"] == "true"
     folder = Path(launch_config.log_dir)
-    scenario = _scenario(given["scenario"], controllers[0])
-    machine = _machine_file(given["machine"], speed, scenario)
+    scenario = _scenario(arguments["scenario"], controllers[0])
+    machine = _machine_file(arguments["machine"], speed, scenario)
     if scenario is None:
         parameters = _parameters_by_hand(variants, record, standby, speed)
     else:
         graph = WeldGraph(scenario, folder, controllers, realtime=speed is None, record=record, parameters=variants)
         controllers = graph.all_controllers
-        (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
-        parameters = graph.parameter_file(folder / "scenario.yaml")
-        if speed is not None:
-            parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
-        parameters["fsw_recorder"]["ros__parameters"].pop("output")
-    if given["bag_dir"]:
-        bag = Path(given["bag_dir"]).expanduser()
+        parameters = _parameters_of_scenario(graph, scenario, folder, speed)
+    if arguments["bag_dir"]:
+        bag = Path(arguments["bag_dir"]).expanduser()
         if record and bag.exists():
             raise RuntimeError(f"bag_dir: {bag} exists already; choose another folder or remove this one")
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
-    parameters["fsw_hmi"] = {"ros__parameters": {"port": _port(given["hmi_port"])}}
+    parameters["fsw_hmi"] = {"ros__parameters": {"port": _port(arguments["hmi_port"])}}
     if speed is not None:
         parameters["fsw_hmi"]["ros__parameters"]["use_sim_time"] = True
-    node = _Nodes(given, _write(folder / "weld_parameters.yaml", parameters))
+    node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
-    if hmi:
+    if arguments["hmi"] == "true":
         actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))
@@ -146,14 +142,14 @@ def _respawn() -> dict[str, Any]:
 class _Nodes:
     """Makes node actions that share arguments and parameter files."""
 
-    def __init__(self, given: dict[str, str], parameters: Path) -> None:
-        self._namespace = given["namespace"] or None
-        self._log_level = given["log_level"]
+    def __init__(self, arguments: dict[str, str], parameters: Path) -> None:
+        self._namespace = arguments["namespace"] or None
+        self._log_level = arguments["log_level"]
         self._folder = parameters.parent
         share = Path(get_package_share_directory("fsw_bringup"))
         self._files = [str(share / "config" / "weld.yaml"), str(parameters)]
-        if given["params_file"]:
-            file = Path(given["params_file"]).expanduser()
+        if arguments["params_file"]:
+            file = Path(arguments["params_file"]).expanduser()
             if not file.is_file():
                 raise RuntimeError(f"params_file: there is no file {file}")
             self._files.append(str(file))
@@ -207,6 +203,16 @@ def _parameters_by_hand(
     return {name: {"ros__parameters": values} for name, values in nodes.items()}
 
 
+def _parameters_of_scenario(graph: WeldGraph, scenario: Scenario, folder: Path, speed: float | None) -> dict[str, Any]:
+    """Parameters of a scenario, whose text is written into ``folder``."""
+    (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
+    parameters: dict[str, Any] = graph.parameter_file(folder / "scenario.yaml")
+    if speed is not None:
+        parameters["fsw_plant"]["ros__parameters"]["speed"] = speed
+    parameters["fsw_recorder"]["ros__parameters"].pop("output")
+    return parameters
+
+
 def _write(path: Path, parameters: dict[str, Any]) -> Path:
     """Write a parameter file that fits its nodes in any namespace."""
     content = {f"/**/{name}": section for name, section in parameters.items() if section["ros__parameters"]}
@@ -228,15 +234,9 @@ def _machine_file(text: str, speed: float | None, scenario: Scenario | None) -> 
     return str(file.resolve())
 
 
-def _flag(name: str, text: str) -> bool:
-    if text.lower() not in ("true", "false"):
-        raise RuntimeError(f"{name}: {text!r} is neither true nor false")
-    return text.lower() == "true"
-
-
 def _port(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
-        raise RuntimeError(f"hmi_port: {text!r} is no port, 0 to 65535")
+        raise RuntimeError(f"hmi_port: {text!r} is not a port, 0 to 65535")
     return int(text)
 
 
@@ -249,5 +249,5 @@ def _speed(realtime: bool, text: str) -> float | None:
     except ValueError:
         speed = -1.0
     if not 0.0 <= speed <= 1000.0:
-        raise RuntimeError(f"speed: {text!r} is no number from 0 to 1000")
+        raise RuntimeError(f"speed: {text!r} is not a number from 0 to 1000")
     return None if realtime and speed == 1.0 else speed

@@ -75,7 +75,7 @@ class CommandGate:
         self, command: Command, stamp_ns: int, source: str, healthy: bool, measured_ns: int | None
     ) -> tuple[str, str]:
         if self.sources and source not in self.sources:
-            return "source", f"source {source!r} is none of {', '.join(sorted(self.sources))}"
+            return "source", f"source {source!r} is not one of {', '.join(sorted(self.sources))}"
         wrong = refusal(command, self.limits)
         if not healthy and (wrong is None or wrong.flaw is not Flaw.NOT_FINITE):
             return "unhealthy", f"{source!r} marked it as not to be applied"

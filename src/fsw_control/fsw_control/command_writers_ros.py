@@ -1,4 +1,4 @@
-"""Who writes commands, and whose are therefore accepted."""
+"""Which nodes publish commands, and which sources are accepted therefore."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CommandWriters:
                 self._node.get_logger().warning(f"{len(names)} publishers of fsw/command: {', '.join(names)}")
 
     def set_sources(self) -> None:
-        """Tell the gate, also after the configured sources have changed."""
+        """Update the gate, also after the configured sources have changed."""
         sources = tuple(self._configured())
         self._gate().sources = self._announced if not sources and len(self.names) > 1 else sources
 

@@ -154,7 +154,7 @@ class Plan:
 
 @dataclass(slots=True)  # made at every tick; frozen, it would take four times as long
 class Diagnosis:
-    """What a controller reports besides its command (all optional)."""
+    """What a controller reports in addition to its command (all optional)."""
 
     depth_estimate_mm: float = float("nan")
     temperature_estimate_c: float = float("nan")

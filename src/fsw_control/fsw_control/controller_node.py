@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
@@ -25,6 +24,7 @@ from fsw_control.parameters import ParameterError, Source, load, load_source, pr
 from fsw_control.parameters_ros import ParameterValues, declare
 from fsw_control.references import ReferencePlan
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
+from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_msgs.msg import ControllerStatus, Prediction, WeldCommand, WeldReferencePlan
@@ -91,7 +91,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         self._proposals = self.create_publisher(WeldCommand, f"fsw/{self._controller_name}/proposal", STREAM)
         self._statuses = self.create_publisher(ControllerStatus, f"fsw/{self._controller_name}/status", STREAM)
         self._predictions = self.create_publisher(Prediction, f"fsw/{self._controller_name}/prediction", STREAM)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
         self._heartbeat = self.create_timer(1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -209,9 +209,9 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, reason = False, "measurements have stopped"
         faults = [f"{sensor}: {why}" for sensor, why in self._guard.reasons.items() if why]
-        level = DiagnosticStatus.OK if healthy and not faults else DiagnosticStatus.WARN
+        level = OK if healthy and not faults else WARN
         if not healthy and self._steps:
-            level = DiagnosticStatus.ERROR
+            level = ERROR
         values: dict[str, object] = {
             "steps": self._steps,
             "unhealthy steps": self._unhealthy_steps,
@@ -226,10 +226,8 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
         for sensor, counts in self._synchronizer.counts.items():
             values |= {f"{sensor} {what}": count for what, count in counts.items()}
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
-        name, now_ns = f"{self.get_name()}: controller {self._controller_name}", self.get_clock().now().nanoseconds
         text = reason or ", ".join(faults) or "proposing"
-        status = convert.diagnostic_status(name, level, text, values)
-        self._diagnostics.publish(convert.diagnostics_message(now_ns, [status]))
+        self._diagnostics.publish([Report(f"controller {self._controller_name}", level, text, values)])
 
 
 def run_controller(
@@ -238,7 +236,7 @@ def run_controller(
     parameters: Source = None,
     args: Sequence[str] | None = None,
 ) -> int:
-    """Run a controller as a node until it is told to end.
+    """Run a controller as a node until it is stopped.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A ROS domain that nobody else on this machine uses, for graphs that come and go."""
+"""A ROS domain that no other process on this machine uses, for short-lived graphs."""
 
 from __future__ import annotations
 

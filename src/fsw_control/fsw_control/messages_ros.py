@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
@@ -190,16 +189,3 @@ def prediction_message(plan: Plan, time_ns: int) -> Prediction:
         axial_force=[units.n_from_kn(value) for value in plan.force_kn],
         spindle_speed=[units.rad_s_from_rpm(value) for value in plan.speed_rpm],
     )
-
-
-def diagnostic_status(
-    name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
-) -> DiagnosticStatus:
-    """Diagnostics of one component; ``level`` is a constant of ``DiagnosticStatus``."""
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware_id, values=pairs)
-
-
-def diagnostics_message(time_ns: int, status: list[DiagnosticStatus]) -> DiagnosticArray:
-    """Diagnostics of all components of a node."""
-    return DiagnosticArray(header=header(time_ns), status=status)

@@ -62,14 +62,14 @@ class NodeArguments:
             left, _, right = text.partition(":=")
             if flag in ("-r", "--remap") and left.rpartition(":")[2] in ("__node", "__name"):
                 name = right
-        given: list[str] = []
+        names: list[str] = []
         for flag, text in _ros_options(argv):
             if flag in ("-p", "--param"):
                 node, _, parameter = text.partition(":=")[0].rpartition(":")
-                given += [parameter] if node.rpartition("/")[2] in ("", "*", "**", name) else []
+                names += [parameter] if node.rpartition("/")[2] in ("", "*", "**", name) else []
             elif flag == "--params-file":
-                given += _in_file(text, name)
-        require_known(self.specs, [one for one in given if one not in _OF_ROS and not one.startswith(_QOS)])
+                names += _in_file(text, name)
+        require_known(self.specs, [name for name in names if name not in _OF_ROS and not name.startswith(_QOS)])
 
 
 def parameter_help(specs: Mapping[str, ParameterSpec]) -> str:

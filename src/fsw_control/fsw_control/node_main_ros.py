@@ -20,7 +20,7 @@ _PATIENCE_S = 1.0
 
 
 class _Interrupts:
-    """What SIGINT does beside the shutdown by rclpy's own handler, which calls this one.
+    """What SIGINT does in addition to the shutdown by rclpy's own handler, which calls this one.
 
     While the node starts, KeyboardInterrupt ends it at once. While it spins the shutdown is enough, and an exception in
     the middle of rclpy would do harm; only a second Ctrl-C later on breaks a callback that does not return. While it
@@ -92,11 +92,11 @@ def run(factory: Callable[[], Node], args: Sequence[str] | None = None, argument
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         except Exception as error:
-            # After a shutdown, while starting or in a callback, rclpy raises whatever it stumbles over.
+            # After a shutdown, while starting or in a callback, rclpy raises various exceptions.
             if not started or rclpy.ok():
                 if node is not None:
                     raise
-                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is told in one line.
+                # Whatever refuses the start (rcl's argument errors are RuntimeErrors) is reported in one line.
                 print(f"{program}: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
                 return 2
         finally:

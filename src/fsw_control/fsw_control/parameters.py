@@ -83,7 +83,7 @@ class ParameterSpec:
             return value
         if kind == "string":
             require(isinstance(value, str), "not a string")
-            require(not self.options or value in self.options, f"none of {', '.join(self.options)}")
+            require(not self.options or value in self.options, f"not one of {', '.join(self.options)}")
             return value
         require(isinstance(value, int | float) and not isinstance(value, bool), "not a number")
         if self.range is not None and value == value:
@@ -100,7 +100,7 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
             raise ParameterError(f"{where}: {text}")
 
     named = isinstance(name, str) and _NAME.fullmatch(name)
-    require(named, f"{name!r} is no parameter name (letters, digits, '_', groups parted by '.')")
+    require(named, f"{name!r} is not a parameter name (letters, digits, '_', groups parted by '.')")
     require(isinstance(entry, Mapping), f"{name} must be a mapping with type, default_value and description")
     unknown = sorted(str(key) for key in entry if key not in _KEYS)
     require(not unknown, f"{name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}")
@@ -188,7 +188,7 @@ def defaults(specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
 
 
 def require_known(specs: Collection[str], names: Iterable[str]) -> None:
-    """Raise a ParameterError that tells similar names where some are unknown."""
+    """Raise a ParameterError that suggests similar names where some are unknown."""
     unknown = sorted(set(names) - set(specs))
     if unknown:
         near = dict.fromkeys(match for name in unknown for match in get_close_matches(name, specs))

@@ -1,13 +1,16 @@
-"""Lines of diagnostics: what nodes report of themselves, and the line that all nodes with a command gate have."""
+"""Diagnostics of a node: their lines, how they are published and logged, and the line of a command gate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from fsw_control.command_gate import CommandGate
+from fsw_control.messages_ros import header
+from fsw_control.topics_ros import STREAM
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -19,6 +22,41 @@ class Report(NamedTuple):
     level: bytes
     text: str
     values: Mapping[str, object]
+
+
+class DiagnosticsPublisher:
+    """Publishes the lines of a node, with ``name`` before each; by default the node's."""
+
+    def __init__(self, node: Node, name: str = "") -> None:
+        self._node, self._name = node, name or node.get_name()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+
+    def publish(self, lines: Iterable[Report], hardware_id: str = "fsw", time_ns: int | None = None) -> None:
+        """Publish lines of now, or of ``time_ns``."""
+        status = [
+            DiagnosticStatus(
+                level=line.level,
+                name=f"{self._name}: {line.part}",
+                message=line.text,
+                hardware_id=hardware_id,
+                values=[KeyValue(key=key, value=str(value)) for key, value in line.values.items()],
+            )
+            for line in lines
+        ]
+        stamp_ns = self._node.get_clock().now().nanoseconds if time_ns is None else time_ns
+        self._publisher.publish(DiagnosticArray(header=header(stamp_ns), status=status))
+
+
+def log(node: Node, level: bytes, text: str) -> None:
+    """Log a text with the severity of a diagnostic level."""
+    logger = node.get_logger()
+    # three calls, because rclpy refuses a line of code that changes its severity
+    if level == ERROR:
+        logger.error(text)
+    elif level == WARN:
+        logger.warning(text)
+    else:
+        logger.info(text)
 
 
 def commands(gate: CommandGate, new_refusals: int, publishers: Sequence[str]) -> Report:

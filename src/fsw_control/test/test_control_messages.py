@@ -4,7 +4,6 @@ import math
 
 import pytest
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -113,14 +112,11 @@ def test_drive_feedback_comes_back(force, speed, time_ns):
     assert back.speed_rpm == pytest.approx(speed, rel=1e-12, abs=1e-12)
 
 
-def test_prediction_and_diagnostics():
+def test_prediction():
     plan = Plan((0.0, 0.1), (2.6, 2.7), (850.0, 851.0), (78.0, 79.0), (400.0, 401.0))
     message = convert.prediction_message(plan, 0)
     assert list(message.depth) == pytest.approx([2.6e-3, 2.7e-3])
     assert list(message.spindle_speed) == pytest.approx([400.0 * math.pi / 30.0, 401.0 * math.pi / 30.0])
-    array = convert.diagnostics_message(7, [convert.diagnostic_status("name", DiagnosticStatus.WARN, "text", {"a": 1})])
-    assert array.status[0].level == DiagnosticStatus.WARN
-    assert [(pair.key, pair.value) for pair in array.status[0].values] == [("a", "1")]
 
 
 def test_a_plan_of_set_points_goes_there_and_back():

@@ -11,7 +11,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -23,7 +22,7 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, problem
 from fsw_control.parameters_ros import declare
-from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import STREAM
@@ -90,7 +89,7 @@ class MachineNode(Node):
         self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
 
     def destroy_node(self) -> None:
@@ -170,7 +169,7 @@ class MachineNode(Node):
         self._link.settings = _link_settings(values)
 
     def _announce(self) -> None:
-        self._publish_reports([Report("connection", OK, STARTING, {})])
+        self._diagnostics.publish([Report("connection", OK, STARTING, {})], self._guard.hardware_id)
 
     def _report(self) -> None:
         gateway = self._gateway
@@ -187,28 +186,11 @@ class MachineNode(Node):
             commands_report(gateway.gate, refused, self._writers.names),
             reports.writes(gateway, failed, longest_s),
         ]
-        self._publish_reports(lines)
+        self._diagnostics.publish(lines, self._guard.hardware_id)
         for line in lines:
             if line.part in ("connection", "machine") and self._logged.get(line.part) != (line.level, _kind(line.text)):
                 self._logged[line.part] = (line.level, _kind(line.text))
-                self._log(line)
-
-    def _log(self, line: Report) -> None:
-        logger, text = self.get_logger(), f"{line.part}: {line.text}"
-        # three calls, because rclpy refuses a line of code that changes its severity
-        if line.level == ERROR:
-            logger.error(text)
-        elif line.level == WARN:
-            logger.warning(text)
-        else:
-            logger.info(text)
-
-    def _publish_reports(self, lines: list[Report]) -> None:
-        status = [
-            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
-            for part, level, text, values in lines
-        ]
-        self._diagnostics.publish(convert.diagnostics_message(self.get_clock().now().nanoseconds, status))
+                log(self, line.level, f"{line.part}: {line.text}")
 
 
 def _kind(text: str) -> str:

@@ -33,16 +33,15 @@ from fsw_plant.actuators import Actuator
 from fsw_plant.config import PlantConfig
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.schedule import PlantSchedule
-from fsw_plant.sensors import NoisySensor
+from fsw_plant.sensors import Sensor
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
 FIRST_TICK = 1
-_NOTHING = Command(0.0, 0.0)
 
 
 class Reading(NamedTuple):
-    """What the sensors send at one tick.
+    """The samples that the sensors send at a tick.
 
     Attributes
     ----------
@@ -108,10 +107,8 @@ class PlantEmulator:
     gate : CommandGate
         Counts the refused commands.
     watchdog : Watchdog
-    disturbances : dict of str to Disturbance
-        By channel.
-    faults : dict of str to Fault
-        By sensor.
+    disturbances, faults : dict
+        Those that are set, by channel and by sensor.
 
     Raises
     ------
@@ -144,15 +141,14 @@ class PlantEmulator:
         self._force = Actuator(start.force_kn, limits.force_step_kn, config["actuators.lag_s"])
         self._speed = Actuator(start.speed_rpm, limits.speed_step_rpm, config["actuators.lag_s"])
         self.applied = self._acting = Command(start.force_kn, start.speed_rpm)
-        self._input_disturbance = _NOTHING
+        self._input_disturbance = Command(0.0, 0.0)
         self._inertia_torque_nm = 0.0
         self.stopped = ""
         self.disturbances: dict[str, Disturbance] = {}
         self.faults: dict[str, Fault] = {}
         self.gate = CommandGate(limits, config["commands.max_age_s"], config["commands.sources"])
         self.watchdog = Watchdog(config)
-        self._sensors = [NoisySensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
-        self._last_shown: list[float] = []
+        self._sensors = [Sensor(config["seed"], i, *noise) for i, noise in enumerate(_sensor_noise(config))]
 
     @property
     def time_s(self) -> float:
@@ -160,47 +156,32 @@ class PlantEmulator:
         return self.tick / 10
 
     def measure(self, stamp_ns: int | None = None) -> Reading:
-        """What the sensors send at the present tick, the same however often this is called at one tick.
-
-        The stamp is the tick's own time unless ``stamp_ns`` is given.
-        """
+        """The samples sent at the present tick, the same at every call; ``stamp_ns`` replaces the tick's own time."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
         if self.schedule.events:
             for event in self.schedule.due(self.time_s):
                 self._begin(event)
         stamp = self.tick * TICK_NS if stamp_ns is None else stamp_ns
-        outputs, above_rpm = self._outputs, self._acting.speed_rpm - weld.SPEED_RPM
-        drop_nm_per_rpm = self.config.values["sensors.torque_drop_nm_per_rpm"]
+        outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
+        drop_nm = drop_nm_per_rpm * (self._acting.speed_rpm - weld.SPEED_RPM)
         shown = (
             outputs.depth_mm + self._disturbance("depth"),
-            outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm_per_rpm * above_rpm,
+            outputs.motor_torque_nm + self._inertia_torque_nm - drop_nm,
             outputs.temperature_c + self._disturbance("temperature"),
         )
-        values = [sensor.read(value) for sensor, value in zip(self._sensors, shown, strict=True)]
+        if self.faults:
+            self.faults = {name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)}
         depth, torque, temperature = [
-            self._sent(i, Sample(stamp, value)) if self.faults else (Sample(stamp, value),)
-            for i, value in enumerate(values)
+            sensor.send(value, stamp, self.faults.get(name), self.time_s)
+            for name, sensor, value in zip(SENSORS, self._sensors, shown, strict=True)
         ]
-        self._last_shown = values
         self._reading = Reading(self.tick, stamp, depth, torque, temperature, self._acting)
         return self._reading
 
-    def _sent(self, index: int, sample: Sample) -> tuple[Sample, ...]:
-        """What a sensor, the ``index``-th of ``SENSORS``, sends of its sample."""
-        sensor = SENSORS[index]
-        last = self._last_shown[index] if self._last_shown else None
-        fault = self.faults.get(sensor)
-        if fault is None:
-            return (sample,)
-        if fault.over(self.time_s):
-            del self.faults[sensor]
-            return (sample,)
-        return fault.pass_on(sample, self.time_s, last)
-
     def _disturbance(self, channel: str) -> float:
         """Value of a channel's disturbance at the present tick."""
-        disturbance = self.disturbances.get(channel) if self.disturbances else None
+        disturbance = self.disturbances.get(channel)
         return 0.0 if disturbance is None else disturbance.value(self.time_s)
 
     def _begin(self, event: PlantEvent) -> None:
@@ -244,20 +225,17 @@ class PlantEmulator:
             self.applied = Command(force_kn, self.applied.speed_rpm)
         mean_kn, mean_rpm = self._force.advance(force_kn), self._speed.advance(self.applied.speed_rpm)
         if not self.stopped:
-            by = _NOTHING
-            if self.disturbances:
-                by = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
-            self._advance_process(mean_kn, mean_rpm, by)
+            self._input_disturbance = Command(self._disturbance("axial_force"), self._disturbance("spindle_speed"))
+            self._advance_process(mean_kn, mean_rpm)
         self.tick += 1
 
-    def _advance_process(self, mean_kn: float, mean_rpm: float, by: Command) -> None:
-        """Step the process with the drives' mean, disturbed; what sensors and truth show is the end of the step."""
-        self._input_disturbance = by
-        end = Command(self._force.position + by.force_kn, self._speed.position + by.speed_rpm)
+    def _advance_process(self, mean_kn: float, mean_rpm: float) -> None:
+        """Step the process with the drives' mean, disturbed; sensors and truth show the end of the step."""
+        disturbance = self._input_disturbance
+        end = Command(self._force.position + disturbance.force_kn, self._speed.position + disturbance.speed_rpm)
         try:
-            self._model.step(self._state, mean_kn + by.force_kn, mean_rpm + by.speed_rpm)
-            if self.disturbances:
-                self._add_torque(self._disturbance("torque"))
+            self._model.step(self._state, mean_kn + disturbance.force_kn, mean_rpm + disturbance.speed_rpm)
+            self._add_torque(self._disturbance("torque"))
             self._outputs = self._model.outputs(self._state, end.force_kn, end.speed_rpm)
         except OperatingPointError as error:
             self.stopped = f"process stopped at {self.time_s:.1f} s: {error}"
@@ -267,7 +245,7 @@ class PlantEmulator:
         self._acting = end
 
     def _add_torque(self, torque_nm: float) -> None:
-        """Let a torque beside M_sp act on the motor torque (18) for a step; the power feels it from the next one on."""
+        """Add a torque to M_sp of the motor torque (18) for a step; it affects the power from the next step on."""
         if torque_nm:
             *others, motor_nm = self._state.x
             reached = -expm1(-STEP_S / self.config.model.motor_lag_s)
@@ -294,7 +272,7 @@ class PlantEmulator:
             self._input_disturbance.speed_rpm,
             self.watchdog.state,
             self.gate.total(),
-            tuple(map(str, self.faults.values())) if self.faults else (),
+            tuple(map(str, self.faults.values())),
         )
 
     def set_disturbance(
@@ -329,7 +307,7 @@ class PlantEmulator:
     def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
         """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule go on.
 
-        What is not given stays as configured.
+        Values left out stay as configured.
 
         Raises
         ------

@@ -1,13 +1,12 @@
-"""The plant as a node: publishes what the emulator's sensors say and passes on the commands that arrive."""
+"""The plant as a node: publishes the emulator's samples and applies the commands that arrive."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -17,29 +16,27 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
-from fsw_control import units
 from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
-from fsw_control.reports_ros import ERROR, OK, WARN, Report
+from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
-from fsw_model import OperatingPointError
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
-from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
-from fsw_plant.event_schema import amplitude_unit, magnitude_unit
+from fsw_plant.lockstep import Lockstep
 from fsw_plant.schedule import PlantSchedule
+from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import truth_message
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-_PATROL_S = 0.2
+_WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
 
@@ -48,8 +45,8 @@ class PlantNode(Node):
     """Ticks the emulator and connects it to the graph.
 
     Three ways to tick (parameters ``clock`` and ``speed``): every 0.1 s of the wall clock; simulated time at a pace;
-    or lockstep, in which the command that answers a tick brings on the next one, when a player that is there has sent
-    what belongs before it.
+    or lockstep, in which the command that answers a tick starts the next one, once a player, where there is one, has
+    sent what belongs before it.
     """
 
     def __init__(self) -> None:
@@ -66,28 +63,22 @@ class PlantNode(Node):
         )
         self._scenario = values["scenario"]
         self._stamps = TickStamps()
-        self._answered = True
-        self._player_there = False
-        self._unplayed_ns: int | None = None  #: depth that the player has not yet followed
-        self._sent_s = 0.0
-        self._resent = 0
-        self._seen = (self._plant.watchdog.state, self._plant.stopped)
+        self._pace = Lockstep()
+        self._reported = (self._plant.watchdog.state, self._plant.stopped)
         self._reported_refusals = 0
         self._running = False
         self._open_topics()
         self._writers = CommandWriters(self, lambda: self._plant.gate, lambda: self._settings["commands.sources"])
         self._guard = SingleInstanceGuard(self)
         self._guard.check(values["discovery_s"], self._announce)
-        self.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
-        self.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
-        self.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
+        self._plant_services = PlantServices(self, self._plant, on_reset=self._writers.set_sources)
         self._settings.add_check(self._why_not)
         self._settings.on_change(self._configure)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_REPORT_S, self._report, clock=self._steady)
-        self.create_timer(_PATROL_S, self._patrol, clock=self._steady)
+        self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self._ready_timer = self.create_timer(_READY_POLL_S, self._start_when_ready, clock=self._steady)
-        self._waiting_told_s = time.monotonic()
+        self._waiting_logged_s = time.monotonic()
 
     def _open_topics(self) -> None:
         self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
@@ -95,7 +86,7 @@ class PlantNode(Node):
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._lockstep:
@@ -107,14 +98,14 @@ class PlantNode(Node):
         missing = self._missing()
         if missing:
             now_s = time.monotonic()
-            if now_s >= self._waiting_told_s + self._settings["lockstep_timeout_s"]:
-                self._waiting_told_s = now_s
+            if now_s >= self._waiting_logged_s + self._settings["lockstep_timeout_s"]:
+                self._waiting_logged_s = now_s
                 self.get_logger().warning(f"first tick waits for {', '.join(missing)}")
             return
         self._ready_timer.cancel()
         self.destroy_timer(self._ready_timer)
         self._running = True
-        self._player_there = self.count_publishers(PLAYER_READY) > 0
+        self._pace.player_present = self.count_publishers(PLAYER_READY) > 0
         self._publish_tick()
         if not self._lockstep:
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
@@ -139,17 +130,15 @@ class PlantNode(Node):
     def _publish_tick(self) -> None:
         plant = self._plant
         plant.measure(None if self._simulated else self._stamps.next(self._now_ns()))
-        self._sent_s = time.monotonic()
-        self._resent = 0
-        self._answered = False
+        self._pace.begin(time.monotonic())
         self._send()
-        if (plant.watchdog.state, plant.stopped) != self._seen:
-            self._tell()
+        if (plant.watchdog.state, plant.stopped) != self._reported:
+            self._report_changes()
 
     def _send(self) -> None:
         """Publish the present tick; the drives first, because the sensors' last sample completes the tick."""
         reading, truth = self._plant.measure(), truth_message(self._plant.truth())
-        self._unplayed_ns = reading.depth_mm[-1][0] if reading.depth_mm else None
+        self._pace.await_player(reading.depth_mm[-1].stamp_ns if reading.depth_mm else None)
         if self._clocks is not None:
             self._clocks.publish(ClockMessage(clock=truth.header.stamp))
         self._truths.publish(truth)
@@ -169,39 +158,38 @@ class PlantNode(Node):
         if refusal:
             self.get_logger().warning(f"command refused: {self._plant.gate.last_refusal}", throttle_duration_sec=1.0)
         # A command that is refused for its content is an answer too: the tick goes on with the last valid one.
-        if self._lockstep and not self._answered and refusal != "source" and stamp_ns == self._plant.measure().stamp_ns:
-            self._answered = True
+        own = refusal != "source" and stamp_ns == self._plant.measure().stamp_ns
+        if self._lockstep and own and not self._pace.answered:
+            self._pace.answered = True
             self._go_on()
 
     def _on_player_ready(self, message: Header) -> None:
-        self._player_there = True
-        if convert.stamp_ns(message.stamp) == self._unplayed_ns:
-            self._unplayed_ns = None
+        if self._pace.on_player(convert.stamp_ns(message.stamp)):
             self._go_on()
 
     def _go_on(self) -> None:
-        """Begin the next tick of lockstep, if nothing of this one is still on its way."""
-        if self._running and self._answered and not (self._player_there and self._unplayed_ns is not None):
+        """Begin the next tick of lockstep, if nothing of this one is waited for."""
+        if self._running and self._pace.complete:
             self._next_tick()
 
     def _go_on_without_player(self) -> None:
-        self._player_there = False
+        self._pace.player_present = False
         self._go_on()
 
     # ---------------------------------------------------------------- watching
 
-    def _patrol(self) -> None:
+    def _watch(self) -> None:
         self._writers.look()
         if not (self._lockstep and self._running):
             return
-        waited_s = time.monotonic() - self._sent_s
-        if not self._answered:
+        waited_s = self._pace.waited_s(time.monotonic())
+        if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
             self.get_logger().info(f"tick {self._plant.tick}: the player has left; going on")
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
-            self.get_logger().warning(f"tick {self._plant.tick}: no word from the player; going on without it")
+            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; going on without it")
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
@@ -212,31 +200,24 @@ class PlantNode(Node):
         )
         if 0.0 < values["lockstep_give_up_s"] <= waited_s:
             raise SystemExit(f"fsw_plant: {what}; giving up")
-        if waited_s >= values["lockstep_timeout_s"] * (self._resent + 1):
-            self._resent += 1
+        if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
+            self._pace.resent += 1
             self.get_logger().error(f"{what}; tick sent again")
             self._send()
             self._report()
 
-    def _tell(self) -> None:
-        """Log and report what has changed of watchdog and process."""
+    def _report_changes(self) -> None:
+        """Log and report changes of watchdog and process."""
         plant = self._plant
-        (state, stopped), self._seen = self._seen, (plant.watchdog.state, plant.stopped)
+        (state, stopped), self._reported = self._reported, (plant.watchdog.state, plant.stopped)
         if plant.watchdog.state != state:
             self._log(reports.watchdog(plant))
         if plant.stopped and not stopped:
             self._log(reports.process(plant))
         self._report()
 
-    def _log(self, report: Report) -> None:
-        logger, text = self.get_logger(), f"{report.part}: {report.text}"
-        # three calls, because rclpy refuses a line of code that changes its severity
-        if report.level == ERROR:
-            logger.error(text)
-        elif report.level == WARN:
-            logger.warning(text)
-        else:
-            logger.info(text)
+    def _log(self, line: Report) -> None:
+        log(self, line.level, f"{line.part}: {line.text}")
 
     def _announce(self) -> None:
         self._publish_reports([Report("clock", OK, STARTING, {})])
@@ -247,7 +228,7 @@ class PlantNode(Node):
         new, self._reported_refusals = max(0, refused - self._reported_refusals), refused
         self._publish_reports(
             [
-                reports.clock(self._mode(), self._running, self._stamps.jumps, self._resent),
+                reports.clock(self._mode(), self._running, self._stamps.jumps, self._pace.resent),
                 reports.process(plant),
                 reports.watchdog(plant),
                 reports.commands(plant.gate, new, self._writers.names),
@@ -261,12 +242,8 @@ class PlantNode(Node):
         return f"simulated time at speed {self._speed:g}" if self._simulated else "real time"
 
     def _publish_reports(self, lines: list[Report]) -> None:
-        now_ns = self._plant.measure().stamp_ns if self._simulated and self._running else self._now_ns()
-        status = [
-            convert.diagnostic_status(f"{self.get_name()}: {part}", level, text, values, self._guard.hardware_id)
-            for part, level, text, values in lines
-        ]
-        self._diagnostics.publish(convert.diagnostics_message(now_ns, status))
+        time_ns = self._plant.measure().stamp_ns if self._simulated and self._running else None
+        self._diagnostics.publish(lines, self._guard.hardware_id, time_ns)
 
     def _now_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)
@@ -289,48 +266,6 @@ class PlantNode(Node):
             self._plant.schedule = PlantSchedule.from_text_or_file(self._scenario)
         self._plant.reconfigure(PlantConfig.from_values(values))
         self._writers.set_sources()
-
-    def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
-        """Fill in a service's response: ``act`` does it and returns what has been done, or raises why not."""
-        try:
-            response.message, response.ok = act(), True
-            self.get_logger().info(f"{what}: {response.message}")
-        except (InputError, OperatingPointError) as error:
-            response.message, response.ok = f"refused: {error}", False
-
-    def _on_set_disturbance(
-        self, request: SetDisturbance.Request, response: SetDisturbance.Response
-    ) -> SetDisturbance.Response:
-        def act() -> str:
-            amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
-            self._plant.set_disturbance(request.channel, request.shape, amplitude, request.duration, request.period)
-            return f"{request.channel}: {request.shape} from the next tick on"
-
-        self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
-        return response
-
-    def _on_set_fault(self, request: SetFault.Request, response: SetFault.Response) -> SetFault.Response:
-        def act() -> str:
-            magnitude = units.from_si(request.magnitude, magnitude_unit(request.sensor, request.kind))
-            self._plant.set_fault(request.sensor, request.kind, magnitude, request.duration)
-            return f"{request.sensor}: {request.kind} from the next tick on"
-
-        self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
-        return response
-
-    def _on_reset(self, request: ResetPlant.Request, response: ResetPlant.Response) -> ResetPlant.Response:
-        def act() -> str:
-            self._plant.reset(
-                seed=None if request.seed < 0 else request.seed,
-                depth_mm=units.mm_from_m(request.depth) if request.depth != 0.0 else None,
-                temperature_c=request.temperature if request.temperature != 0.0 else None,
-            )
-            self._writers.set_sources()
-            truth = self._plant.truth()
-            return f"at equilibrium: {truth.depth_mm:.3f} mm, {truth.temperature_c:.1f} degC"
-
-        self._answer(response, "reset", act)
-        return response
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""What the plant reports of itself, a line of diagnostics for each part."""
+"""Diagnostics of the plant, one line for each part."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ def watchdog(plant: PlantEmulator) -> Report:
     values = {"state": dog.state.name, "age of the last valid command [s]": f"{dog.age_s:.1f}"}
     if dog.state is WatchdogState.OK:
         return Report("watchdog", OK, "commands come", values)
-    away = f"no valid command for {dog.age_s:.1f} s"
+    missing = f"no valid command for {dog.age_s:.1f} s"
     if dog.state is WatchdogState.SAFE:
         safe = f"force goes to {dog.config['watchdog.safe_force_kn']:g} kN, spindle keeps turning"
-        return Report("watchdog", ERROR, f"{away}: {safe}", values)
-    text = f"{away}: last command held" if dog.armed else "no command yet: start held"
+        return Report("watchdog", ERROR, f"{missing}: {safe}", values)
+    text = f"{missing}: last command held" if dog.armed else "no command yet: start held"
     return Report("watchdog", WARN, text, values)
 
 
 def sensors(plant: PlantEmulator) -> Report:
     """Active faults and disturbances, which were set on purpose."""
     faults = list(map(str, plant.faults.values()))
-    disturbances = [str(one) for one in plant.disturbances.values() if not one.over(plant.time_s)]
+    disturbances = [str(item) for item in plant.disturbances.values() if not item.over(plant.time_s)]
     values = {"faults": ", ".join(faults), "disturbances": ", ".join(disturbances)}
     if faults or disturbances:
         return Report("sensors", WARN, f"emulated: {', '.join(faults + disturbances)}", values)

@@ -1,4 +1,4 @@
-"""The plant's watchdog: what happens when commands stay away."""
+"""The plant's watchdog: how the plant reacts when no commands arrive."""
 
 from __future__ import annotations
 

@@ -339,7 +339,7 @@ def run_plant(graph, *parameters):
         ("speed:=-1.0", "speed"),
         ("limits.force_min_kn:=96.0", "limits.force_min (96) must be below limits.force_max (95)"),
         ("start.temperature_c:=560.0", "beyond the drives' limits"),
-        ("scenario:=/nowhere.yaml", "scenario: cannot read /nowhere.yaml"),
+        ("scenario:=/nowhere.yaml", "cannot read scenario /nowhere.yaml"),
         ("model.dead_time_s:=9.0", "'dead_time_s' is 25.2: must be 0.1 to 10"),
     ],
 )

@@ -10,7 +10,7 @@ from fsw_control.command_gate import REASONS, CommandGate
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_plant.actuators import Actuator
 from fsw_plant.events import Disturbance, Fault, Sample
-from fsw_plant.sensors import NoisySensor
+from fsw_plant.sensors import Sensor
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -42,10 +42,10 @@ def test_actuator_without_lag():
 
 
 def test_sensors_have_streams_of_their_own():
-    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (NoisySensor(1, i, 1.0, 0.0) for i in range(3))]
+    streams = [[sensor.read(0.0) for _ in range(50)] for sensor in (Sensor(1, i, 1.0, 0.0) for i in range(3))]
     assert len({tuple(stream) for stream in streams}) == 3
-    assert NoisySensor(1, 0, 1.0, 0.5).read(3.0) * 2 % 1 == 0
-    assert NoisySensor(1, 0, 0.0, 0.0).read(3.3) == 3.3
+    assert Sensor(1, 0, 1.0, 0.5).read(3.0) * 2 % 1 == 0
+    assert Sensor(1, 0, 0.0, 0.0).read(3.3) == 3.3
 
 
 def disturbance(shape, amplitude, duration_s=0.0, period_s=0.0, at_s=1.0):

@@ -47,8 +47,8 @@ class OfflineSupervisor:
         arbiter = self._arbiter
         self._now_s += TICK_S
         decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
-        assert arbiter.tick is not None
-        arbiter.tick.samples.update(values)  # all at once: half the time of on_sample for each
+        assert arbiter.ticks.present is not None
+        arbiter.ticks.present.samples.update(values)  # all at once: half the time of on_sample for each
         for name, proposal in proposals.items():
             offer = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, proposal.reason)
             decisions += arbiter.on_proposal(name, offer, self._now_s)

@@ -1,4 +1,4 @@
-"""Who could control: one record per controller, alive or not, and the check of its candidate commands."""
+"""The controllers in the graph: a record of each, and the check of its candidate commands."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fsw_supervisor.tick import Candidate, ProposalInput, Tick, check, same
 
 #: ticks that a proposal may lag behind in lockstep before its controller counts as silent
 LOCKSTEP_LAG = 20
-#: proposals of one controller kept for measurements that have not come yet; more than a burst after a stall
+#: proposals of a controller kept for measurements that have not arrived yet; more than a burst after a stall
 _KEPT_EARLY = 8
 #: controllers at most
 _CAPACITY = 32
@@ -24,7 +24,7 @@ _KEPT_LATENCIES = 300
 
 @dataclass(slots=True)
 class ControllerRecord:
-    """What the arbiter knows of one controller."""
+    """State of a controller as the arbiter sees it."""
 
     name: str
     present: bool = False  #: in the graph
@@ -41,7 +41,7 @@ class ControllerRecord:
     tolerated_sensors: tuple[str, ...] = ()  #: that it declares to do without for a while
     status_seen: bool = False
     last_stamp_ns: int = -1  #: of its newest proposal
-    early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not come yet
+    early: dict[int, ProposalInput] = field(default_factory=dict)  #: by stamp; their measurements have not arrived yet
     latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT_LATENCIES))
 
     def bad(self, problem: str) -> None:
@@ -77,8 +77,8 @@ class ControllerRegistry:
         """Record of ``name``, or None when it was never seen."""
         return self._records.get(name)
 
-    def all_told(self) -> bool:
-        """Whether every controller in the graph has told its status."""
+    def all_reported(self) -> bool:
+        """Whether every controller in the graph has published its status."""
         present = [record for record in self if record.present]
         return bool(present) and all(record.status_seen for record in present)
 
@@ -100,7 +100,7 @@ class ControllerRegistry:
         return self.blind(name)
 
     def blind(self, name: str) -> str:
-        """Which invalid sensor controller ``name`` does not cope with, in words; empty when it copes."""
+        """Which invalid sensor controller ``name`` needs, in words; empty when there is none."""
         tolerated = self._records[name].tolerated_sensors
         needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
         return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
@@ -132,7 +132,7 @@ class ControllerRegistry:
             record.present = False
             self._machine.log(Level.WARN, name, f"controller {name} has left the graph")
 
-    def hear_status(self, name: str, tolerated_sensors: tuple[str, ...]) -> bool:
+    def on_status(self, name: str, tolerated_sensors: tuple[str, ...]) -> bool:
         """Take what a controller declares of itself; returns whether it is known."""
         record = self.get(name)
         if record is not None:
@@ -155,7 +155,7 @@ class ControllerRegistry:
     # ---------------------------------------------------------------- candidate commands
 
     def forget_time(self, stamp_ns: int) -> None:
-        """The clock went back to ``stamp_ns``: other stamps seen before mean nothing any more."""
+        """The clock went back to ``stamp_ns``: other stamps seen before do not count any more."""
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
@@ -167,7 +167,7 @@ class ControllerRegistry:
         record = self.get(name)
         if record is None:
             return
-        # What answers a time far back is perhaps of a clock that has gone back, and the measurement comes later.
+        # An answer to a time far back may follow a clock that has gone back; then its measurement arrives later.
         far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
         if tick is None or proposal.stamp_ns > tick.stamp_ns or (far_back and proposal.stamp_ns not in self._past):
             record.early.setdefault(proposal.stamp_ns, proposal)
@@ -179,7 +179,7 @@ class ControllerRegistry:
             self._take_old(record, proposal, tick)
 
     def take_early(self, tick: Tick, now_s: float) -> None:
-        """Take the proposals that came before their measurement."""
+        """Take the proposals that arrived before their measurement."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
             record.early = {stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns}
@@ -187,22 +187,22 @@ class ControllerRegistry:
                 self._take_present(record, early, tick, now_s)
 
     def check_again(self, tick: Tick) -> None:
-        """Check the candidates that came before it was known what is applied."""
+        """Check the candidates that arrived before the command in force was known."""
         for name, candidate in tick.candidates.items():
             if not candidate.refusal:
                 checked = self._check(self._records[name], ProposalInput(tick.stamp_ns, name, candidate.command), tick)
                 if checked.refusal:
                     tick.candidates[name] = checked
-                    self._enter(self._records[name], checked)
+                    self._count(self._records[name], checked)
 
     def close(self, tick: Tick) -> None:
-        """Close the books of a tick: who answered and who did not."""
+        """Count, at the end of a tick, who has answered and who has not."""
         self._past[tick.stamp_ns] = tick
         if len(self._past) > LOCKSTEP_LAG:
             del self._past[next(iter(self._past))]
         for record in self:
-            record.doubled = record.doubled + 1 if record.name in tick.doubled else 0
-            record.conflicts = record.conflicts + 1 if record.name in tick.conflicts else 0
+            record.doubled = record.doubled + 1 if record.name in tick.duplicates else 0
+            record.conflicts = record.conflicts + 1 if tick.duplicates.get(record.name) else 0
             if record.doubled == self._machine.settings.duplicate_ticks:
                 text = f"{record.name} proposes more than once per tick: are there two controllers of this name?"
                 self._machine.log(Level.ERROR, record.name, text)
@@ -211,7 +211,7 @@ class ControllerRegistry:
 
     def _note_silence(self, record: ControllerRecord, tick: Tick) -> None:
         record.silent_ticks += 1
-        if tick.blameless or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
+        if tick.fault_excused_reason or (self._lockstep and record.silent_ticks < LOCKSTEP_LAG):
             return
         if record.present:
             record.missed += 1
@@ -223,13 +223,12 @@ class ControllerRegistry:
     def _take_present(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick, now_s: float) -> None:
         if record.last_stamp_ns == tick.stamp_ns:
             record.duplicates += 1
-            tick.doubled.add(record.name)
             earlier = tick.candidates.get(record.name)
-            if earlier is not None and not same(earlier.command, proposal.command):
-                tick.conflicts.add(record.name)
+            differs = earlier is not None and not same(earlier.command, proposal.command)
+            tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
             return
         record.last_stamp_ns = tick.stamp_ns
-        if tick.decided and tick.blameless:
+        if tick.settled and tick.fault_excused_reason:
             return
         latency_s = max(0.0, now_s - tick.started_s)
         record.latencies_s.append(latency_s)
@@ -238,7 +237,7 @@ class ControllerRegistry:
             record.bad(f"late: {latency_s * 1e3:.0f} ms after the measurement")
             return
         tick.candidates[record.name] = candidate = self._check(record, proposal, tick)
-        self._enter(record, candidate)
+        self._count(record, candidate)
 
     def _take_old(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> None:
         if proposal.stamp_ns <= record.last_stamp_ns:
@@ -248,18 +247,18 @@ class ControllerRegistry:
         record.last_stamp_ns = proposal.stamp_ns
         past = self._past.get(proposal.stamp_ns)
         if self._lockstep and past is not None:
-            self._enter(record, self._check(record, proposal, past))
+            self._count(record, self._check(record, proposal, past))
             return
         record.late += 1
-        if past is None or not past.blameless:
+        if past is None or not past.fault_excused_reason:
             age_ms = (tick.stamp_ns - proposal.stamp_ns) * 1e-6
             record.bad(f"late: answers a measurement {age_ms:.0f} ms older than the last")
 
     def _check(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> Candidate:
-        return check(record.name, proposal, tick.before, self._machine.settings.limits)
+        return check(record.name, proposal, tick.previous, self._machine.settings.limits)
 
-    def _enter(self, record: ControllerRecord, candidate: Candidate) -> None:
-        """Enter a candidate command in the books of its controller."""
+    def _count(self, record: ControllerRecord, candidate: Candidate) -> None:
+        """Count a candidate command for or against its controller."""
         machine = self._machine
         if candidate.refusal:
             if candidate.malformed:

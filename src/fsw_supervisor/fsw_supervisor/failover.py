@@ -1,4 +1,4 @@
-"""Which of two supervisors leads: the other one stands by, follows it and takes over when it falls silent."""
+"""Which of two supervisors leads: the other stands by, follows it and takes over when it stops sending."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from fsw_supervisor.tick import Decision, Tick
 
 #: after a start: listening so long for a leader [s]
 LISTEN_S = 0.25
-#: the same while somebody publishes commands who has not been heard yet [s]
+#: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: leading, after a hold-up: commands wait so long for word of another leader, in tick periods
+#: leading, after a hold-up: commands are withheld so long in case there is another leader, in tick periods
 _FENCE_TICKS = 1.0
 #: on standby, after a hold-up: so long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 
 
 class Role(StrEnum):
-    """What this supervisor is at present."""
+    """Role of this supervisor."""
 
     LISTENING = "listening"
     STANDBY = "standby"
@@ -34,10 +34,10 @@ class Failover:
 
     On standby the arbiter decides every tick, sends nothing and takes over what the leader has commanded. When
     ``takeover_ticks`` ticks in a row went unanswered, the decision on the last of them is sent. A leader that was held
-    up for so long that another one may have taken over keeps its commands back for a tick, to hear what went on
-    meanwhile. Every failover begins a new term. Of two leaders the one of the greater term stays, so never the one
-    that was held up; in the same term (they started together) the one that has answered the newer tick, at a draw the
-    greater identity.
+    up for so long that another one may have taken over withholds its commands for a tick, to learn what has happened
+    meanwhile. Every failover begins a new term. Of two leaders the one with the greater term stays, so never the one
+    that was held up; in the same term (they started together) the one that has answered the newer tick, in a tie the
+    one with the greater identity.
 
     Parameters
     ----------
@@ -53,8 +53,8 @@ class Failover:
     def __init__(self, arbiter: Arbiter, identity: str, standby: bool, now_s: float) -> None:
         self.role = Role.STANDBY if standby else Role.LISTENING
         self.unanswered = 0  #: ticks in a row that nobody has answered, as seen on standby
-        self.asserting = False  #: another supervisor that leads, too, has to be told that this one does
-        self._rival_writer = False
+        self.asserting = False  #: another supervisor leads, too, and must receive the state of this one
+        self.rival_writer = False  #: other nodes publish commands, perhaps a leader whose commands have not arrived
         self._arbiter = arbiter
         self._identity = identity
         self._term = self._heard_term = 0
@@ -64,10 +64,10 @@ class Failover:
         self._drained = False
         self._early: tuple[int, str, Command] | None = None
         self._last_ns = 0
-        self._believed: Command | None = None
+        self._expected: Command | None = None
         self._fence_s: float | None = None
         self._held: list[Decision] = []
-        arbiter.leading = False
+        arbiter.ticks.leading = False
 
     @property
     def token(self) -> str:
@@ -104,17 +104,17 @@ class Failover:
             decisions = self._leave_fence()
         if decisions:
             self._last_ns = decisions[-1].stamp_ns
-        self._believed = self._arbiter.applied
+        self._expected = self._arbiter.applied
         return decisions
 
     def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
-        """Take a message seen on the command topic; ``token`` is that of its writer, a stranger has none."""
+        """Take a message seen on the command topic; ``token`` is that of its writer."""
         if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command):
             return
         term, identity = _parsed(token)
         if not identity or refusal(command) is not None:
             return
-        tick = self._arbiter.tick
+        tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if self.role is Role.ACTIVE:
             if 0 <= age_ns <= NANOSECONDS and self.on_leader_state(token, stamp_ns):
@@ -123,18 +123,10 @@ class Failover:
         self._heard_term = max(self._heard_term, term)
         if age_ns < 0:
             # Its measurement has not come here yet.
-            self._arbiter.hear_source(source)
+            self._arbiter.on_source(source)
             self._early = (stamp_ns, source, command)
         elif age_ns <= NANOSECONDS:
             self._follow(stamp_ns, source, command)
-
-    def told(self) -> None:
-        """Note that this supervisor's state has been published."""
-        self.asserting = False
-
-    def note_writers(self, others: bool) -> None:
-        """Note whether other nodes publish commands, perhaps a leader that has not been heard yet."""
-        self._rival_writer = others
 
     def on_leader_state(self, token: str, answered_ns: int) -> bool:
         """Take the state of a supervisor that leads and has answered the tick ``answered_ns`` (0: none) last.
@@ -158,7 +150,7 @@ class Failover:
 
     @property
     def _listening_ends_s(self) -> float:
-        return self._started_s + (_LISTEN_LONG_S if self._rival_writer else LISTEN_S)
+        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
 
     @property
     def _needed(self) -> int:
@@ -166,7 +158,7 @@ class Failover:
         return 1 if self._arbiter.lockstep else self._arbiter.settings.takeover_ticks
 
     def _takes_over(self, now_s: float) -> bool:
-        tick = self._arbiter.tick
+        tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
             self._count(tick)
         if self.role is Role.LISTENING and now_s >= self._listening_ends_s:
@@ -174,7 +166,7 @@ class Failover:
         if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
             return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
-            # It is this process that was held up: what is in the queues is heard first.
+            # This process was held up: the messages in the queues are handled first.
             self._drained = True
             self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
@@ -213,16 +205,16 @@ class Failover:
         """Commands that were kept back; none when something else has moved the drives meanwhile."""
         self._fence_s = None
         held, self._held = self._held, []
-        tick, believed = self._arbiter.tick, self._believed
-        if tick is None or tick.drives is None or believed is None or tick.stamp_ns <= self._last_ns:
+        tick, expected = self._arbiter.ticks.present, self._expected
+        if tick is None or tick.drives is None or expected is None or tick.stamp_ns <= self._last_ns:
             return held
-        limits, acting = self._arbiter.settings.limits, self._arbiter.commanded(tick.drives)
+        limits, acting = self._arbiter.settings.limits, self._arbiter.in_force.commanded(tick.drives)
         if (
-            abs(acting.force_kn - believed.force_kn) <= limits.force_step_kn / 2.0
-            and abs(acting.speed_rpm - believed.speed_rpm) <= limits.speed_step_rpm / 2.0
+            abs(acting.force_kn - expected.force_kn) <= limits.force_step_kn / 2.0
+            and abs(acting.speed_rpm - expected.speed_rpm) <= limits.speed_step_rpm / 2.0
         ):
             return held
-        # Going on from what acts now is no bump.
+        # Starting again from where the drives are avoids a bump.
         self._arbiter.start_again(held)
         return []
 
@@ -230,11 +222,11 @@ class Failover:
         self.role, self.asserting = Role.STANDBY, False
         self._fence_s, self.unanswered = None, 0
         held, self._held = self._held, []
-        self._tick = self._arbiter.tick
+        self._tick = self._arbiter.ticks.present
         self._arbiter.step_down(held, reason)
 
 
 def _parsed(token: str) -> tuple[int, str]:
-    """Term and identity of a token; 0 and nothing of whatever is none."""
+    """Term and identity of a token; 0 and empty for any other text."""
     term, _, identity = token.partition(".")
     return (int(term), identity) if term.isdecimal() and len(term) < 10 else (0, "")

@@ -1,4 +1,4 @@
-"""What the operator asks for: another controller, another mode; and the answers."""
+"""Requests of the operator for another controller or mode, and their answers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SwitchRequest:
 
 @dataclass(slots=True)
 class OperatorRequests:
-    """Takes requests, says why not, and serves them between two ticks; in lockstep time-outs count in ticks."""
+    """Checks requests and serves them between two ticks; in lockstep time-outs count in ticks."""
 
     machine: Machine
     registry: ControllerRegistry
@@ -68,12 +68,12 @@ class OperatorRequests:
             return self._answer(request, False, f"refused: unknown controller {name[:40]!r}; known: {known}")
         self.drop(f"superseded by a request for {name}")
         if machine.mode is Mode.AUTO and name == machine.active:
-            machine.want(name)
+            machine.set_target(name)
             return self._answer(request, True, f"{name} is active already")
         why_not = self._why_not(name)
         if why_not and (strict or timeout_s == 0.0):
             return self._answer(request, False, f"refused: {why_not}")
-        machine.want(name)
+        machine.set_target(name)
         if machine.mode is not Mode.AUTO:
             text = f"{name} is selected; the mode is {machine.mode}: it is applied when auto begins"
             return self._answer(request, True, text)
@@ -109,7 +109,7 @@ class OperatorRequests:
             controller = machine.active or self.registry.first_ready()
             if not controller:
                 return False, f"refused: {self.registry.why_not_ready(machine.target)}"
-        machine.want(mode=wanted)
+        machine.set_target(mode=wanted)
         if wanted is machine.mode:
             machine.renew()
             return True, f"{wanted} already"
@@ -141,10 +141,6 @@ class OperatorRequests:
             return f"{self.safety.blind}: whether the cause is gone cannot be judged"
         return ""
 
-    def keep(self, applied: Command | None) -> None:
-        """Let the manual mode of a standby that leads from now on go on with the command in force."""
-        self.manual = applied
-
     def serve(self, now_s: float) -> None:
         """Make the swap that is asked for, if it can be made; to be called between two ticks."""
         self.expire(now_s)
@@ -173,8 +169,8 @@ class OperatorRequests:
             why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
             self.drop(f"timed out: {why_not or 'no measurement came to swap at'}")
 
-    def applied(self, source: str, stamp_s: float) -> None:
-        """Note whose command has been sent."""
+    def on_applied(self, source: str, stamp_s: float) -> None:
+        """Note the source of the command that was sent."""
         request = self._pending
         if request is not None and request.name == source:
             self._pending = None
@@ -191,7 +187,7 @@ class OperatorRequests:
         if request is None:
             return
         if self.machine.target == request.name and self.machine.active:
-            self.machine.want(self.machine.active)
+            self.machine.set_target(self.machine.active)
         self._answer(request, False, message)
 
     def _why_not(self, name: str) -> str:

@@ -7,20 +7,21 @@ from math import ceil, sqrt
 from statistics import fmean
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from fsw_control import messages_ros as convert
+from fsw_control.reports_ros import ERROR, OK, WARN, Report
 from fsw_msgs.msg import ControllerHealth, SupervisorState, WeldCommand
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.controller_registry import ControllerRecord
-from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.state_machine import Level, Mode
 from fsw_supervisor.tick import Decision
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+#: severity of an event as a level of diagnostics
+LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
 
 
 def command(decision: Decision, token: str) -> WeldCommand:
-    """Command message of a decision; ``token`` tells supervisors apart and stands in the frame id."""
+    """Command message of a decision; ``token`` identifies the supervisor in the frame id."""
     message = convert.command_message(
         decision.command, decision.stamp_ns, decision.source, healthy=True, reason=decision.reason
     )
@@ -29,7 +30,7 @@ def command(decision: Decision, token: str) -> WeldCommand:
 
 
 def health(arbiter: Arbiter, record: ControllerRecord) -> ControllerHealth:
-    """What is known of one controller."""
+    """Health of a controller."""
     latencies_s = record.latencies_s or (0.0,)
     mean_s = fmean(latencies_s)
     return ControllerHealth(
@@ -71,29 +72,25 @@ def state(arbiter: Arbiter, now: Time, token: str) -> SupervisorState:
         acknowledged=machine.acknowledged,
     )
     message.header.stamp, message.header.frame_id = now, token
-    if arbiter.last is not None:
-        message.applied = command(arbiter.last, token)
+    if arbiter.ticks.last is not None:
+        message.applied = command(arbiter.ticks.last, token)
     return message
 
 
-def standby(now_ns: int, name: str, role: str, unanswered: int) -> DiagnosticArray:
-    """Diagnostics of node ``name`` that does not lead, and has seen ``unanswered`` ticks in a row."""
+def standby(role: str, unanswered: int) -> Report:
+    """Diagnostics of a node that does not lead, and has seen ``unanswered`` ticks in a row."""
     level = WARN if unanswered else OK
-    text, values = f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered}
-    return convert.diagnostics_message(now_ns, [_status(role, level, text, values, name)])
+    return Report(role, level, f"{role}: follows the leading supervisor", {"unanswered ticks": unanswered})
 
 
 def diagnostics(
-    arbiter: Arbiter, now_ns: int, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
-) -> DiagnosticArray:
+    arbiter: Arbiter, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
+) -> list[Report]:
     """Diagnostics of the arbiter, its inputs and every controller.
 
     Parameters
     ----------
     arbiter : Arbiter
-        Whose state.
-    now_ns : int
-        Stamp.
     writers : int
         Publishers of the command topic, this one included.
     namesakes : mapping of str to int
@@ -104,48 +101,41 @@ def diagnostics(
     controllers = [
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits) for record in arbiter.registry
     ]
-    status = [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
-    return convert.diagnostics_message(now_ns, status)
+    return [_arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter), *controllers]
 
 
-def _status(
-    name: str, level: bytes, text: str, values: Mapping[str, object], hardware_id: str = "fsw"
-) -> DiagnosticStatus:
-    return convert.diagnostic_status(f"fsw_supervisor: {name}", level, text, values, hardware_id)
-
-
-def _arbiter_status(arbiter: Arbiter) -> DiagnosticStatus:
+def _arbiter_status(arbiter: Arbiter) -> Report:
     machine = arbiter.machine
     level, text = OK, f"{machine.mode}: {machine.active}" if machine.active else str(machine.mode)
     if machine.mode is not machine.target_mode or (machine.active and machine.active != machine.target):
         level, text = WARN, f"{text} instead of {machine.target_mode} with {machine.target}"
     if machine.mode is Mode.SAFE_STOP:
         level = ERROR
-    latency_ms = arbiter.last.latency_s * 1e3 if arbiter.last is not None else 0.0
+    latency_ms = arbiter.ticks.last.latency_s * 1e3 if arbiter.ticks.last is not None else 0.0
     values = {
         "ticks": machine.tick,
-        "commands": arbiter.commands,
-        "ticks without a command": arbiter.lost_ticks,
-        "own stalls": arbiter.stalls,
+        "commands": arbiter.ticks.commands,
+        "ticks without a command": arbiter.ticks.lost,
+        "own stalls": arbiter.ticks.stalls,
         "transitions": machine.transitions,
         "last latency [ms]": f"{latency_ms:.3f}",
     }
-    return _status("arbiter", level, f"{text}: {machine.reason}", values)
+    return Report("arbiter", level, f"{text}: {machine.reason}", values)
 
 
-def _writer_status(arbiter: Arbiter, writers: int) -> DiagnosticStatus:
+def _writer_status(arbiter: Arbiter, writers: int) -> Report:
     level, text = OK, "only writer of the command topic"
     if writers > 1:
         level, text = WARN, f"{writers} publishers on the command topic"
-    if arbiter.foreign_writer:
+    if arbiter.watch.seen_lately(arbiter.ticks.now_s):
         level, text = ERROR, "a foreign writer sends commands"
     foreign = arbiter.watch.foreign_commands
-    return _status("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
+    return Report("command topic", level, text, {"publishers": writers, "foreign commands": foreign})
 
 
-def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
+def _process_status(arbiter: Arbiter) -> Report:
     safety, level, parts = arbiter.safety, OK, list[str]()
-    if not arbiter.measuring:
+    if not arbiter.ticks.measuring:
         level = WARN
         parts.append("no measurements")
     if safety.invalid_sensors:
@@ -155,12 +145,12 @@ def _process_status(arbiter: Arbiter) -> DiagnosticStatus:
         level = ERROR if safety.tripped else WARN
         parts.append(", ".join(safety.active))
     reasons = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
-    return _status("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
+    return Report("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
 
 
 def _controller_status(
     arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
-) -> DiagnosticStatus:
+) -> Report:
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
@@ -187,4 +177,4 @@ def _controller_status(
         "latency max [ms]": f"{known.latency_max * 1e3:.3f}",
         "jitter [ms]": f"{known.jitter * 1e3:.3f}",
     }
-    return _status(f"controller {record.name}", level, text, values)
+    return Report(f"controller {record.name}", level, text, values)

@@ -1,4 +1,4 @@
-"""Limits of the process that hold whoever controls: sensors that may be used, interlocks that trip."""
+"""Limits of the process whichever controller is active: sensors that may be used, interlocks that trip."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SENSOR = {"temperature_c": "thermocouple", "depth_mm": "depth", "torque_nm": "t
 
 @dataclass(frozen=True, slots=True)
 class Interlock:
-    """One limit.
+    """A limit on one quantity.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class SafetyMonitor:
         self._persistence_ticks = values["interlocks.persistence_ticks"]
 
     def forget_time(self) -> None:
-        """The clock went back: what the sensors showed before means nothing any more."""
+        """The clock went back: earlier readings do not count any more."""
         self._guard.reset()
 
     @property
@@ -142,7 +142,7 @@ class SafetyMonitor:
         """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self._judged = True
-        tick.absent = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
+        tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         self.blind_ticks = self.blind_ticks + 1 if self.invalid_sensors else 0
@@ -163,13 +163,13 @@ class SafetyMonitor:
             measurement.held,
         )
         if self.invalid_sensors and self._machine.acknowledged:
-            self._machine.renew()  # from now on nobody can tell whether a cause is there
+            self._machine.renew()  # from now on it is unknown whether a cause is present
 
     def watch(self, values: Mapping[str, float], held: tuple[str, ...] = ()) -> None:
-        """Hold values by quantity against the interlocks; one that is absent or not finite changes nothing.
+        """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
 
-        A level is believed when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
-        spike is no trip. A trip is gone after as many values without it, not counting those of sensors that are
+        A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
+        spike does not trip. A trip is gone after as many values without it, not counting those of sensors that are
         ``held``: a single one does not free a safe stop. It acts for as long as it is there, in every mode and not
         only when it begins.
         """
@@ -186,7 +186,7 @@ class SafetyMonitor:
             self._machine.fire(Trigger.INTERLOCK_TRIP, self.causes, "interlock")
 
     def _judge(self, item: Interlock, value: float, is_held: bool) -> None:
-        """Find the level of one interlock."""
+        """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
         shown = item.level(value, present)
         for level in _ORDER:

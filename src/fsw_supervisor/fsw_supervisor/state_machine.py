@@ -15,7 +15,7 @@ from fsw_supervisor.settings import ArbiterSettings
 
 
 class Mode(StrEnum):
-    """What the arbiter does with a tick."""
+    """How the arbiter decides a tick."""
 
     START = "start"
     AUTO = "auto"
@@ -114,7 +114,7 @@ class Event(NamedTuple):
 class Machine:
     """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    Mode and controller are the actual ones beside those that are wanted (``target``).
+    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` those that are wanted.
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:
@@ -131,7 +131,7 @@ class Machine:
         self.tick = 0  #: number of the present tick
         self.slewing = 0  #: ticks left in which the transition limits hold after a swap
         self.acknowledged = False  #: the present safe stop may be left
-        self.events: deque[Event] = deque(maxlen=200)  #: the latest; who publishes them takes them out
+        self.events: deque[Event] = deque(maxlen=200)  #: the latest, removed when they are published
         self._stamp_ns = 0
         self._mode_tick = 0
         self._automatic: deque[int] = deque(maxlen=100)
@@ -192,8 +192,8 @@ class Machine:
             self._automatic.append(self.tick)
         self._note(reason, who, f"{before} -> {name}")
 
-    def want(self, controller: str = "", mode: Mode | None = None) -> None:
-        """Note the controller and the mode that are wanted; what is not given stays."""
+    def set_target(self, controller: str = "", mode: Mode | None = None) -> None:
+        """Set the controller and the mode that the operator wants; what is left out stays."""
         wanted = (controller or self.target, mode or self.target_mode)
         if wanted != (self.target, self.target_mode):
             self.target, self.target_mode = wanted
@@ -214,7 +214,7 @@ class Machine:
             self.reason = f"as the leading supervisor: {source}"
 
     def lead(self, reason: str) -> None:
-        """Record that a standby leads from now on, in the state that it has; nobody has acknowledged that to it."""
+        """Record that a standby leads from now on, in its present state, which nobody has acknowledged."""
         self.acknowledged = False
         self.slewing = self.settings.transition_ticks
         if self.reason != self._takeover:

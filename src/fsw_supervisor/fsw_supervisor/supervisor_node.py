@@ -2,47 +2,38 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 import uuid
 from collections.abc import Sequence
-from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.service import Service
-from rclpy.task import Future
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
-from fsw_control import units
-from fsw_control.contract import BUILT_IN_SOURCES, Command
+from fsw_control.contract import Command
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load
 from fsw_control.parameters_ros import declare
 from fsw_control.references_ros import KeptReference
+from fsw_control.reports_ros import DiagnosticsPublisher, log
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_msgs.msg import ControllerStatus, SupervisorState, WeldCommand
-from fsw_msgs.srv import ListControllers, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter, problem
+from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
+from fsw_supervisor.services_ros import OperatorServices
 from fsw_supervisor.settings import ArbiterSettings
-from fsw_supervisor.state_machine import Level, Mode
+from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision, ProposalInput
 
-#: names that no controller may have: those of other sources, and of the supervisor's topics
-RESERVED = (*BUILT_IN_SOURCES, "supervisor")
 _HOUSEKEEPING_S = 0.2
 _REPORT_S = 1.0
-_ON_STANDBY = "refused: this supervisor is on standby now; ask again"
 
 
 class SupervisorNode(Node):
@@ -69,23 +60,24 @@ class SupervisorNode(Node):
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
-        self._services_of_leader: list[Service] = []
-        self._service_group = ReentrantCallbackGroup()
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self._prefix = self.resolve_topic_name("fsw/command").removesuffix("command")
-        self._proposal_topic = re.compile(re.escape(self._prefix) + r"([A-Za-z][A-Za-z0-9_]*)/proposal\Z")
-        self._subscribed: set[str] = set()
-        self._refused_names: set[str] = set()
+        self._operator_services = OperatorServices(
+            self, self._arbiter, lambda: self._role is Role.ACTIVE, self._publish
+        )
+        self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
+        self._command_topic = self.resolve_topic_name("fsw/command")
         self._published_revision = -1
         self._next_report_s = 0.0
         self._kept_reference = KeptReference(self)
+        self._controllers = ControllerTopics(
+            self, self._arbiter.registry, self._on_proposal, self._on_status, self._kept_reference.listen_to
+        )
         subscribe_drives(self, self._on_drives)
         subscribe_sensors(self, self._on_sample)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         self.create_subscription(String, "fsw/switch_request", self._on_switch_topic, STREAM)
         self.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST)
         for name in (values["controller"], *values["fallbacks"]):
-            self._subscribe(name)
+            self._controllers.subscribe(name)
         self._wakeup = DeadlineTimer(self, self._on_wakeup)
         self._housekeeping = self.create_timer(
             _HOUSEKEEPING_S, self._on_housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -129,79 +121,34 @@ class SupervisorNode(Node):
 
     def _on_wakeup(self) -> None:
         if self._arbiter.machine.mode is Mode.START:
-            # Who is in the graph decides whose word on who was active has to be waited for.
-            self._look_for_controllers()
+            # All controllers in the graph have to report who was active.
+            self._controllers.look()
         self._publish(self._arbiter.on_time(time.monotonic()))
-
-    # ---------------------------------------------------------------- services
-
-    async def _on_switch(
-        self, request: SwitchController.Request, response: SwitchController.Response
-    ) -> SwitchController.Response:
-        if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
-            response.ok = False
-            response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
-            return response
-        if self._role is not Role.ACTIVE:
-            response.ok, response.message = False, _ON_STANDBY
-            return response
-        timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
-        strict = request.strictness == SwitchController.Request.STRICT
-        switch = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
-        self._publish([])
-        if not switch.done:
-            answered: Future = Future(executor=self.executor)
-            switch.on_done = partial(answered.set_result, True)
-            await answered
-        response.ok, response.message = switch.ok, switch.message
-        return response
-
-    def _on_list(
-        self, request: ListControllers.Request, response: ListControllers.Response
-    ) -> ListControllers.Response:
-        response.active = self._arbiter.machine.active
-        response.mode = reports.mode(self._arbiter)
-        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
-        return response
-
-    def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
-        if self._role is not Role.ACTIVE:
-            response.ok, response.message = False, _ON_STANDBY
-            return response
-        manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
-        response.ok, response.message = self._arbiter.operator.ask_mode(request.mode, manual, "operator")
-        self._publish([])
-        return response
-
-    def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._role is not Role.ACTIVE:
-            response.success, response.message = False, _ON_STANDBY
-            return response
-        response.success, response.message = self._arbiter.operator.acknowledge("operator")
-        self._publish([])
-        return response
 
     # ---------------------------------------------------------------- leader and standby
 
     def _publish(self, decisions: list[Decision]) -> None:
-        """Send what may be sent, arm the timer, and tell what has changed; after every call of the arbiter."""
+        """Send what may be sent, arm the timer, and report what has changed; after every call of the arbiter."""
         permitted = self._failover.pass_on(decisions, time.monotonic())
         if self._role is not self._failover.role:
             self._role = self._failover.role
             if self._role is Role.ACTIVE:
                 self._open()
             self.get_logger().info(f"role: {self._role}")
-            self._tell()
+            self._report_changes()
         elif self._failover.unanswered:
             # The publisher needs some time to be known before its first command.
             self._open_commands()
         for decision in permitted:
             self._open_commands().publish(reports.command(decision, self._failover.token))
-        if self._arbiter.tick is not None:
-            self._kept_reference.on_tick(self._arbiter.tick.stamp_ns)
+        if self._arbiter.ticks.present is not None:
+            self._kept_reference.on_tick(self._arbiter.ticks.present.stamp_ns)
         self._wakeup.set(self._failover.wakeup_s)
         if self._arbiter.machine.revision != self._published_revision or self._failover.asserting:
-            self._tell()
+            self._report_changes()
+
+    def _leads(self) -> bool:
+        return self._role is Role.ACTIVE
 
     def _open_commands(self) -> Publisher:
         if self._commands is None:
@@ -214,21 +161,11 @@ class SupervisorNode(Node):
         self._kept_reference.open()
         if self._states is None:
             self._states = self.create_publisher(SupervisorState, "fsw/supervisor/state", LATEST)
-        if not self._services_of_leader:
-            # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
-            create = partial(self.create_service, callback_group=self._service_group)
-            self._services_of_leader = [
-                create(SwitchController, "fsw/switch_controller", self._on_switch),
-                create(ListControllers, "fsw/list_controllers", self._on_list),
-                create(SetMode, "fsw/set_mode", self._on_set_mode),
-                create(Trigger, "fsw/acknowledge", self._on_acknowledge),
-            ]
+        self._operator_services.open()
 
     def _close(self) -> None:
         """Close what only the leader has; some time after it has stepped down, so that open requests are answered."""
-        for service in self._services_of_leader:
-            self.destroy_service(service)
-        self._services_of_leader = []
+        self._operator_services.close()
         self._kept_reference.close()
         if self._states is not None:
             self.destroy_publisher(self._states)
@@ -237,22 +174,18 @@ class SupervisorNode(Node):
             self.destroy_publisher(self._commands)
             self._commands = None
 
-    def _tell(self) -> None:
-        """Publish the state and log what has happened."""
-        machine, logger = self._arbiter.machine, self.get_logger()
+    def _report_changes(self) -> None:
+        """Publish the state and log the events."""
+        machine = self._arbiter.machine
         self._published_revision = machine.revision
-        self._failover.told()
+        self._failover.asserting = False
         while machine.events:
             event = machine.events.popleft()
             text = f"[{event.who}] {event.text}"
-            if self._role is not Role.ACTIVE:
-                logger.debug(text)
-            elif event.level is Level.ERROR:
-                logger.error(text)
-            elif event.level is Level.WARN:
-                logger.warning(text)
+            if self._role is Role.ACTIVE:
+                log(self, reports.LEVELS[event.level], text)
             else:
-                logger.info(text)
+                self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
             self._states.publish(reports.state(self._arbiter, self.get_clock().now().to_msg(), self._failover.token))
 
@@ -261,56 +194,27 @@ class SupervisorNode(Node):
     def _on_housekeeping(self) -> None:
         now_s = time.monotonic()
         self._kept_reference.look(now_s)
-        self._look_for_controllers()
+        self._controllers.look()
         own = self._commands is not None
-        self._failover.note_writers(others=self.count_publishers(f"{self._prefix}command") > own)
+        self._failover.rival_writer = self.count_publishers(self._command_topic) > own
         self._publish(self._arbiter.on_time(now_s))
         if self._role is not Role.ACTIVE:
             self._close()
         if now_s >= self._next_report_s:
             self._next_report_s = now_s + _REPORT_S
-            self._tell()
+            self._report_changes()
             self._diagnose()
 
-    def _look_for_controllers(self) -> None:
-        for topic, types in self.get_topic_names_and_types():
-            match = self._proposal_topic.match(topic)
-            if match is None:
-                continue
-            name = match[1]
-            if name in RESERVED or types != ["fsw_msgs/msg/WeldCommand"]:
-                if name not in self._refused_names:
-                    self._refused_names.add(name)
-                    self.get_logger().error(
-                        f"{topic} is ignored: reserved name or not of type fsw_msgs/msg/WeldCommand"
-                    )
-            elif self.count_publishers(topic):
-                self._subscribe(name)
-                self._arbiter.registry.join(name)
-            else:
-                self._arbiter.registry.leave(name)
-
-    def _subscribe(self, name: str) -> None:
-        if name in self._subscribed:
-            return
-        self._subscribed.add(name)
-        self.create_subscription(WeldCommand, f"fsw/{name}/proposal", partial(self._on_proposal, name), STREAM)
-        self.create_subscription(ControllerStatus, f"fsw/{name}/status", partial(self._on_status, name), STREAM)
-        self._kept_reference.listen_to(name)
-
     def _diagnose(self) -> None:
-        now_ns = self.get_clock().now().nanoseconds
         if self._role is not Role.ACTIVE:
-            report = reports.standby(now_ns, self.get_name(), str(self._role), self._failover.unanswered)
-        else:
-            names = [record.name for record in self._arbiter.registry]
-            namesakes = {name: self.count_publishers(f"{self._prefix}{name}/proposal") for name in names}
-            limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
-            writers = self.count_publishers(f"{self._prefix}command")
-            report = reports.diagnostics(self._arbiter, now_ns, writers, namesakes, limits)
-            part, level, text, values = self._kept_reference.report()
-            report.status.append(convert.diagnostic_status(f"fsw_supervisor: {part}", level, text, values))
-        self._diagnostics.publish(report)
+            line = reports.standby(str(self._role), self._failover.unanswered)
+            self._diagnostics.publish([line], hardware_id=self.get_name())
+            return
+        namesakes = {record.name: self._controllers.proposers(record.name) for record in self._arbiter.registry}
+        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
+        writers = self.count_publishers(self._command_topic)
+        lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)
+        self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -86,40 +86,57 @@ class Decision:
     latency_s: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a tick was settled.
+
+    Attributes
+    ----------
+    decision : Decision or None
+        The tick's command; None: it is lost, or another supervisor has answered it.
+    fault_excused_reason : str
+        Why a controller that has not proposed does not count as failed; empty if it does.
+    """
+
+    decision: Decision | None
+    fault_excused_reason: str
+
+
 @dataclass(slots=True)
 class Tick:
-    """State of one tick; times are on the steady clock."""
+    """Inputs of one tick as they arrive, and its outcome; times are on the steady clock."""
 
     stamp_ns: int
     started_s: float
-    deadline_s: float  #: when a command is decided with what is there
-    before: Command | None  #: the command applied in the tick before; None: unknown
-    samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
-    drives: Command | None = None  #: force and speed that act, as the drives report them
-    candidates: dict[str, Candidate] = field(default_factory=dict)  #: by controller, those that came in time
+    deadline_s: float  #: when it is decided with the inputs that have arrived
+    previous: Command | None  #: the command applied in the tick before; None: unknown
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
-    doubled: set[str] = field(default_factory=set)  #: controllers that proposed more than once
-    conflicts: set[str] = field(default_factory=set)  #: controllers that proposed different commands
-    judged: bool = False  #: the safety monitor has seen it
-    absent: tuple[str, ...] = ()  #: sensors that have not come although they came in the tick before
+    samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
+    drives: Command | None = None  #: actual force and speed, as the drives report them
+    candidates: dict[str, Candidate] = field(default_factory=dict)  #: by controller, those that arrived in time
+    duplicates: dict[str, bool] = field(default_factory=dict)  #: by controller with several proposals: they differ
+    judged: bool = False  #: by the safety monitor
+    dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     failure: str = ""  #: why the active controller has failed in this tick
     extended: bool = False  #: lockstep gives a slow fallback more time
-    stalled: bool = False  #: the arbiter itself was held up, so that no controller counts as failed
-    answered: bool = False  #: by the leader, while this supervisor stands by
-    decided: bool = False  #: with a command or without one
-    decision: Decision | None = None  #: the command, until it is sent
-    excuse: str = ""  #: why no controller counts as failed, however it was decided; empty if one may
+    stalled: bool = False  #: this process was held up, so that no controller counts as failed
+    answered: bool = False  #: a command was sent, here or by the leader
+    outcome: Outcome | None = None  #: None until it is settled
 
     @property
-    def blameless(self) -> str:
-        """Why a silent controller does not count as failed; empty if it does. Settled with the decision."""
-        if self.decided:
-            return self.excuse
+    def settled(self) -> bool:
+        """Whether it has an outcome."""
+        return self.outcome is not None
+
+    @property
+    def fault_excused_reason(self) -> str:
+        """Why a controller that has not proposed does not count as failed; empty if it does."""
+        if self.outcome is not None:
+            return self.outcome.fault_excused_reason
         if self.stalled:
             return "the arbiter was held up"
-        return "" if self.samples else "no sensor has come, only the drives' feedback"
+        return "" if self.samples else "only the drives' feedback has arrived, no sensor sample"
 
-    def decide(self, decision: Decision | None = None, excuse: str = "") -> None:
+    def settle(self, decision: Decision | None = None, fault_excused_reason: str = "") -> None:
         """Settle the tick with a command, or without one."""
-        self.excuse = excuse or self.blameless
-        self.decided, self.decision = True, decision
+        self.outcome = Outcome(decision, fault_excused_reason or self.fault_excused_reason)

@@ -201,10 +201,10 @@ class Leader:
         return "\n".join(event.text for event in self.arbiter.machine.events)
 
     @property
-    def books_agree(self) -> bool:
+    def ticks_accounted_for(self) -> bool:
         """Whether each tick counts as answered or as lost."""
         arbiter = self.arbiter
-        return arbiter.commands == len(self.sent) and arbiter.commands + arbiter.lost_ticks == self.measured
+        return arbiter.ticks.commands == len(self.sent) and arbiter.ticks.commands + arbiter.ticks.lost == self.measured
 
 
 @pytest.fixture

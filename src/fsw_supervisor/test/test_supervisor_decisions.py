@@ -95,7 +95,7 @@ def test_a_sensor_that_is_known_to_be_lost_is_not_waited_for_once_the_proposal_i
 def test_after_the_grace_the_active_proposal_is_still_waited_for(rig):
     hand = Hand(rig).drives().samples("depth", "torque").wait(0.03)
     assert hand.out == []
-    assert not rig.arbiter.tick.judged, "the thermocouple may be late, too, on a busy machine"
+    assert not rig.arbiter.ticks.present.judged, "the thermocouple may be late, too, on a busy machine"
     assert hand.proposal(after_s=0.04).sources == ["decentral"]
 
 
@@ -142,8 +142,8 @@ def test_what_is_applied_is_not_known_without_drives_and_controllers(make_rig):
     rig.names = []
     for _ in range(10):
         assert rig.tick() == []
-    assert rig.arbiter.machine.reason == "starting: what is applied is not known yet"
-    assert (rig.arbiter.commands, rig.arbiter.lost_ticks) == (0, 10)
+    assert rig.arbiter.machine.reason == "starting: which command is in force is not known yet"
+    assert (rig.arbiter.ticks.commands, rig.arbiter.ticks.lost) == (0, 10)
     assert rig.arbiter.applied is None
 
 
@@ -196,9 +196,9 @@ def test_the_controllers_are_given_time_to_tell_who_was_selected(make_rig):
     rig = make_rig(ArbiterSettings.from_values({"takeover_wait_s": 0.25}))
     for _ in range(3):
         Hand(rig).drives().samples().proposal().wait(0.099)
-    assert rig.arbiter.commands == 1
+    assert rig.arbiter.ticks.commands == 1
     assert rig.arbiter.machine.mode is Mode.AUTO
-    assert rig.arbiter.lost_ticks == 2
+    assert rig.arbiter.ticks.lost == 2
 
 
 def test_drives_beyond_the_limits_are_no_start_beyond_them(make_rig):
@@ -302,7 +302,7 @@ def test_a_measurement_cut_short_is_an_excuse_for_one_tick_only(rig):
     rig.silent.add("decentral")
     del rig.values["torque"]
     rig.run(1)
-    assert (rig.last.source, rig.last.reason) == ("hold", "the measurement has come without torque")
+    assert (rig.last.source, rig.last.reason) == ("hold", "the measurement lacks torque")
     assert rig.arbiter.registry.get("decentral").inhibited == ""
     del rig.values["depth"]
     rig.run(1)
@@ -321,7 +321,7 @@ def test_a_later_measurement_cut_short_is_an_excuse_again(rig):
     rig.silent.add("decentral")
     del rig.values["depth"]
     rig.run(1)
-    assert rig.last.reason == "the measurement has come without depth"
+    assert rig.last.reason == "the measurement lacks depth"
     rig.silent.clear()
     rig.run(1)
     record = rig.arbiter.registry.get("decentral")

@@ -200,7 +200,7 @@ def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_l
     rig.tolerated = dict.fromkeys(rig.names, ("torque",))
     rig.run(2)
     assert [tick[-1].source for tick in rig.ticks[-2:]] == ["hold", "nmpc"]
-    assert rig.ticks[-2][-1].reason == "the measurement has come without torque"
+    assert rig.ticks[-2][-1].reason == "the measurement lacks torque"
 
 
 @pytest.mark.parametrize("push", [Command(4.0, 0.0), Command(-4.0, 9.0), Command(0.4, -1.0)])

@@ -24,14 +24,14 @@ def test_commands_kept_back_are_sent_only_if_nothing_else_has_moved_the_drives(l
     assert len(leader.sent) == sent, "another supervisor may have taken over: first it is heard"
     leader.run(0.1)
     assert len(leader.sent) == sent + (0 if moved else 2)
-    assert leader.books_agree
+    assert leader.ticks_accounted_for
     leader.tick(1)
     begun = leader.drives if moved else COMMANDED
     assert leader.sent[sent + (0 if moved else 2)].command == leader.arbiter.settings.limits.clip(COMMANDED, begun)
-    assert ("what acts has changed while" in leader.events()) == moved
+    assert ("the drives have moved while" in leader.events()) == moved
     leader.tick(5)
     assert leader.sent[-1].source == "decentral"
-    assert leader.books_agree
+    assert leader.ticks_accounted_for
 
 
 @pytest.mark.requirement("S12")
@@ -45,7 +45,7 @@ def test_control_begins_again_where_a_plc_has_ramped_the_drives_to(leader):
     leader.drives = Command(leader.drives.force_kn - 0.5, leader.drives.speed_rpm)
     leader.tick()
     assert abs(leader.sent[sent].command.force_kn - leader.drives.force_kn) <= 1.0
-    assert leader.books_agree
+    assert leader.ticks_accounted_for
 
 
 def test_commands_kept_back_are_sent_when_the_drives_report_nothing(leader):
@@ -55,7 +55,7 @@ def test_commands_kept_back_are_sent_when_the_drives_report_nothing(leader):
     leader.measure()
     leader.run(0.1)
     assert len(leader.sent) == sent + 1
-    assert leader.tick(3).books_agree
+    assert leader.tick(3).ticks_accounted_for
 
 
 def test_a_hold_up_between_two_measurements_changes_nothing(leader):
@@ -71,7 +71,7 @@ def test_a_hold_up_between_two_measurements_changes_nothing(leader):
     sent = len(leader.sent)
     leader.tick()
     assert leader.sent[sent].command == Command(84.0, 410.0)
-    assert "what acts has changed" not in leader.events()
+    assert "the drives have moved" not in leader.events()
 
 
 def test_a_hold_up_before_the_first_measurement_does_no_harm(make_leader):
@@ -84,7 +84,7 @@ def test_a_hold_up_before_the_first_measurement_does_no_harm(make_leader):
     leader.run(0.1)
     leader.tick(5)
     assert leader.sent[-1].source == "decentral"
-    assert leader.books_agree
+    assert leader.ticks_accounted_for
 
 
 @pytest.mark.parametrize(("hold_up_s", "kept_back"), [(0.14, False), (0.16, True)])
@@ -93,7 +93,7 @@ def test_it_keeps_commands_back_only_after_a_hold_up_in_which_another_may_have_t
     leader.sleep(hold_up_s)
     leader.measure()
     assert (len(leader.sent) == sent) == kept_back
-    assert leader.run(0.1).tick().books_agree
+    assert leader.run(0.1).tick().ticks_accounted_for
 
 
 def test_with_more_ticks_before_a_takeover_a_leader_may_be_held_up_for_longer(make_leader):
@@ -134,7 +134,7 @@ def test_a_leader_that_hears_of_a_newer_one_sends_nothing_that_it_has_kept_back(
     assert leader.failover.role is Role.STANDBY
     leader.run(0.1)
     assert len(leader.sent) == sent
-    assert leader.books_agree
+    assert leader.ticks_accounted_for
     assert "on standby: another supervisor leads" in leader.events()
     leader.measure()
     leader.run(0.1)

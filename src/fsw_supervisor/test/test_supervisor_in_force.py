@@ -1,10 +1,13 @@
-"""What is known of the command in force: own and foreign commands, and what pushes the drives besides."""
+"""What is known of the command in force: own and foreign commands, and the offset between drive and command."""
 
 import pytest
 
 from fsw_control.contract import Command, Limits
-from fsw_supervisor.command_watch import BumplessStart, CommandWatch, Push
-from fsw_supervisor.tick import Decision, ProposalInput, Tick, check, same
+from fsw_supervisor.in_force import CommandInForce, CommandWatch, DriveOffset
+from fsw_supervisor.settings import ArbiterSettings
+from fsw_supervisor.start_up import StartUp
+from fsw_supervisor.state_machine import Machine
+from fsw_supervisor.tick import Decision, Outcome, ProposalInput, Tick, check, same
 
 STAMP_NS = 10**12
 SENT = Decision(STAMP_NS, Command(80.0, 410.0), "nmpc")
@@ -53,15 +56,15 @@ def test_a_foreign_writer_is_remembered_for_five_seconds():
     assert watch.note_foreign(17.1, 90), "it is the first for a while"
 
 
-# ---------------------------------------------------------------- what pushes
+# ---------------------------------------------------------------- offsets of the drives
 
 
 def learnt(*differences, follows=20):
-    """A push after a drive that has followed for some ticks has shown these differences; one move is 1."""
-    push = Push()
+    """The offset of a drive that has followed for some ticks and then shows these differences; one move is 1."""
+    offset = DriveOffset()
     for difference in (0.0,) * follows + differences:
-        push.learn(difference, 1.0)
-    return push
+        offset.learn(difference, 1.0)
+    return offset
 
 
 @pytest.mark.requirement("S12")
@@ -86,139 +89,146 @@ def learnt(*differences, follows=20):
         ((4.0, 4.0, 4.0, 8.0, 8.0), 4.0),
     ],
 )
-def test_a_difference_is_a_push_if_it_sets_in_at_once_and_stays_for_three_ticks(differences, value):
-    push = learnt(*differences)
-    assert push.value == pytest.approx(value, abs=0.06)
+def test_a_difference_is_an_offset_if_it_sets_in_at_once_and_stays_for_three_ticks(differences, value):
+    offset = learnt(*differences)
+    assert offset.value == pytest.approx(value, abs=0.06)
 
 
-def test_a_push_that_was_learnt_is_followed_slowly():
-    push = learnt(4.0, 4.0, 4.0)
+def test_an_offset_that_was_learnt_is_followed_slowly():
+    offset = learnt(4.0, 4.0, 4.0)
     for count in range(1, 5):
-        push.learn(4.4, 1.0)
-        assert push.value == pytest.approx(4.0 + 0.05 * count)
+        offset.learn(4.4, 1.0)
+        assert offset.value == pytest.approx(4.0 + 0.05 * count)
     for _ in range(50):
-        push.learn(4.4, 1.0)
-    assert push.value == pytest.approx(4.4)
+        offset.learn(4.4, 1.0)
+    assert offset.value == pytest.approx(4.4)
     for count in range(1, 5):
-        push.learn(4.0, 1.0)
-        assert push.value == pytest.approx(4.4 - 0.05 * count)
+        offset.learn(4.0, 1.0)
+        assert offset.value == pytest.approx(4.4 - 0.05 * count)
 
 
 def test_what_is_further_off_than_half_a_move_is_under_way_and_not_learnt():
-    push = learnt(4.0, 4.0, 4.0, *(4.6,) * 50)
-    assert push.value == pytest.approx(4.0)
+    offset = learnt(4.0, 4.0, 4.0, *(4.6,) * 50)
+    assert offset.value == pytest.approx(4.0)
     assert learnt(4.0, 4.0, 4.0, *(4.5,) * 50).value == pytest.approx(4.5)
 
 
 @pytest.mark.parametrize(("follows", "kept"), [(0, True), (1, False), (2, False), (3, True)])
-def test_after_a_gap_a_push_is_kept_only_if_the_drive_has_followed_for_three_ticks_since_the_gap_before(follows, kept):
-    push = learnt(4.0, 4.0, 4.0)
-    push.interrupt()
-    assert push.value == 4.0
+def test_an_offset_outlasts_a_gap_only_if_the_drive_has_followed_for_three_ticks_since_the_gap_before(follows, kept):
+    offset = learnt(4.0, 4.0, 4.0)
+    offset.interrupt()
+    assert offset.value == 4.0
     if follows:
         for _ in range(follows):
-            push.learn(4.0, 1.0)
-        push.interrupt()
-    assert push.value == (4.0 if kept else 0.0)
+            offset.learn(4.0, 1.0)
+        offset.interrupt()
+    assert offset.value == (4.0 if kept else 0.0)
 
 
-def test_right_after_a_gap_no_difference_is_a_push():
-    push = learnt()
-    push.interrupt()
+def test_right_after_a_gap_no_difference_is_an_offset():
+    offset = learnt()
+    offset.interrupt()
     for _ in range(20):
-        push.learn(4.0, 1.0)
-    assert push.value == 0.0
+        offset.learn(4.0, 1.0)
+    assert offset.value == 0.0
 
 
-def start_with(push_kn, push_rpm, ticks=20):
+def pushed_drives(push_kn, push_rpm, ticks=20):
     """What is known when the drives have followed for long and then are pushed."""
-    start, limits = BumplessStart(), Limits()
+    in_force, limits = CommandInForce(), Limits()
     told = Command(80.0, 410.0)
     for count in range(ticks + 5):
         pushed = Command(80.0 + push_kn, 410.0 + push_rpm) if count >= ticks else told
-        start.learn_offset(Tick(count, 0.0, 0.08, told, drives=pushed), limits)
-    return start
+        in_force.learn_offsets(Tick(count, 0.0, 0.08, told, drives=pushed), limits)
+    return in_force
 
 
 @pytest.mark.requirement("S12")
 @pytest.mark.parametrize(("push_kn", "push_rpm"), [(4.0, 0.0), (0.0, -9.0), (-3.0, 12.0)])
-def test_what_pushes_is_taken_off_what_the_drives_report(push_kn, push_rpm):
-    command = start_with(push_kn, push_rpm).commanded(Command(80.0 + push_kn, 410.0 + push_rpm))
+def test_an_offset_is_subtracted_from_what_the_drives_report(push_kn, push_rpm):
+    command = pushed_drives(push_kn, push_rpm).commanded(Command(80.0 + push_kn, 410.0 + push_rpm))
     assert (command.force_kn, command.speed_rpm) == pytest.approx((80.0, 410.0))
 
 
-def test_differences_within_one_move_of_each_drive_are_no_push():
-    start = start_with(1.0, 3.0)
-    assert start.commanded(Command(81.0, 413.0)) == Command(81.0, 413.0)
+def test_differences_within_one_move_of_each_drive_are_not_an_offset():
+    in_force = pushed_drives(1.0, 3.0)
+    assert in_force.commanded(Command(81.0, 413.0)) == Command(81.0, 413.0)
 
 
-@pytest.mark.parametrize("what", ["drives", "before", "begun"])
+@pytest.mark.parametrize("what", ["drives", "previous", "begun"])
 def test_where_the_command_or_the_drives_are_not_known_nothing_is_learnt(what):
-    start, limits = start_with(0.0, 0.0), Limits()
+    in_force, limits = pushed_drives(0.0, 0.0), Limits()
     told, pushed = Command(80.0, 410.0), Command(84.0, 419.0)
     if what == "begun":
-        start.begin_from(told)
-    gap = Tick(99, 0.0, 0.08, None if what == "before" else told, drives=None if what == "drives" else pushed)
-    start.learn_offset(gap, limits)
+        in_force.begin_from(told)
+    gap = Tick(99, 0.0, 0.08, None if what == "previous" else told, drives=None if what == "drives" else pushed)
+    in_force.learn_offsets(gap, limits)
     for count in range(5):
-        start.learn_offset(Tick(100 + count, 0.0, 0.08, told, drives=pushed), limits)
-    assert start.commanded(pushed) == pushed
+        in_force.learn_offsets(Tick(100 + count, 0.0, 0.08, told, drives=pushed), limits)
+    assert in_force.commanded(pushed) == pushed
 
 
 # ---------------------------------------------------------------- after a start or a gap
 
 
-def test_until_its_first_command_it_hears_who_was_selected_and_what_was_commanded():
-    start = BumplessStart()
-    start.hear_status("nmpc", False)
-    assert start.was_active == ""
-    start.hear_status("nmpc", True)
-    start.hear_command(Command(81.0, 411.0))
-    start.hear_command(Command(float("nan"), 411.0))
-    assert (start.was_active, start.seen) == ("nmpc", Command(81.0, 411.0))
-    start.note_applied(Command(80.0, 410.0))
-    start.hear_status("decentral", True)
-    start.hear_command(Command(60.0, 310.0))
-    assert (start.was_active, start.seen, start.asking) == ("nmpc", Command(81.0, 411.0), False)
+def new_start_up():
+    """How control begins, with the command in force that it works on."""
+    machine, in_force = Machine(ArbiterSettings.from_values({"takeover_wait_s": 0.3})), CommandInForce()
+    return StartUp(machine, None, None, in_force), in_force
+
+
+def test_until_its_first_command_it_takes_who_was_selected_and_what_was_commanded():
+    start_up, in_force = new_start_up()
+    start_up.on_status("nmpc", False)
+    assert start_up.was_active == ""
+    start_up.on_status("nmpc", True)
+    in_force.on_foreign(Command(81.0, 411.0))
+    in_force.on_foreign(Command(float("nan"), 411.0))
+    assert (start_up.was_active, in_force.seen) == ("nmpc", Command(81.0, 411.0))
+    in_force.on_sent(Command(80.0, 410.0))
+    start_up.on_status("decentral", True)
+    in_force.on_foreign(Command(60.0, 310.0))
+    assert (start_up.was_active, in_force.seen, in_force.before_first) == ("nmpc", Command(81.0, 411.0), False)
 
 
 def test_the_time_to_listen_counts_from_the_first_measurement():
-    start = BumplessStart()
-    assert start.listening_ends_s(0.3) is None
-    start.begin(50.0)
-    start.begin(51.0)
-    assert start.listening_ends_s(0.3) == 50.3
-    start.note_applied(Command(80.0, 410.0))
-    assert start.listening_ends_s(0.3) is None
+    start_up, in_force = new_start_up()
+    assert start_up.listening_ends_s is None
+    start_up.begin(50.0)
+    start_up.begin(51.0)
+    assert start_up.listening_ends_s == 50.3
+    in_force.on_sent(Command(80.0, 410.0))
+    assert start_up.listening_ends_s is None
 
 
 def test_at_a_gap_it_keeps_who_was_active_and_what_was_in_force():
-    start = BumplessStart()
-    start.note_applied(Command(80.0, 410.0))
-    start.interrupt("nmpc")
-    assert (start.was_active, start.seen, start.applied, start.asking) == ("nmpc", Command(80.0, 410.0), None, False)
-    start.interrupt("")
-    assert (start.was_active, start.seen) == ("nmpc", Command(80.0, 410.0))
-    start.forget_active()
-    assert start.was_active == ""
+    start_up, in_force = new_start_up()
+    in_force.on_sent(Command(80.0, 410.0))
+    start_up._machine.active = "nmpc"
+    start_up.interrupt()
+    known = (start_up.was_active, in_force.seen, in_force.applied, in_force.before_first)
+    assert known == ("nmpc", Command(80.0, 410.0), None, False)
+    start_up._machine.active = ""
+    start_up.interrupt()
+    assert (start_up.was_active, in_force.seen) == ("nmpc", Command(80.0, 410.0))
 
 
 def test_after_a_gap_before_the_first_command_the_time_to_listen_begins_anew():
-    start = BumplessStart()
-    start.begin(50.0)
-    start.interrupt("")
-    assert start.listening_ends_s(0.3) is None
-    start.begin(60.0)
-    start.hear_status("nmpc", True)
-    assert (start.listening_ends_s(0.3), start.was_active) == (60.3, "nmpc")
+    start_up, _ = new_start_up()
+    start_up.begin(50.0)
+    start_up.interrupt()
+    assert start_up.listening_ends_s is None
+    start_up.begin(60.0)
+    start_up.on_status("nmpc", True)
+    assert (start_up.listening_ends_s, start_up.was_active) == (60.3, "nmpc")
 
 
-def test_a_feedback_of_the_drives_that_is_not_finite_is_none():
-    start = BumplessStart()
-    assert not start.hear_drives(1, Command(80.0, 410.0))
-    assert start.hear_drives(1, Command(81.0, 410.0)), "its stamp was seen before"
-    assert not start.hear_drives(2, Command(float("inf"), 410.0))
-    assert (start.feedback(1), start.feedback(2)) == (Command(81.0, 410.0), None)
+def test_a_feedback_of_the_drives_that_is_not_finite_is_ignored():
+    in_force = CommandInForce()
+    assert not in_force.on_drives(1, Command(80.0, 410.0))
+    assert in_force.on_drives(1, Command(81.0, 410.0)), "its stamp was seen before"
+    assert not in_force.on_drives(2, Command(float("inf"), 410.0))
+    assert (in_force.feedback(1), in_force.feedback(2)) == (Command(81.0, 410.0), None)
 
 
 # ---------------------------------------------------------------- the check of a proposal
@@ -253,17 +263,18 @@ def test_commands_are_the_same_but_for_rounding():
 
 @pytest.mark.parametrize("stalled", [True, False])
 @pytest.mark.parametrize("sampled", [True, False])
-def test_a_tick_blames_nobody_if_the_supervisor_was_held_up_or_no_sensor_has_come(stalled, sampled):
+def test_faults_are_excused_if_the_supervisor_was_held_up_or_no_sensor_sample_has_arrived(stalled, sampled):
     tick = Tick(1, 0.0, 0.08, None, samples={"depth": 2.6} if sampled else {}, stalled=stalled)
-    words = "the arbiter was held up" if stalled else "" if sampled else "no sensor has come, only the drives' feedback"
-    assert tick.blameless == words
-    tick.decide()
-    assert (tick.decided, tick.decision, tick.blameless) == (True, None, words)
+    assert bool(tick.fault_excused_reason) == (stalled or not sampled)
+    reason = tick.fault_excused_reason
+    tick.settle()
+    assert tick.outcome == Outcome(None, reason)
     tick.stalled, tick.samples = not stalled, {}
-    assert tick.blameless == words, "settled with the decision"
+    assert tick.fault_excused_reason == reason, "settled with the decision"
 
 
 def test_an_excuse_of_the_decision_counts_before_others():
     tick = Tick(1, 0.0, 0.08, None, stalled=True)
-    tick.decide(SENT, "an excuse")
-    assert (tick.decision, tick.blameless) == (SENT, "an excuse")
+    tick.settle(SENT, "an excuse")
+    assert tick.outcome == Outcome(SENT, "an excuse")
+    assert tick.fault_excused_reason == "an excuse"

@@ -4,7 +4,7 @@ import pytest
 
 from fsw_control.contract import Command
 from fsw_control.parameters import defaults, load
-from fsw_supervisor.command_watch import BumplessStart
+from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, Severity, interlocks_from
 from fsw_supervisor.settings import ArbiterSettings
 from fsw_supervisor.state_machine import Level, Machine, Mode
@@ -170,8 +170,8 @@ def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(mo
 def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor):
     judged(monitor, 3, **GOOD)
     good = {"depth": 2.66, "torque": 1050.0}
-    assert judged(monitor, **good).absent == ("thermocouple",), "it may come in the next tick"
-    assert judged(monitor, **good).absent == ()
+    assert judged(monitor, **good).dropouts == ("thermocouple",), "it may come in the next tick"
+    assert judged(monitor, **good).dropouts == ()
     assert monitor.invalid_sensors == ()
     judged(monitor, 4, **good)
     assert (monitor.invalid_sensors, monitor.blind_ticks) == (("thermocouple",), 3)
@@ -200,12 +200,12 @@ def test_where_time_goes_back_sensors_are_judged_anew(monitor):
 
 @pytest.mark.parametrize(("age_ns", "is_feedback"), [(0, True), (300_000_000, True), (300_000_001, False), (-1, False)])
 def test_what_the_drives_have_reported_lately_acts_else_what_was_commanded(age_ns, is_feedback):
-    start, stamp_ns = BumplessStart(), 10**12
+    in_force, stamp_ns = CommandInForce(), 10**12
     tick = Tick(stamp_ns, 0.0, 0.08, None)
-    assert start.acting(tick, 0.3) is None
-    start.note_applied(Command(80.0, 410.0))
-    assert start.acting(tick, 0.3) == Command(80.0, 410.0)
-    start.hear_drives(stamp_ns - age_ns, Command(82.0, 412.0))
-    assert start.acting(tick, 0.3) == (Command(82.0, 412.0) if is_feedback else Command(80.0, 410.0))
+    assert in_force.acting(tick, 0.3) is None
+    in_force.on_sent(Command(80.0, 410.0))
+    assert in_force.acting(tick, 0.3) == Command(80.0, 410.0)
+    in_force.on_drives(stamp_ns - age_ns, Command(82.0, 412.0))
+    assert in_force.acting(tick, 0.3) == (Command(82.0, 412.0) if is_feedback else Command(80.0, 410.0))
     tick.drives = Command(83.0, 413.0)
-    assert start.acting(tick, 0.3) == Command(83.0, 413.0)
+    assert in_force.acting(tick, 0.3) == Command(83.0, 413.0)

@@ -13,7 +13,7 @@ TICK_NS = 100_000_000
 def test_it_leads_when_it_has_heard_of_nobody_for_a_while(make_leader, others, listens_s):
     """Longer while somebody else publishes commands: perhaps a leader that has not been heard yet."""
     leader = make_leader()
-    leader.failover.note_writers(others)
+    leader.failover.rival_writer = others
     assert leader.failover.wakeup_s == pytest.approx(leader.now_s + listens_s)
     leader.run(listens_s - 0.01)
     assert leader.failover.role is Role.LISTENING
@@ -96,7 +96,7 @@ def test_a_command_that_overtakes_its_measurement_counts_as_the_answer(make_lead
         stamp_ns = standby.stamp_ns + TICK_NS
         standby.failover.on_command("1.other", stamp_ns, "nmpc", Command(81.0, 412.0))
         standby.tick()
-        assert standby.arbiter.tick.stamp_ns == stamp_ns
+        assert standby.arbiter.ticks.present.stamp_ns == stamp_ns
         assert standby.arbiter.applied == Command(81.0, 412.0)
         assert standby.failover.unanswered == 0
     assert (standby.failover.role, standby.sent) == (Role.STANDBY, [])
@@ -139,7 +139,7 @@ def test_of_two_leaders_that_of_the_greater_term_stays_then_of_the_newer_tick_th
 ):
     follow = leader.failover.on_leader_state(token, leader.stamp_ns + ahead * TICK_NS)
     assert (leader.failover.role is Role.ACTIVE, not follow, leader.failover.asserting) == (stays, stays, stays)
-    leader.failover.told()
+    leader.failover.asserting = False
     assert not leader.failover.asserting
 
 

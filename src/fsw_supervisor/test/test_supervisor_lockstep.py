@@ -115,7 +115,7 @@ def test_the_applied_commands_do_not_depend_on_the_shadows_timing():
 
 def test_a_tick_that_the_plant_sends_again_is_answered_again():
     arbiter = started()
-    first = arbiter.last
+    first = arbiter.ticks.last
     assert begin(arbiter, STEP_NS, 12.0) == [first]
 
 

@@ -312,7 +312,7 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
 
 def test_names_that_are_sources_already_are_no_controllers(bench):
     bench.peer.add("manual")
-    bench.until(lambda: bench.supervisor._refused_names)
+    bench.until(lambda: bench.supervisor._controllers.ignored)
     assert "unknown controller 'manual'" in bench.switch("manual").message
 
 

@@ -9,7 +9,7 @@ import pytest
 from fsw_control.contract import Command, Limits
 from fsw_control.parameters import ParameterError, defaults, load
 from fsw_supervisor.arbiter import problem
-from fsw_supervisor.command_watch import Push
+from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.settings import ArbiterSettings
@@ -141,7 +141,7 @@ def test_new_interlock_limits_hold_at_once():
 @pytest.fixture
 def push():
     """What pushes a drive that has followed its command for long; one move is 1."""
-    push = Push()
+    push = DriveOffset()
     for _ in range(20):
         push.learn(0.0, 1.0)
     return push

@@ -266,8 +266,8 @@ class ArbiterMachine(RuleBasedStateMachine):
             return
         arbiter = self.arbiter
         open_ticks = 1 if arbiter.wakeup_s is not None else 0
-        assert arbiter.machine.tick == arbiter.commands + arbiter.lost_ticks + open_ticks
-        assert arbiter.commands == len(self.decisions)
+        assert arbiter.machine.tick == arbiter.ticks.commands + arbiter.ticks.lost + open_ticks
+        assert arbiter.ticks.commands == len(self.decisions)
 
     @invariant()
     def a_cause_means_a_safe_stop(self):

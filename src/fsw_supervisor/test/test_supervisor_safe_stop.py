@@ -153,11 +153,11 @@ def test_a_gap_and_time_going_back_lead_nowhere(rig, jump_s, present):
 def test_a_standby_that_sees_a_cause_stays_in_the_safe_stop_whatever_the_leader_sends(rig):
     stop_by_heat(rig)
     arbiter = rig.arbiter
-    arbiter.leading = False
+    arbiter.ticks.leading = False
     for _ in range(5):
         arbiter.follow(rig.stamp_ns, "decentral", arbiter.applied)
         assert arbiter.machine.mode is Mode.SAFE_STOP
-    arbiter.leading = True
+    arbiter.ticks.leading = True
     cool(rig)
     assert rig.last.source == "safe_stop"
 

@@ -46,7 +46,7 @@ class Member:
         seen = (self.failover.role, self.arbiter.machine.revision)
         if seen != self.told or self.failover.asserting or self.world.now_s >= self.tell_s:
             self.told, self.tell_s = seen, self.world.now_s + 1.0
-            self.failover.told()
+            self.failover.asserting = False
             self.world.tell(self)
 
     @property
@@ -99,7 +99,7 @@ class World:
         self.later(None, lambda member: member.failover.on_command(*sent))
 
     def tell(self, teller):
-        answered_ns = teller.arbiter.last.stamp_ns if teller.arbiter.last is not None else 0
+        answered_ns = teller.arbiter.ticks.last.stamp_ns if teller.arbiter.ticks.last is not None else 0
         token, target = teller.failover.token, teller.arbiter.machine.target
         mode = str(teller.arbiter.machine.target_mode)
 

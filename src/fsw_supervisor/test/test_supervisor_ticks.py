@@ -41,25 +41,25 @@ def test_that_no_measurement_comes_is_told_once_unless_the_plant_waits(make_rig,
     rig = make_rig(lockstep=lockstep)
     for _ in range(15):
         rig.tick()
-    begun_s = rig.arbiter.tick.started_s
+    begun_s = rig.arbiter.ticks.present.started_s
     rig.arbiter.on_time(begun_s + 0.95)
-    assert rig.arbiter.measuring
+    assert rig.arbiter.ticks.measuring
     for after_s in (1.05, 2.0, 3.0):
         rig.arbiter.on_time(begun_s + after_s)
-    assert rig.arbiter.measuring == lockstep
+    assert rig.arbiter.ticks.measuring == lockstep
     assert rig.events().count("no measurement for 1 s") == int(not lockstep)
-    assert rig.arbiter.stalls == 0, "it was not held up itself"
+    assert rig.arbiter.ticks.stalls == 0, "it was not held up itself"
     rig.now_s += 5.0
     rig.tick()
-    assert rig.arbiter.measuring
+    assert rig.arbiter.ticks.measuring
 
 
 def test_before_the_first_measurement_nothing_is_measured_or_waited_for():
     arbiter = Arbiter(ArbiterSettings.from_values({}))
     assert arbiter.on_time(50.0) == []
-    assert not arbiter.measuring
+    assert not arbiter.ticks.measuring
     assert arbiter.wakeup_s is None
-    assert (arbiter.stalls, list(arbiter.machine.events)) == (0, [])
+    assert (arbiter.ticks.stalls, list(arbiter.machine.events)) == (0, [])
 
 
 @pytest.mark.parametrize("gap_s", [0.9, 1.1])
@@ -89,22 +89,22 @@ def test_after_a_gap_a_proposal_is_held_against_what_acts_then(rig):
 
 
 def test_each_tick_in_which_a_gap_begins_is_lost(rig):
-    lost = rig.arbiter.lost_ticks
+    lost = rig.arbiter.ticks.lost
     for count in range(4):
         assert rig.arbiter.on_sample("depth", rig.stamp_ns, 2.66, rig.now_s) == []
-        assert rig.arbiter.lost_ticks == lost + max(0, count - 1)
+        assert rig.arbiter.ticks.lost == lost + max(0, count - 1)
         rig.now_s += 5.0
         rig.stamp_ns += 5 * SECOND_NS
 
 
 def test_a_tick_that_is_not_decided_when_the_next_one_begins_is_decided_then(rig):
-    arbiter, commands = rig.arbiter, rig.arbiter.commands
+    arbiter, commands = rig.arbiter, rig.arbiter.ticks.commands
     rig.now_s += 0.1
     out = [one for ahead in (1, 2) for one in samples(rig, rig.stamp_ns + ahead * STEP_NS, rig.now_s)]
-    assert out == [arbiter.last]
-    assert arbiter.commands == commands + 1
-    assert arbiter.last.stamp_ns == rig.stamp_ns + STEP_NS
-    assert (arbiter.last.source, arbiter.last.reason) == ("hold", "the arbiter was held up")
+    assert out == [arbiter.ticks.last]
+    assert arbiter.ticks.commands == commands + 1
+    assert arbiter.ticks.last.stamp_ns == rig.stamp_ns + STEP_NS
+    assert (arbiter.ticks.last.source, arbiter.ticks.last.reason) == ("hold", "the arbiter was held up")
 
 
 @pytest.mark.parametrize("held_up_s", [0.12, 0.14])
@@ -118,14 +118,14 @@ def test_a_hold_up_of_more_than_the_tolerance_gives_the_queues_time_to_drain(rig
     rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s)
     out = rig.arbiter.on_time(rig.now_s + held_up_s)
     if held_up_s < 0.13:
-        assert ([one.source for one in out], rig.arbiter.stalls) == (["nmpc"], 0)
+        assert ([one.source for one in out], rig.arbiter.ticks.stalls) == (["nmpc"], 0)
         return
-    assert (out, rig.arbiter.stalls) == ([], 1)
+    assert (out, rig.arbiter.ticks.stalls) == ([], 1)
     assert "was held up for 0.140 s" in rig.events()
     assert rig.arbiter.wakeup_s == pytest.approx(rig.now_s + held_up_s + 0.025)
     out = rig.arbiter.on_time(rig.arbiter.wakeup_s)
     assert [(one.source, one.reason) for one in out] == [("hold", "the arbiter was held up")]
-    assert rig.arbiter.stalls == 1
+    assert rig.arbiter.ticks.stalls == 1
 
 
 def test_it_is_woken_at_the_end_of_the_grace_and_at_the_deadline(rig):
@@ -254,10 +254,10 @@ def test_in_lockstep_a_measurement_that_is_sent_again_is_answered_again_by_the_l
     rig = make_rig(lockstep=True)
     for _ in range(15):
         rig.tick()
-    arbiter, last = rig.arbiter, rig.arbiter.last
+    arbiter, last = rig.arbiter, rig.arbiter.ticks.last
     assert arbiter.on_drives(rig.stamp_ns, rig.drives, rig.now_s) == [last]
     assert arbiter.on_command(last.stamp_ns, last.source, last.command), "it is an own command"
-    arbiter.leading = False
+    arbiter.ticks.leading = False
     assert arbiter.on_drives(rig.stamp_ns, rig.drives, rig.now_s) == []
 
 
@@ -281,37 +281,37 @@ def test_in_lockstep_a_measurement_that_is_not_answered_yet_is_answered_once(mak
 def standby():
     """A standby before its first measurement."""
     arbiter = Arbiter(ArbiterSettings.from_values({}))
-    arbiter.leading = False
+    arbiter.ticks.leading = False
     return arbiter
 
 
 def test_a_standby_knows_what_the_leader_has_commanded_last(standby):
     standby.follow(STEP_NS, "nmpc", Command(200.0, 400.0))
     limited = Command(standby.settings.limits.force_max_kn, 400.0)
-    assert standby.last == Decision(STEP_NS, limited, "nmpc")
+    assert standby.ticks.last == Decision(STEP_NS, limited, "nmpc")
     assert standby.applied == limited
     assert (standby.machine.mode, standby.machine.active) == (Mode.AUTO, "nmpc")
-    assert standby.commands == 0
+    assert standby.ticks.commands == 0
 
 
 def test_an_answer_to_the_present_tick_settles_it_and_an_older_one_is_what_it_starts_from(standby):
     standby.on_drives(10**12, Command(80.0, 410.0), 50.0)
     standby.follow(10**12 - STEP_NS, "nmpc", Command(80.5, 410.0))
-    assert (standby.tick.answered, standby.tick.before) == (False, Command(80.5, 410.0))
+    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (False, Command(80.5, 410.0))
     standby.follow(10**12, "nmpc", Command(81.0, 410.0))
-    assert (standby.tick.answered, standby.tick.before) == (True, Command(80.5, 410.0))
+    assert (standby.ticks.present.answered, standby.ticks.present.previous) == (True, Command(80.5, 410.0))
     assert standby.wakeup_s is not None, "what the leader decided is still checked"
 
 
 def test_in_lockstep_a_standby_gives_slow_controllers_as_much_time_as_the_leader():
     arbiter = Arbiter(ArbiterSettings.from_values({}), lockstep=True)
-    arbiter.leading = False
+    arbiter.ticks.leading = False
     arbiter.on_drives(10**12, Command(80.0, 410.0), 50.0)
     for sensor, value in {"depth": 2.66, "torque": 1052.0, "thermocouple": 850.0}.items():
         arbiter.on_sample(sensor, 10**12, value, 50.0)
-    assert arbiter.tick.deadline_s == pytest.approx(50.0 + arbiter.settings.takeover_s(lockstep=True))
+    assert arbiter.ticks.present.deadline_s == pytest.approx(50.0 + arbiter.settings.takeover_s(lockstep=True))
     arbiter.on_time(52.9)
-    assert not arbiter.tick.decided
+    assert not arbiter.ticks.present.settled
     arbiter.on_proposal("decentral", ProposalInput(10**12, "decentral", Command(80.5, 410.0)), 52.95)
     arbiter.on_time(53.0)
     assert [one.source for one in arbiter.lead("took over")] == ["decentral"]
@@ -345,10 +345,10 @@ def test_who_steps_down_refuses_what_the_operator_waits_for_and_sends_nothing(ri
     rig.silent.add("nmpc")
     rig.run(2)
     request = rig.arbiter.operator.ask_switch("nmpc", False, 5.0, "operator", rig.now_s)
-    lost, commands = rig.arbiter.lost_ticks, rig.arbiter.commands
+    lost, commands = rig.arbiter.ticks.lost, rig.arbiter.ticks.commands
     rig.arbiter.step_down([rig.last], "another supervisor leads")
     assert request.message == "refused: another supervisor leads"
-    assert (rig.arbiter.commands, rig.arbiter.lost_ticks) == (commands - 1, lost + 1)
+    assert (rig.arbiter.ticks.commands, rig.arbiter.ticks.lost) == (commands - 1, lost + 1)
     assert rig.arbiter.applied is None
     assert rig.tick() == []
 
@@ -366,9 +366,9 @@ def test_a_standby_that_takes_over_with_a_controller_that_it_has_never_seen_fall
 @pytest.mark.requirement("S25")
 def test_a_safe_stop_from_before_a_restart_is_told_as_such(make_rig):
     arbiter = make_rig().arbiter
-    arbiter.hear_source("hold")
+    arbiter.on_source("hold")
     assert arbiter.machine.mode is Mode.START
-    arbiter.hear_source("safe_stop")
+    arbiter.on_source("safe_stop")
     assert arbiter.machine.mode is Mode.SAFE_STOP
     assert arbiter.machine.requested_by == "start"
     assert arbiter.machine.reason == "a safe stop was in force before the restart"

@@ -402,7 +402,7 @@ class Rules:
         if refusal(one.command, SETTINGS.limits) is not None:
             self._broken("inside the bounds", f"{one.command}")
         near = [before for before in (self._command, cell.in_force, cell.acting) if before is not None]
-        if cell.gateway is not None or cell.arbiter._start._just_begun:
+        if cell.gateway is not None or cell.arbiter.in_force._just_begun:
             # After a pause a push may be taken off the set-points once, or after it has ended in a gap: what drives
             # report cannot tell. A gateway then refuses the command.
             near.append(cell.in_force._replace(force_kn=cell.in_force.force_kn - _PUSH_KN))

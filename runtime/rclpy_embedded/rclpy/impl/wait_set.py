@@ -9,7 +9,7 @@ from rclpy.impl.dds import delete
 from rclpy.impl.session import Session
 
 # Upper limit of one wait, so that Python handles signals even where no handler of ours wakes the wait set.
-LONGEST_WAIT_NS = 1_000_000_000
+_LONGEST_WAIT_NS = 1_000_000_000
 
 
 class ConditionSet:
@@ -58,7 +58,7 @@ class ConditionSet:
 
     def wait(self, timeout_ns: int) -> int:
         """Sleep until something triggers; return how many conditions did, not counting the guard."""
-        triggered = int(self._waitset.wait(min(timeout_ns, LONGEST_WAIT_NS)))
+        triggered = int(self._waitset.wait(min(timeout_ns, _LONGEST_WAIT_NS)))
         if self._woken:
             with self._guard_lock:
                 self._woken = False

@@ -1,0 +1,51 @@
+"""When the next tick of lockstep may begin."""
+
+from __future__ import annotations
+
+
+class Lockstep:
+    """Waits for the command that answers the present tick, and for a scenario player to have sent what precedes it.
+
+    Times are on the steady clock.
+
+    Attributes
+    ----------
+    answered : bool
+        The present tick has its command.
+    player_present : bool
+        A player takes part.
+    resent : int
+        How often the present tick was sent again.
+    """
+
+    def __init__(self) -> None:
+        self.answered = True
+        self.player_present = False
+        self.resent = 0
+        self._unplayed_ns: int | None = None
+        self._begun_s = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is waited for any more."""
+        return self.answered and not (self.player_present and self._unplayed_ns is not None)
+
+    def begin(self, now_s: float) -> None:
+        """A tick begins."""
+        self.answered, self.resent, self._begun_s = False, 0, now_s
+
+    def waited_s(self, now_s: float) -> float:
+        """Time since the present tick has begun."""
+        return now_s - self._begun_s
+
+    def await_player(self, depth_ns: int | None) -> None:
+        """The present tick is sent with a depth sample of this stamp, which the player follows; None: without one."""
+        self._unplayed_ns = depth_ns
+
+    def on_player(self, depth_ns: int) -> bool:
+        """The player has sent all that belongs before the tick after this depth; returns whether it is the present."""
+        self.player_present = True
+        if depth_ns != self._unplayed_ns:
+            return False
+        self._unplayed_ns = None
+        return True

@@ -1,0 +1,108 @@
+"""The services by which an operator asks the leading supervisor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from fsw_control import units
+from fsw_control.contract import Command
+from fsw_msgs.srv import ListControllers, SetMode, SwitchController
+from fsw_supervisor import reports_ros as reports
+from fsw_supervisor.arbiter import Arbiter
+from fsw_supervisor.tick import Decision
+
+_ON_STANDBY = False, "refused: this supervisor is on standby now; ask again"
+
+
+class OperatorServices:
+    """Services for switching controllers, listing them, setting the mode and acknowledging a safe stop.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    arbiter : Arbiter
+    leads : callable
+        Whether this supervisor leads; otherwise requests are refused.
+    publish : callable
+        Publishes what follows from a request.
+    """
+
+    def __init__(
+        self, node: Node, arbiter: Arbiter, leads: Callable[[], bool], publish: Callable[[list[Decision]], None]
+    ) -> None:
+        self._node, self._arbiter, self._leads, self._publish = node, arbiter, leads, publish
+        # An answer may come ticks later; a group of their own keeps the services from holding up the topics.
+        self._group = ReentrantCallbackGroup()
+        self._services: list[Service] = []
+
+    def open(self) -> None:
+        """Offer the services."""
+        if not self._services:
+            create = partial(self._node.create_service, callback_group=self._group)
+            self._services = [
+                create(SwitchController, "fsw/switch_controller", self._on_switch),
+                create(ListControllers, "fsw/list_controllers", self._on_list),
+                create(SetMode, "fsw/set_mode", self._on_set_mode),
+                create(Trigger, "fsw/acknowledge", self._on_acknowledge),
+            ]
+
+    def close(self) -> None:
+        """Withdraw the services."""
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._services = []
+
+    async def _on_switch(
+        self, request: SwitchController.Request, response: SwitchController.Response
+    ) -> SwitchController.Response:
+        if request.strictness not in (SwitchController.Request.BEST_EFFORT, SwitchController.Request.STRICT):
+            response.ok = False
+            response.message = f"refused: strictness {request.strictness} is neither BEST_EFFORT (1) nor STRICT (2)"
+            return response
+        if not self._leads():
+            response.ok, response.message = _ON_STANDBY
+            return response
+        timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
+        strict = request.strictness == SwitchController.Request.STRICT
+        switch = self._arbiter.operator.ask_switch(request.name, strict, timeout_s, "operator", time.monotonic())
+        self._publish([])
+        if not switch.done:
+            answered: Future = Future(executor=self._node.executor)
+            switch.on_done = partial(answered.set_result, True)
+            await answered
+        response.ok, response.message = switch.ok, switch.message
+        return response
+
+    def _on_list(
+        self, request: ListControllers.Request, response: ListControllers.Response
+    ) -> ListControllers.Response:
+        response.active = self._arbiter.machine.active
+        response.mode = reports.mode(self._arbiter)
+        response.controllers = [reports.health(self._arbiter, record) for record in self._arbiter.registry]
+        return response
+
+    def _on_set_mode(self, request: SetMode.Request, response: SetMode.Response) -> SetMode.Response:
+        manual = Command(units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed))
+        response.ok, response.message = self._ask(
+            lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator")
+        )
+        return response
+
+    def _on_acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self._ask(lambda: self._arbiter.operator.acknowledge("operator"))
+        return response
+
+    def _ask(self, ask: Callable[[], tuple[bool, str]]) -> tuple[bool, str]:
+        if not self._leads():
+            return _ON_STANDBY
+        answer = ask()
+        self._publish([])
+        return answer

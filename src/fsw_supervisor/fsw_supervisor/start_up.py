@@ -1,0 +1,161 @@
+"""How control begins after a start or a gap: from the command in force, without a bump."""
+
+from __future__ import annotations
+
+from fsw_control.contract import Command
+from fsw_supervisor.controller_registry import ControllerRegistry
+from fsw_supervisor.in_force import CommandInForce
+from fsw_supervisor.operator_requests import OperatorRequests
+from fsw_supervisor.state_machine import Level, Machine, Mode, Trigger
+from fsw_supervisor.tick import ProposalInput, Tick, check
+
+
+class StartUp:
+    """Finds out which command is in force and which controller was active, and decides the mode ``start``.
+
+    Before the first command nobody can have seen one of this supervisor: a controller that says it is selected means
+    the supervisor before.
+    """
+
+    def __init__(
+        self, machine: Machine, registry: ControllerRegistry, operator: OperatorRequests, in_force: CommandInForce
+    ) -> None:
+        self.was_active = ""  #: controller that was active before; empty when unknown
+        self._machine, self._registry, self._operator = machine, registry, operator
+        self._in_force = in_force
+        self._measured_s: float | None = None
+
+    @property
+    def controller(self) -> str:
+        """Who is to control: who was active before, else who is configured."""
+        return self.was_active or self._machine.target
+
+    @property
+    def listening_ends_s(self) -> float | None:
+        """Steady time at which the controllers have had time to report who was selected; None: no longer relevant."""
+        if not self._in_force.before_first or self._measured_s is None:
+            return None
+        return self._measured_s + self._machine.settings.takeover_wait_s
+
+    def begin(self, now_s: float) -> None:
+        """Note that measurements come; the time to listen counts from the first."""
+        if self._measured_s is None:
+            self._measured_s = now_s
+
+    def interrupt(self) -> None:
+        """At a gap in the measurements: find out again what is in force; who was active stays known."""
+        self.was_active = self._machine.active or self.was_active
+        if self._in_force.before_first:
+            self._measured_s = None
+        self._in_force.interrupt()
+
+    def on_status(self, name: str, selected: bool) -> None:
+        """Take whether a controller says that its command is applied."""
+        if selected and self._in_force.before_first:
+            self.was_active = name
+
+    # ---------------------------------------------------------------- the command in force
+
+    def find_command(self, tick: Tick, now_s: float, final: bool) -> bool:
+        """Find out which command is in force, so that the first one is no bump; False: not known yet."""
+        machine, manual = self._machine, self._operator.manual
+        candidate = tick.candidates.get(machine.target)
+        if tick.drives is not None:
+            self._begin_from(tick, self._in_force.commanded(tick.drives), "the drives' feedback")
+        elif not final or not self._listened(now_s):
+            return False
+        elif self._in_force.seen is not None:
+            self._begin_from(tick, self._in_force.seen, "the last command seen")
+        elif candidate is not None and not candidate.refusal:
+            self._begin_from(tick, candidate.command, f"the proposal of {machine.target}")
+        elif machine.mode is Mode.MANUAL and manual is not None:
+            self._begin_from(tick, manual, "the operator's values")
+        else:
+            return False
+        return True
+
+    def _begin_from(self, tick: Tick, command: Command, origin: str) -> Command:
+        applied = tick.previous = self._machine.settings.limits.clip(command, None)
+        self._in_force.begin_from(applied)
+        self._registry.check_again(tick)
+        text = f"taking over at {applied.force_kn:.3f} kN, {applied.speed_rpm:.3f} rpm from {origin}"
+        self._machine.log(Level.INFO, "start", text)
+        return applied
+
+    def _listened(self, now_s: float) -> bool:
+        """Whether the controllers have had time to report who of them was selected."""
+        ends_s = self.listening_ends_s
+        return ends_s is None or now_s >= ends_s
+
+    def may_command(self, tick: Tick, now_s: float, final: bool) -> bool:
+        """Whether a first command may be sent in any mode, as a safe stop may have been in force before.
+
+        Only the controllers know. A status comes after the proposal that it belongs to; while nobody has proposed,
+        the tick is waited out, for without measurements the time to listen passes in silence.
+        """
+        if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
+            return True
+        if final:
+            return self._listened(now_s) or self._registry.all_reported()
+        reported = [record.status_seen for record in self._registry if record.name in tick.candidates]
+        return self._listened(now_s) and bool(reported) and all(reported)
+
+    # ---------------------------------------------------------------- the mode start
+
+    def decide(self, tick: Tick, final: bool) -> str:
+        """Begin with the controller that was active before, else with the configured one.
+
+        Returns why the tick's command is held instead; empty when the mode has changed, or nothing is decided yet.
+        """
+        machine, name = self._machine, self.controller
+        if not final and name not in tick.candidates:
+            return ""
+        self._correct_command(tick)
+        candidate = tick.candidates.get(name)
+        why_not = "no proposal yet" if candidate is None else candidate.refusal or self._registry.blind(name)
+        if not why_not:
+            reason = f"{name} was active before" if self.was_active else f"{name} is configured to start with"
+            machine.set_target(name)
+            self.was_active = ""
+            machine.fire(Trigger.READY, reason, "start", name)
+            return ""
+        if not tick.fault_excused_reason:
+            # Who was active in mid-weld gets some ticks: after a gap one sensor may be back later than the others.
+            if self.was_active and machine.ticks_in_mode > machine.settings.warm_ticks:
+                self.was_active = ""
+                machine.fire(Trigger.ABANDONED, f"{name} was active before and has no usable proposal", "start")
+                return ""
+            if not self.was_active and (substitute := self._substitute(tick)):
+                machine.fire(Trigger.READY, f"{name} has no usable proposal, {substitute} has", "start", substitute)
+                return ""
+        machine.explain(f"starting: waiting for {name}: {why_not}")
+        return machine.reason
+
+    def _correct_command(self, tick: Tick) -> None:
+        """After a restart: tell the command in force from a disturbance that the drives report, too.
+
+        Who was active proposes at most one move away from the command in force. The plant by itself only lowers the
+        force and keeps the speed; so where the drives report another speed or more force, it is a disturbance.
+        """
+        name, applied = self.was_active, self._in_force.applied
+        candidate = tick.candidates.get(name)
+        if not self._in_force.before_first or candidate is None or not candidate.jump or applied is None:
+            return
+        limits, proposed, force_kn = self._machine.settings.limits, candidate.command, applied.force_kn
+        if force_kn - proposed.force_kn > limits.force_step_kn:
+            force_kn = proposed.force_kn
+        applied = self._begin_from(tick, Command(force_kn, proposed.speed_rpm), f"the drives and {name}")
+        tick.candidates[name] = check(name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits)
+
+    def _substitute(self, tick: Tick) -> str:
+        """Fallback that has proposed well for so long that the configured controller need not be waited for."""
+        settings = self._machine.settings
+        patience = max(settings.readmit_ticks, settings.warm_ticks)
+        for name in settings.fallbacks:
+            record = self._registry.get(name)
+            if record is None or self._registry.why_not_ready(name):
+                continue
+            # Counted without this tick, so that it does not matter which of its messages have arrived.
+            if record.consecutive_good - (name in tick.candidates) >= patience:
+                return name
+        return ""

@@ -1,0 +1,186 @@
+"""The sequence of ticks: each begins with its first stamp, is decided, and ends before the next one."""
+
+from __future__ import annotations
+
+from fsw_control.contract import SENSORS
+from fsw_control.message_synchronizer import StampFilter
+from fsw_control.units import NANOSECONDS
+from fsw_supervisor.arbitration import Arbitration
+from fsw_supervisor.state_machine import Level, Trigger
+from fsw_supervisor.tick import Decision, Tick
+
+#: after so long without measurements the command in force is no longer known [s]
+GAP_S = 1.0
+#: in real time a stamp far away is accepted after so many tick periods in which nothing else has arrived
+_SILENT_TICKS = 2.5
+
+
+class Ticks:
+    """Begins and ends ticks, and collects the commands to be sent.
+
+    Attributes
+    ----------
+    present : Tick or None
+        The present tick; None before the first.
+    last : Decision or None
+        The last command sent, here or by the leader.
+    commands, lost, stalls : int
+        Counts since the start: commands sent, ticks without one, delays of this process.
+    leading : bool
+        Otherwise on standby: every tick is decided, nothing is sent.
+    now_s : float
+        Steady time of the last input.
+    """
+
+    def __init__(self, arbitration: Arbitration) -> None:
+        self.present: Tick | None = None
+        self.last: Decision | None = None
+        self.commands = self.lost = self.stalls = 0
+        self.leading = True
+        self.now_s = 0.0
+        self._arbitration = arbitration
+        self._machine, self._registry = arbitration.machine, arbitration.registry
+        self._in_force, self._lockstep = arbitration.in_force, arbitration.lockstep
+        self._stamps = StampFilter(GAP_S if self._lockstep else _SILENT_TICKS * self._machine.settings.tick_period_s)
+        self._silent = False
+        self._outbox: list[Decision] = []
+
+    @property
+    def measuring(self) -> bool:
+        """Whether measurements come."""
+        return self.present is not None and not self._silent
+
+    @property
+    def wakeup_s(self) -> float | None:
+        """Steady time at which time must be passed on at the latest; None: it need not be."""
+        if self.present is None or self.present.settled:
+            return None
+        return self._arbitration.wakeup_s(self.present, self.now_s)
+
+    def on_stamp(self, source: str, stamp_ns: int, value: float, now_s: float) -> None:
+        """Let a stamp begin a tick, or enter the sample (of a sensor, or of the drives) in the tick it belongs to.
+
+        The controllers' ``MessageSynchronizer`` hands over a tick once it is complete; here it begins with its first
+        sample, because proposals to it arrive meanwhile and the deadline counts from there.
+        """
+        self.pass_time(now_s)
+        newest_ns = self._stamps.newest_ns
+        accepted = self._stamps.offer(source, stamp_ns, value, now_s)
+        if accepted is None:
+            return
+        # Without a jump, a clock that went back a little is caught up with soon.
+        if accepted.jumped or newest_ns is None or stamp_ns > newest_ns:
+            self._begin(stamp_ns)
+        tick = self.present
+        if tick is not None and stamp_ns == tick.stamp_ns:
+            tick.drives = self._in_force.feedback(stamp_ns) or tick.drives
+            for name, sample in accepted.samples.items():
+                if name in SENSORS:
+                    tick.samples.setdefault(name, sample)
+
+    def pass_time(self, now_s: float) -> None:
+        """Note the time, and whether this process was held up itself: then the queues get time to drain."""
+        self.now_s = now_s
+        tick, tolerance_s = self.present, self._machine.settings.stall_tolerance_s
+        if tick is None or tick.settled or tick.stalled:
+            return
+        if now_s > tick.deadline_s + tolerance_s:
+            tick.stalled = True
+            tick.deadline_s = now_s + tolerance_s / 2.0
+            self.stalls += 1
+            self._machine.log(Level.WARN, "arbiter", f"was held up for {now_s - tick.started_s:.3f} s")
+
+    def note_silence(self) -> None:
+        """Report, once, that measurements have stopped."""
+        if self.measuring and not self._lockstep and self._in_gap():
+            self._silent = True
+            self._machine.log(Level.ERROR, "sensors", f"no measurement for {GAP_S:g} s")
+
+    def _in_gap(self) -> bool:
+        """Whether the present tick is so old that the plant or this process was away."""
+        return self.present is not None and self.now_s - self.present.started_s > GAP_S
+
+    def _begin(self, stamp_ns: int) -> None:
+        """End the tick before and begin one: the moment between two ticks."""
+        now_s, past, settings = self.now_s, self.present, self._machine.settings
+        back = past is not None and stamp_ns < past.stamp_ns
+        gap = back if self._lockstep else self._in_gap()
+        if past is not None:
+            self._end(past, gap)
+        self._machine.advance(stamp_ns)
+        if back:
+            self._machine.log(Level.WARN, "clock", "time went back: counting on from there")
+            self._arbitration.safety.forget_time()
+            self._registry.forget_time(stamp_ns)
+        self._silent = False
+        period_s = settings.lockstep_deadline_s if self._lockstep else settings.deadline_s
+        if not self.leading:
+            # The leader decides first.
+            period_s = settings.takeover_s(self._lockstep)
+        tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
+        if gap:
+            self.interrupt("measurements are back after a gap")
+        self._arbitration.start_up.begin(now_s)  # after a gap before the first command listening begins anew
+        self._arbitration.change_between_ticks(now_s)
+        # Before any proposal to it, so that it does not matter which comes first.
+        tick.ready = self._registry.all_ready()
+        self._registry.take_early(tick, now_s)
+
+    def _end(self, tick: Tick, gap: bool) -> None:
+        """Settle a tick that is over: with a command, or after a gap without one."""
+        if not tick.settled and gap:
+            tick.settle()
+            self.lost += 1
+        elif not tick.settled:
+            tick.stalled = True
+            self._advance(final=True)
+        self._registry.close(tick)
+        if not self._arbitration.watch.seen_lately(self.now_s):
+            # Only now, so that it does not depend on the order in which the tick's messages arrive.
+            self._in_force.learn_offsets(tick, self._machine.settings.limits)
+
+    def interrupt(self, reason: str) -> None:
+        """The plant or this process was away: find out again which command is in force."""
+        self._arbitration.start_up.interrupt()
+        if self.present is not None:
+            self.present.previous = None
+        self._machine.log(Level.WARN, "sensors", reason)
+        self._machine.fire(Trigger.INTERRUPTED, reason, "start")
+
+    # ---------------------------------------------------------------- commands
+
+    def decide(self) -> list[Decision]:
+        """Decide the present tick if that can be done now; return all that has to be sent."""
+        self._advance()
+        decisions, self._outbox = self._outbox, []
+        return decisions
+
+    def _advance(self, final: bool = False) -> None:
+        tick = self.present
+        if tick is None or tick.settled:
+            return
+        self._arbitration.decide(tick, self.now_s, final)
+        if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:
+            self.lost += 1
+        if self.leading:
+            self.send()
+
+    def send(self) -> None:
+        """Put the present tick's command into the outbox, unless the tick is answered."""
+        tick = self.present
+        if tick is None or tick.answered or tick.outcome is None or tick.outcome.decision is None:
+            return
+        decision = tick.outcome.decision
+        tick.answered = True
+        self._in_force.on_sent(decision.command)
+        self.last = decision
+        self.commands += 1
+        self._outbox.append(decision)
+        self._arbitration.watch.sent(decision)
+        self._arbitration.operator.on_applied(decision.source, decision.stamp_ns / NANOSECONDS)
+
+    def take_back(self, unsent: list[Decision]) -> None:
+        """Count commands as lost that were decided and must not be sent any more."""
+        self._outbox.clear()
+        self.commands -= len(unsent)
+        self.lost += len(unsent)
