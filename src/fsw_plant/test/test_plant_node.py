@@ -286,9 +286,9 @@ def test_parameters_at_runtime(graph):
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
-        ("limits.force_min_kn", 96.0, "must be below limits.force_max"),
+        ("limits.force_min_kn", 96.0, "must be below force_max"),
         ("scenario", "[{at_s: 0}]", "needs exactly one of"),
-        ("model.dead_time_s", 9.0, "must be 0.1 to 10"),
+        ("model.dead_time_s", 9.0, "outside 0.1 to 10 s"),
         ("model.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
     ):
@@ -337,10 +337,10 @@ def run_plant(graph, *parameters):
     "parameter, words",
     [
         ("speed:=-1.0", "speed"),
-        ("limits.force_min_kn:=96.0", "limits.force_min (96) must be below limits.force_max (95)"),
+        ("limits.force_min_kn:=96.0", "limits: force_min (96) must be below force_max (95)"),
         ("start.temperature_c:=560.0", "beyond the drives' limits"),
         ("scenario:=/nowhere.yaml", "cannot read scenario /nowhere.yaml"),
-        ("model.dead_time_s:=9.0", "'dead_time_s' is 25.2: must be 0.1 to 10"),
+        ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10 s"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):
