@@ -288,7 +288,7 @@ def test_parameters_at_runtime(graph):
     for name, value, words in (
         ("limits.force_min_kn", 96.0, "must be below force_max"),
         ("scenario", "[{at_s: 0}]", "needs exactly one of"),
-        ("model.dead_time_s", 9.0, "outside 0.1 to 10"),
+        ("model.dead_time_s", 9.0, "outside 0.1 to 10 s"),
         ("model.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
     ):
@@ -340,7 +340,7 @@ def run_plant(graph, *parameters):
         ("limits.force_min_kn:=96.0", "limits: force_min (96) must be below force_max (95)"),
         ("start.temperature_c:=560.0", "beyond the drives' limits"),
         ("scenario:=/nowhere.yaml", "cannot read scenario /nowhere.yaml"),
-        ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10"),
+        ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10 s"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):
