@@ -88,7 +88,7 @@ class ControllerRegistry:
         if record is None:
             return f"controller {name} is unknown"
         if record.inhibited:
-            return f"{name} is inhibited: {record.inhibited}"
+            return f"{_inhibited(name)}{record.inhibited}"
         if record.conflicts >= settings.duplicate_ticks:
             return f"{name} is ambiguous: two controllers of this name propose"
         if record.problem:
@@ -141,9 +141,9 @@ class ControllerRegistry:
         return record is not None
 
     def mirror_inhibitions(self, reasons: Mapping[str, str]) -> None:
-        """Inhibit exactly those that another supervisor has inhibited, for its reasons."""
+        """Inhibit exactly those that another supervisor has inhibited, for its reasons (as ``why_not_ready`` says)."""
         for record in self:
-            record.inhibited = reasons.get(record.name, "")
+            record.inhibited = reasons.get(record.name, "").removeprefix(_inhibited(record.name))
 
     def readmit_all(self, who: str) -> None:
         """Let all inhibited controllers take part again."""
@@ -275,3 +275,7 @@ class ControllerRegistry:
         if record.inhibited and 0 < machine.settings.readmit_ticks <= record.consecutive_good:
             record.inhibited = ""
             machine.log(Level.INFO, record.name, f"controller {record.name} is readmitted after good shadow ticks")
+
+
+def _inhibited(name: str) -> str:
+    return f"{name} is inhibited: "

@@ -422,3 +422,6 @@ def test_a_standby_inhibits_exactly_those_that_the_leader_has_inhibited(counted)
     counted.registry.mirror_inhibitions({"b": "the leader says so"})
     assert counted.record.inhibited == ""
     assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
+    for _ in range(2):  # one takes over from the other again and again
+        counted.registry.mirror_inhibitions({"b": counted.registry.why_not_ready("b")})
+    assert counted.registry.why_not_ready("b") == "b is inhibited: the leader says so"
