@@ -233,6 +233,14 @@ def test_reset_service(graph):
     assert not answer.ok and "no equilibrium" in answer.message
 
 
+def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of_a_tick(graph):
+    graph.start(speed=0.0)
+    announced = [publisher.topic_name for publisher in graph.plant.publishers]
+    sensors = {"/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"}
+    first = min(map(announced.index, sensors))
+    assert max(map(announced.index, ("/clock", "/fsw/plant/truth", "/fsw/drives"))) < first
+
+
 def test_first_tick_waits_for_subscribers(graph):
     peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
     graph.until(lambda: peer.report("clock") is not None)
