@@ -26,7 +26,7 @@ from fsw_control.parameters import Source, load, load_source, validate
 from fsw_control.references import ReferencePlan
 from fsw_control.units import NANOSECONDS, kn_from_n, mm_from_m, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
 from fsw_control.validity import SensorGuard, sensor_limits
-from fsw_control.weld import TICK_S
+from fsw_control.weld import TICK_NS, TICK_S
 from fsw_recorder.errors import BagError
 
 #: from the controller's parameters to the controller
@@ -35,7 +35,6 @@ Make = Callable[[dict[str, Any]], Controller]
 Recorded = tuple[float, float, tuple[bool, str] | None]
 Entry = TypeVar("Entry")
 
-_TICK_NS = round(TICK_S * NANOSECONDS)
 #: times above this are of the wall clock
 _REAL_TIME_NS = NANOSECONDS * 10**8
 _INPUTS: dict[str, Kind] = {"axial_force": "number", "spindle_speed": "number"}
@@ -366,7 +365,7 @@ class _Inputs:
         """Whether set-points came in real time for the present tick or at once, not ahead as a programme sends them."""
         coming = [one for one in self._sent if self.came[0] > _REAL_TIME_NS and one.log_ns > self.came[0]]
         newest = self.stamps[np.searchsorted(self.came, [one.log_ns for one in coming]) - 1].tolist()
-        return any(one.stamp_ns <= stamp + _TICK_NS for one, stamp in zip(coming, newest, strict=True))
+        return any(one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True))
 
     def show(
         self,

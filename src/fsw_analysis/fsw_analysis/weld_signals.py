@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fsw_control.units import NANOSECONDS, RAD_PER_S_PER_RPM
-from fsw_control.weld import TICK_S
+from fsw_control.weld import TICK_NS
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -18,14 +18,13 @@ TextArray = npt.NDArray[np.object_]
 
 #: stamps below this are of simulated time, which begins at 0
 _SIMULATED_NS = NANOSECONDS * 10**8
-_TICK_NS = round(TICK_S * NANOSECONDS)
 MM, KN, KW, RPM = 1e3, 1e-3, 1e-3, 1.0 / RAD_PER_S_PER_RPM
 
 
 def experiment_time_s(stamp_ns: IntArray) -> FloatArray:
     """Time of each tick on the scenario's clock: the stamp in simulated time, else the first tick is at 0.1 s."""
     simulated = stamp_ns.size and stamp_ns[0] < _SIMULATED_NS
-    since_ns = stamp_ns - (0 if simulated else stamp_ns[:1] - _TICK_NS)
+    since_ns = stamp_ns - (0 if simulated else stamp_ns[:1] - TICK_NS)
     return since_ns.astype(np.float64) * 1e-9
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from fsw_control.contract import Coming, Reference
 from fsw_control.units import NANOSECONDS
-from fsw_control.weld import TICK_S
+from fsw_control.weld import TICK_NS
 
 #: longest time that a reference may be sent ahead; a stamp further away comes from another clock
 OTHER_CLOCK_NS = 36_000 * NANOSECONDS
@@ -20,7 +20,6 @@ OWN_CLOCK_NS = 5 * NANOSECONDS
 MOST_COMING = 8
 #: longest tread of a stair by which a ramp or sine is announced
 STAIR_S = 1.05
-_TICK_NS = round(TICK_S * NANOSECONDS)
 
 
 class _Issued(NamedTuple):
@@ -155,7 +154,7 @@ class ReferenceQueue:
     def _is_void(self, stamp_ns: int, reference: Reference, issued_ns: int) -> bool:
         """Whether one with this place in the order would hold at no tick, as a newer one holds or begins no later."""
         place = (issued_ns, (reference.depth_mm, reference.temperature_c))
-        begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + _TICK_NS)
+        begins_ns = max(stamp_ns, 0 if self._tick_ns is None else self._tick_ns + TICK_NS)
         return place < (self.issued_ns, self._values) or any(
             place < (one.issued_ns, one.values) and one.stamp_ns <= begins_ns for one in self._waiting
         )

@@ -1,13 +1,12 @@
 """Plant emulator: the weld as its controllers and operators meet it."""
 
 from fsw_plant.config import PlantConfig
-from fsw_plant.emulator import FIRST_TICK, TICK_NS, PlantEmulator, Reading, Truth
+from fsw_plant.emulator import FIRST_TICK, PlantEmulator, Reading, Truth
 from fsw_plant.events import PlantEvent
 from fsw_plant.schedule import PlantSchedule
 
 __all__ = [
     "FIRST_TICK",
-    "TICK_NS",
     "PlantConfig",
     "PlantEmulator",
     "PlantEvent",

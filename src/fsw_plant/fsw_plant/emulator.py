@@ -36,7 +36,6 @@ from fsw_plant.schedule import PlantSchedule
 from fsw_plant.sensors import Sensor
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
-TICK_NS = 100_000_000
 FIRST_TICK = 1
 
 
@@ -162,7 +161,7 @@ class PlantEmulator:
         if self.schedule.events:
             for event in self.schedule.due(self.time_s):
                 self._begin(event)
-        stamp = self.tick * TICK_NS if stamp_ns is None else stamp_ns
+        stamp = self.tick * weld.TICK_NS if stamp_ns is None else stamp_ns
         outputs, drop_nm_per_rpm = self._outputs, self.config["sensors.torque_drop_nm_per_rpm"]
         drop_nm = drop_nm_per_rpm * (self._acting.speed_rpm - weld.SPEED_RPM)
         shown = (
@@ -256,7 +255,7 @@ class PlantEmulator:
         outputs = self._outputs
         depth_disturbance, temperature_disturbance = self._disturbance("depth"), self._disturbance("temperature")
         return Truth(  # by position, which takes half the time
-            self.tick * TICK_NS if self._reading is None else self._reading.stamp_ns,
+            self.tick * weld.TICK_NS if self._reading is None else self._reading.stamp_ns,
             outputs.depth_mm + depth_disturbance,
             outputs.temperature_c + temperature_disturbance,
             outputs.copper_temperature_c,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import copysign
 
-from fsw_plant.emulator import TICK_NS
+from fsw_control.weld import TICK_NS
 
 #: Distance of a stamp from the wall clock at which it is drawn back towards it, and at which it jumps to it.
 DRAW_NS = 5_000_000

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from fsw_control import Command
 from fsw_control.parameters import ParameterError
+from fsw_control.weld import TICK_NS
 from fsw_model import OperatingPointError, ProcessModel
-from fsw_plant import FIRST_TICK, TICK_NS, PlantConfig, PlantEmulator, PlantSchedule
+from fsw_plant import FIRST_TICK, PlantConfig, PlantEmulator, PlantSchedule
 
 
 def plant_of(**values):
