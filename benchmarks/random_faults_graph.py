@@ -147,7 +147,7 @@ class FaultyGraph(Spinner):
         codes = self._launcher.stop()
         for name, code in codes.items():
             if code:
-                print(f"{name} has ended with {code}: {self._launcher.children[name].last_words()}", flush=True)
+                print(f"{name} has ended with {code}: {self._launcher.children[name].last_lines()}", flush=True)
         return codes
 
     def start_over(self, patience_s: float) -> bool:

@@ -116,7 +116,7 @@ def parameters() -> dict[str, str]:
 def tuning_file() -> str:
     """Fields of the NMPC's tuning file."""
     presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
-    meaning = attributes(Tuning) | {f"estimator.{name}": text for name, text in attributes(EstimatorTuning).items()}
+    meaning = meanings(Tuning) | {f"estimator.{name}": text for name, text in meanings(EstimatorTuning).items()}
     rows = []
     for name, text in meaning.items():
         if name != "estimator":
@@ -131,21 +131,10 @@ def tuning_file() -> str:
     )
 
 
-def attributes(kind: type[Model]) -> dict[str, str]:
-    """What the docstring of a model says of each field; its first line where it says nothing."""
-    summary = (kind.__doc__ or "").split("\n")[0]
-    found = dict.fromkeys(kind.model_fields, "")
-    names: list[str] = []
-    for line in (kind.__doc__ or "").splitlines():
-        head = re.fullmatch(r"    (\w+(?:, \w+)*) : .*", line)
-        if head:
-            names = head[1].split(", ")
-        elif line.startswith("        "):
-            for name in names:
-                found[name] = f"{found[name]} {line.strip()}".strip().replace("``", "`")
-        else:
-            names = []
-    return {name: text or summary for name, text in found.items()}
+def meanings(model: type[Model]) -> dict[str, str]:
+    """What a model says of each field; its own description where it says nothing."""
+    summary = (model.__doc__ or "").split("\n")[0]
+    return {name: (field.description or summary).replace("``", "`") for name, field in model.model_fields.items()}
 
 
 def messages() -> str:

@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, bound in found.items():
         figures = [f"{figure:.4g}" for figure in (bound["alone"], *bound["joint"])]
         rows.append([name, EVENTS[name].size, *figures, "" if bound["solved"] else "not solved"])
-    print_table(rows, ("event", "size", "least IAE", "both: mm s", "degC s", ""), numbers=True)
+    print_table(rows, ("event", "size", "least IAE", "both: mm s", "degC s", ""), words=1)
     if parsed.json is not None:
         parsed.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 0

@@ -32,7 +32,7 @@ MISMATCH = {
 def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dict[str, float]]:
     """Print gains, figures with targets, and the check against mismatch, side by side; return the figures."""
     rows = [[name, *(f"{getattr(gains, name):g}" for gains in sets.values())] for name in Gains.model_fields]
-    print_table(rows, ["gain", *sets], numbers=True)
+    print_table(rows, ["gain", *sets], words=1)
     figures = {name: robustness(gains, parameters) | errors(gains, parameters) for name, gains in sets.items()}
     most = {name: BOUNDS[name] | TARGETS[name] for name in sets}
     rows = []
@@ -40,13 +40,13 @@ def report(sets: dict[str, Gains], parameters: ModelParameters) -> dict[str, dic
         limits = {name: f" ({most[name][key]:g})" if key in most[name] else "" for name in sets}
         rows.append([key, *(f"{found[key]:.4g}{limits[name]}" for name, found in figures.items())])
     print()
-    print_table(rows, ["figure", *(f"{name} (most)" for name in sets)], numbers=True)
+    print_table(rows, ["figure", *(f"{name} (most)" for name in sets)], words=1)
     print("\nMs of depth / temperature, IAE in mm s / degC s with disturbances")
     rows = []
     for label, factors in MISMATCH.items():
         other = parameters.scaled(**factors)
         rows.append([label, *(_on_other_process(gains, other) for gains in sets.values())])
-    print_table(rows, ["process", *sets], numbers=True)
+    print_table(rows, ["process", *sets], words=1)
     return figures
 
 

@@ -69,7 +69,7 @@ class MachineWeld(Spinner):
 
     def seen(self):
         reports = {name: status.message for name, status in self.reports.items()}
-        logs = {name: child.last_words() for name, child in self.launcher.children.items()}
+        logs = {name: child.last_lines() for name, child in self.launcher.children.items()}
         return f"reports: {reports}; logs: {logs}"
 
     # ---- what is done
@@ -83,7 +83,7 @@ class MachineWeld(Spinner):
         process = self.launcher.children[name].process
         process.send_signal(number)
         code = process.wait(20.0)
-        assert number == signal.SIGKILL or code == 0, self.launcher.children[name].last_words()
+        assert number == signal.SIGKILL or code == 0, self.launcher.children[name].last_lines()
 
     def refer(self, depth_mm):
         self.references.publish(convert.reference_message(Reference(depth_mm, weld.TEMPERATURE_C), 0))

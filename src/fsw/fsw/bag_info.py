@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fsw.bags import DAMAGED_TOO, add_bag_command
+from fsw.console import print_table
 from fsw.progress import ProgressBar
 from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_control.units import NANOSECONDS
@@ -29,7 +30,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_info_values(info, ticks.gaps()), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(_info_lines(info, ticks.gaps())))
+        _print(info, ticks.gaps())
     return 0
 
 
@@ -61,29 +62,31 @@ def _info_values(info: BagInfo, gaps: dict[str, TickGaps]) -> dict[str, Any]:
     }
 
 
-def _info_lines(info: BagInfo, gaps: dict[str, TickGaps]) -> list[str]:
-    lines = [
-        f"Bag:          {info.path}",
-        f"Files:        {', '.join(info.files)} ({info.size_bytes / _KIB:.1f} KiB, {info.storage})",
+def _print(info: BagInfo, gaps: dict[str, TickGaps]) -> None:
+    rows = [
+        ("Bag", str(info.path)),
+        ("Files", f"{', '.join(info.files)} ({info.size_bytes / _KIB:.1f} KiB, {info.storage})"),
     ]
     if info.message_count:
-        lines += [f"Start:        {_when(info.start_ns)}", f"End:          {_when(info.end_ns)}"]
-    lines += [f"Duration:     {info.duration_s:.3f} s", f"Messages:     {info.message_count}"]
-    lines += [f"Attachment:   {one.name} ({len(one.data)} bytes)" for one in info.attachments]
-    lines += [f"Custom data:  {key}: {value}" for key, value in info.custom_data.items()]
-    lines += [f"Problem:      {problem}" for problem in info.problems]
-    width = max([len(topic.name) for topic in info.topics], default=0)
+        rows += [("Start", _when(info.start_ns)), ("End", _when(info.end_ns))]
+    rows += [("Duration", f"{info.duration_s:.3f} s"), ("Messages", str(info.message_count))]
+    rows += [("Attachment", f"{one.name} ({len(one.data)} bytes)") for one in info.attachments]
+    rows += [("Custom data", f"{key}: {value}") for key, value in info.custom_data.items()]
+    rows += [("Problem", problem) for problem in info.problems]
+    for name, gap in sorted(gaps.items()):
+        if gap.missing:
+            first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
+            rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
+    if gaps and not any(gap.missing for gap in gaps.values()):
+        rows.append(("Ticks", f"none missing on {len(gaps)} topics, judged by their stamps"))
+    print_table(rows)
+    print()
+    topics = []
     for topic in info.topics:
         count = info.counts.get(topic.name, 0)
-        rate = f"{(count - 1) / info.duration_s:8.2f} Hz" if count > 1 and info.duration_s else " " * 11
-        lines.append(f"Topic:        {topic.name:{width}}  {count:8d}  {rate}  {topic.type_name}")
-    lacking = {name: one for name, one in sorted(gaps.items()) if one.missing}
-    if gaps and not lacking:
-        lines.append(f"Ticks:        none missing on {len(gaps)} topics, judged by their stamps")
-    for name, one in lacking.items():
-        text = f"missing (not sent or lost), first of stamp {one.first_ns * 1e-9:.3f} s"
-        lines.append(f"Ticks:        {name:{width}}  {one.missing:8d}  {text}")
-    return lines
+        rate = f"{(count - 1) / info.duration_s:.2f}" if count > 1 and info.duration_s else ""
+        topics.append((topic.name, topic.type_name, str(count), rate))
+    print_table(topics, ("topic", "type", "messages", "rate [Hz]"), words=2)
 
 
 def _when(time_ns: int) -> str:

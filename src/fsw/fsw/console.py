@@ -12,20 +12,19 @@ from rich.text import Text
 _ANY_WIDTH = 10_000
 
 
-def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), numbers: bool = False) -> None:
+def print_table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), words: int | None = None) -> None:
     """Print columns; plain text of any width where stdout is no terminal.
 
     Parameters
     ----------
     rows : sequence of sequence of str
     header : sequence of str, optional
-    numbers : bool
-        Whether all columns but the first are aligned right.
+    words : int, optional
+        Number of columns of words; those after them are numbers, aligned right.
     """
     table = Table(box=None, pad_edge=False, show_header=bool(header), padding=(0, 2, 0, 0))
-    for column in range(len(header or rows[0]) if header or rows else 0):
-        title = header[column] if header else ""
-        table.add_column(title, justify="right" if numbers and column else "left", overflow="fold")
+    for i, title in enumerate(header or [""] * len(rows[0])):
+        table.add_column(title, justify="right" if words is not None and i >= words else "left", overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))
     console = Console(highlight=False)

@@ -29,5 +29,5 @@ def _run(arguments: argparse.Namespace) -> int:
         )
         for one in response.controllers
     ]
-    print_table(rows, header)
+    print_table(rows, header, words=2)
     return 0

@@ -78,7 +78,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     result = _identify(arguments)
     for rows in (summary.parameter_rows(result), summary.output_rows(result)):
-        print_table(rows[1:], rows[0], numbers=True)
+        print_table(rows[1:], rows[0], words=1)
         print()
     print("".join(f"- {line}\n" for line in summary.remarks(result)), end="")
     write_text(arguments.out, model_file.text(result.fit, result.sources, result.air))
@@ -124,7 +124,7 @@ def _design(arguments: argparse.Namespace) -> int:
     with ProgressBar("trying experiments") as bar:
         found = propose(duration_s, not arguments.open_loop, model, progress=bar)
     rows = [(name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}") for name, d in found.deviations.items()]
-    print_table(rows, ("parameter", "expected std", "[%]"), numbers=True)
+    print_table(rows, ("parameter", "expected std", "[%]"), words=1)
     print(
         f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
         f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"

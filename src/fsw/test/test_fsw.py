@@ -130,7 +130,7 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
         ("status", ("0.1 to 600 s",)),
     ],
 )
-def test_help_tells_units_and_ranges(capsys, command, words):
+def test_help_lists_units_and_ranges(capsys, command, words):
     code, printed, _ = run(capsys, command, "--help")
     assert code == 0
     text = " ".join(printed.split())
@@ -162,7 +162,7 @@ OVERWRITING = [
 
 
 @pytest.mark.parametrize("arguments", OVERWRITING, ids=" ".join)
-def test_no_file_is_replaced_without_being_told(capsys, tmp_path, arguments):
+def test_no_file_is_replaced_without_force(capsys, tmp_path, arguments):
     write_sample_weld(tmp_path / "bag", 50)
     files = [tmp_path / name for name in ("precious", "precious.csv", "precious.png", "precious.md", "overview.png")]
     for file in files:
@@ -195,7 +195,7 @@ def test_a_name_that_the_system_refuses(capsys, tmp_path):
     assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
 
 
-def test_a_wrong_environment_is_told_in_one_line(capsys, monkeypatch):
+def test_a_wrong_environment_is_one_line(capsys, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     code, _, error = run(capsys, "status", "--timeout", "0.1")
     assert code == 1 and error.startswith("error: ") and error.count("\n") == 1 and "ROS_DOMAIN_ID" in error

@@ -1,6 +1,7 @@
 """The bag commands: their output, their errors, their exit codes."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +24,7 @@ def run(*arguments: str) -> int:
 def test_info(genuine_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("info", str(genuine_bag)) == 0
     out = capsys.readouterr().out
-    assert "Messages:     177" in out and "/demo/latched" in out and "Problem" not in out
+    assert re.search("Messages +177", out) and "/demo/latched" in out and "Problem" not in out
 
 
 def test_info_as_json(weld_bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,10 +114,10 @@ def test_info_tells_missing_ticks(weld_bag: Path, tmp_path: Path, capsys: pytest
             if record.topic != "/fsw/depth" or not 100 < depth <= 107:
                 writer.write(record.topic, record.data, record.log_time_ns, record.publish_time_ns)
     assert run("info", str(weld_bag)) == 0
-    assert "Ticks:        none missing" in capsys.readouterr().out
+    assert re.search("Ticks +none missing", capsys.readouterr().out)
     assert run("info", str(tmp_path / "gaps")) == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Ticks:")]
-    assert len(lines) == 1 and "/fsw/depth" in lines[0] and " 7  missing" in lines[0]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Ticks")]
+    assert len(lines) == 1 and "/fsw/depth: 7 missing" in lines[0]
 
 
 @pytest.mark.parametrize("command", ["info", "recover", "export"])

@@ -133,7 +133,7 @@ ERRORS = [
     ("nmpc", ["--model", "brief.yaml"], "the NMPC needs at least 0.9 s"),
     ("nmpc", ["--model", "unknown.yaml"], "gain is an unknown key"),
     ("nmpc", ["--tuning", "missing.yaml"], "cannot read tuning_file missing.yaml"),
-    ("nmpc", ["--parameter", "force_min=99"], "force_min must be below force_max"),
+    ("nmpc", ["--parameter", "force_min=99"], "force_min (99) must be below force_max"),
     ("nmpc", ["--parameter", "solver=reference"], "solver must be rti"),
     ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),

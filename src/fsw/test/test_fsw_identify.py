@@ -108,8 +108,8 @@ def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     )
     out = tmp_path / "experiment.yaml"
     assert main(["identify", "--design", "--duration", "90", "--out", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "thermal_gain_c_per_kw" in told and "open loop" not in told
+    printed = capsys.readouterr().out
+    assert "thermal_gain_c_per_kw" in printed and "open loop" not in printed
     assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
     assert "on a process unlike the model they drift far beyond" in capsys.readouterr().out
     scenario = scenario_file.load(str(out))

@@ -20,7 +20,7 @@ def domain(tmp_path_factory):
 
 
 @pytest.fixture
-def told(domain, monkeypatch, capsys):
+def param(domain, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
 
     def run(*words):
@@ -31,16 +31,16 @@ def told(domain, monkeypatch, capsys):
     return run
 
 
-def test_list_get_and_set(told):
-    code, text = told("list", NODE)
+def test_list_get_and_set(param):
+    code, text = param("list", NODE)
     assert (
         code == 0
         and re.search(r"\ndepth_gain +-1.0 +Proportional gain", text)
         and re.search(r"\ntuning +conservative", text)
     )
-    assert told("set", NODE, "depth_gain", "1e2") == (0, "depth_gain: 100.0\n")
-    assert told("get", f"/{NODE}", "depth_gain") == (0, "depth_gain: 100.0\n")
-    assert told("set", NODE, "tuning", "tight") == (0, "tuning: tight\n")
+    assert param("set", NODE, "depth_gain", "1e2") == (0, "depth_gain: 100.0\n")
+    assert param("get", f"/{NODE}", "depth_gain") == (0, "depth_gain: 100.0\n")
+    assert param("set", NODE, "tuning", "tight") == (0, "tuning: tight\n")
 
 
 @pytest.mark.parametrize(
@@ -56,8 +56,8 @@ def test_list_get_and_set(told):
         (("list", "a node"), "not the name of a node"),
     ],
 )
-def test_what_is_refused(told, words, said):
-    code, text = told(*words)
+def test_what_is_refused(param, words, said):
+    code, text = param(*words)
     assert code == 1 and said in text and text.startswith("error: ") and text.count("\n") == 1
 
 

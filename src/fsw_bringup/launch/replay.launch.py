@@ -26,7 +26,8 @@ ARGUMENTS = {
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),
     "log_level": ("info", "Log level of all nodes"),
 }
-CHOICES = {"start_paused": ["true", "false"]}
+TRUE, FALSE = ("true", "True"), ("false", "False")
+CHOICES = {"start_paused": [*TRUE, *FALSE]}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -70,7 +71,7 @@ def replay(context: LaunchContext) -> list[Any]:
     player = {
         "bag": ParameterValue(str(bag), value_type=str),
         "rate": _rate(arguments["rate"]),
-        "start_paused": arguments["start_paused"] == "true",
+        "start_paused": arguments["start_paused"] in TRUE,
         **({"wait_for": SENSORS} if shadows else {}),
     }
     over = [Shutdown(reason="the player has ended")]

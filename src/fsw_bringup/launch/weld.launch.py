@@ -51,7 +51,9 @@ ARGUMENTS = {
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
     "log_level": ("info", "Log level of all nodes"),
 }
-CHOICES = {name: ["true", "false"] for name in ("record", "hmi", "realtime")} | {"standby": ["", "true", "false"]}
+TRUE, FALSE = ("true", "True"), ("false", "False")
+FLAG = [*TRUE, *FALSE]
+CHOICES = {"record": FLAG, "hmi": FLAG, "realtime": FLAG, "standby": ["", *FLAG]}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -80,9 +82,9 @@ def weld(context: LaunchContext) -> list[Any]:
     controllers = list(variants)
     if not controllers:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
-    record = arguments["record"] == "true"
-    speed = _speed(arguments["realtime"] == "true", arguments["speed"])
-    standby = speed is None if arguments["standby"] == "" else arguments["standby"] == "true"
+    record = arguments["record"] in TRUE
+    speed = _speed(arguments["realtime"] in TRUE, arguments["speed"])
+    standby = speed is None if arguments["standby"] == "" else arguments["standby"] in TRUE
     folder = Path(launch_config.log_dir)
     scenario = _scenario(arguments["scenario"], controllers[0])
     machine = _machine_file(arguments["machine"], speed, scenario)
@@ -105,7 +107,7 @@ def weld(context: LaunchContext) -> list[Any]:
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
-    if arguments["hmi"] == "true":
+    if arguments["hmi"] in TRUE:
         actions.append(node("fsw_hmi", "hmi", **_respawn()))
     if machine:
         actions.append(node("fsw_machine", "machine", **_respawn()))

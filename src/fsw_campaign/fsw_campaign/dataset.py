@@ -21,6 +21,7 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
+from fsw_control.schema import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
@@ -55,6 +56,12 @@ def schema(campaign: Campaign) -> pa.Schema:
         columns += [(name, pa.float64()) for name in names]
     columns += [(name, pa.float64()) for name in (*_COUNTS, *ROWS, *TIMES)]
     return pa.schema([*columns, ("versions", _TEXT), ("events", pa.list_(_EVENT))])
+
+
+class _Manifest(Model):
+    digest: str
+    versions: str
+    campaign: dict[str, Any]
 
 
 class Dataset:
@@ -96,9 +103,9 @@ class Dataset:
             for left in (folder / _WELDS).glob(".*.tmp"):
                 left.unlink()
             if not manifest.exists():
-                content = yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True)
-                _write(folder / SCENARIO, content)
-                _write(manifest, json.dumps(_manifest(campaign), indent=1))
+                _write(folder / SCENARIO, yaml.safe_dump(campaign.scenario, sort_keys=False, allow_unicode=True))
+                content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
+                _write(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
             raise CampaignError(f"folder {folder} is being written to by another run; wait for its end") from None
         except OSError as error:
@@ -111,17 +118,17 @@ class Dataset:
 
     def _check(self, resume: bool) -> None:
         """Refuse another campaign's folder, and the same campaign's without ``resume``."""
-        manifest, campaign = read_manifest(self.folder), self.campaign
-        if manifest["digest"] != campaign.digest:
+        manifest, campaign = _read_manifest(self.folder), self.campaign
+        if manifest.digest != campaign.digest:
             raise CampaignError(
-                f"folder {self.folder} has another campaign ({manifest['campaign']['name']}, {manifest['digest']}; "
+                f"folder {self.folder} has another campaign ({manifest.campaign['name']}, {manifest.digest}; "
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
         if not resume and _parts(self.folder):
             raise CampaignError(f"folder {self.folder} has welds of this campaign; go on with --resume")
-        if manifest["versions"] != versions():
+        if manifest.versions != versions():
             raise CampaignError(
-                f"folder {self.folder} was begun with other software ({manifest['versions']}; this is {versions()}); "
+                f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
                 "choose another --out"
             )
 
@@ -169,23 +176,9 @@ class Dataset:
             self._lock.close()
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """What the folder of a campaign says of it: ``digest``, ``versions`` and ``campaign``.
-
-    Raises
-    ------
-    CampaignError
-        If it is no campaign's.
-    """
-    try:
-        found: dict[str, Any] = json.loads((folder / _MANIFEST).read_text(encoding="utf-8"))
-        if {"digest", "versions", "campaign"} - found.keys():
-            raise ValueError("entries are missing")
-    except OSError as error:
-        raise CampaignError(f"{folder} is no folder of a campaign: {_MANIFEST}: {error.strerror}") from None
-    except ValueError as error:
-        raise CampaignError(f"{folder / _MANIFEST} is damaged: {error}") from None
-    return found
+def _read_manifest(folder: Path) -> _Manifest:
+    file = folder / _MANIFEST
+    return validate(_Manifest, content_of(read_text(file, "campaign"), str(file)), str(file))
 
 
 def load(folder: Path) -> tuple[Campaign, pa.Table]:
@@ -193,10 +186,10 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
 
     Raises
     ------
-    CampaignError
-        If it is no campaign's, or without rows, or damaged.
+    ValueError
+        If it is not a campaign's, or without rows, or damaged.
     """
-    campaign = definition.read(read_manifest(folder)["campaign"], str(folder / _MANIFEST))
+    campaign = definition.read(_read_manifest(folder).campaign, str(folder / _MANIFEST))
     parts = _parts(folder)
     if not parts:
         raise CampaignError(f"{folder} has no welds yet")
@@ -204,10 +197,6 @@ def load(folder: Path) -> tuple[Campaign, pa.Table]:
     keys = zip(table["index"].to_pylist(), table["controller"].to_pylist(), strict=True)
     _, first = np.unique([f"{index:010d} {label}" for index, label in keys], return_index=True)
     return campaign, table.take(first)
-
-
-def _manifest(campaign: Campaign) -> dict[str, Any]:
-    return {"digest": campaign.digest, "versions": versions(), "campaign": json.loads(campaign.text)}
 
 
 def _parts(folder: Path) -> list[Path]:

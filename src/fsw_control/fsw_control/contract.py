@@ -6,7 +6,7 @@ Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times c
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, NamedTuple, Protocol, get_args, runtime_checkable
 
 from fsw_control import weld
@@ -108,6 +108,11 @@ class Limits:
         """Limits from the parameters of a controller."""
         names = ("force_min", "force_max", "speed_min", "speed_max", "force_step", "speed_step")
         return cls(*(values[name] for name in names))
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Limits:
+        """Limits from the parameters ``limits.*`` of a node."""
+        return cls(**{item.name: values[f"limits.{item.name}"] for item in fields(cls)})
 
     def clip(self, wanted: Command, previous: Command | None) -> Command:
         """Nearest command inside the bounds and within one step of ``previous`` (rates win over bounds)."""

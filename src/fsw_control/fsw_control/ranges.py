@@ -28,7 +28,7 @@ class Range:
         return f"{shown} is outside {self}"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import PydanticCustomError, core_schema  # whoever only needs the numbers does without
+        from pydantic_core import PydanticCustomError, core_schema  # only models need it
 
         def check(value: Any) -> Any:
             if isinstance(value, bool) or not isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""What a process tells the one that started it: a small JSON file, always replaced as a whole."""
+"""The status of a process for the one that started it: a small JSON file, always replaced as a whole."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-#: environment variable with the file's path, set by whoever wants to know
+#: environment variable with the file's path, set by the process that starts another
 VARIABLE = "FSW_STATUS_FILE"
 
 
 def write_status(**values: Any) -> None:
-    """Tell the process that started this one, if it has asked; what was told before is replaced."""
+    """Replace the status, where the process that started this one has named a file."""
     path = os.environ.get(VARIABLE)
     if path is None:
         return
@@ -24,9 +24,9 @@ def write_status(**values: Any) -> None:
 
 
 def read_status(path: Path) -> dict[str, Any]:
-    """What was told last; empty before the first time."""
+    """The last status; empty before the first."""
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        status: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    return found
+    return status

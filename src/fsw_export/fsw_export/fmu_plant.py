@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
-import casadi as ca
-
 from fsw_control import weld
 from fsw_control.parameters import validate
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
 from fsw_export.templates import render
 from fsw_model import ProcessModel, equations
+from fsw_nmpc.kernel_codegen import c_text
 from fsw_plant import PlantEmulator, config
 
 #: parameters of the plant that the FMU has as its own
@@ -76,12 +72,6 @@ def process_code(process: ProcessModel) -> dict[str, str]:
     """``process.c``, the step and the outputs of the process by CasADi, and ``process.h`` with its numbers."""
     p = process.parameters
     functions = [process.step_function, process.output_function]
-    generator = ca.CodeGenerator("process", {"casadi_int": "int", "casadi_real": "double", "with_header": False})
-    for function in functions:
-        generator.add(function)
-    with tempfile.TemporaryDirectory() as made:
-        generator.generate(made + "/")
-        text = (Path(made) / "process.c").read_text(encoding="utf-8")
     numbers: dict[str, float] = {
         "PROCESS_STATES": equations.N_STATES,
         "PROCESS_POWER": equations.N_POWER,
@@ -99,4 +89,4 @@ def process_code(process: ProcessModel) -> dict[str, str]:
         for size in ("arg", "res", "iw", "w"):
             numbers[f"{function.name().upper()}_{size.upper()}"] = getattr(function, f"sz_{size}")()
     header = render("process.h", numbers=numbers, functions=[function.name() for function in functions])
-    return {"process.c": text, "process.h": header}
+    return {"process.c": c_text("process", *functions), "process.h": header}

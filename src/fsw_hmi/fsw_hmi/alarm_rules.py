@@ -17,8 +17,8 @@ _NO_TICK_S, _NO_SAMPLE_S, NO_REPORT_S = 0.5, 0.5, 3.5
 _NOT_READY_S = 3.0
 #: how far a value must come back inside its quality limits, chosen
 _BACK_MM, _BACK_C = 0.02, 2.0
-#: parts, behind the name of their node, that other rules tell better
-_TOLD_OTHERWISE = ("controller", "process", "arbiter")
+#: parts, behind the name of their node, that other rules cover
+_OTHER_RULES = ("controller", "process", "arbiter")
 
 _INTERLOCKS = {
     "temperature_low": ("Temperature too low", "Look for the cause; raise the temperature's set-point"),
@@ -134,7 +134,7 @@ class AlarmRules:
         for name, part in now.parts.items():
             node, _, what = name.partition(": ")
             reporting[node] = reporting.get(node, False) or part.level != "stale"
-            if part.level == "error" and not what.startswith(_TOLD_OTHERWISE):
+            if part.level == "error" and not what.startswith(_OTHER_RULES):
                 found[f"part:{name}"] = _alarm("part_error", name=name, why=part.text)
         for node, reports in reporting.items():
             if not reports:

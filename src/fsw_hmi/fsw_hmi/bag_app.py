@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gzip
 import json
 import signal
 import sys
@@ -23,23 +22,9 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web_server import address, application, listen, server
 from fsw_recorder.errors import BagError
 
-_COMPRESSION = 6
 
-
-class _Json:
-    """An answer that never changes, encoded once."""
-
-    def __init__(self, content: Any) -> None:
-        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-        self._packed = gzip.compress(text.encode(), _COMPRESSION)
-
-    def answer(self, request: Request) -> Response:
-        """The answer, packed for all that can unpack it."""
-        headers = {"Vary": "Accept-Encoding"}
-        if "gzip" not in request.headers.get("accept-encoding", "").lower():
-            return Response(gzip.decompress(self._packed), media_type="application/json", headers=headers)
-        headers["Content-Encoding"] = "gzip"
-        return Response(self._packed, media_type="application/json", headers=headers)
+def _encoded(content: Any) -> bytes:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
 
 
 class BagPage:
@@ -54,21 +39,21 @@ class BagPage:
     def __init__(self, files: PageFiles, views: Sequence[BagView]) -> None:
         self._files = files
         bags = [{"n": n, **view.summary} for n, view in enumerate(views)]
-        self._list = _Json({"build": files.build, "bags": bags, "limits": views[0].limits})
-        self._bags = [_Json({"columns": view.columns, "rows": view.rows}) for view in views]
+        self._list = _encoded({"build": files.build, "bags": bags, "limits": views[0].limits})
+        self._bags = [_encoded({"columns": view.columns, "rows": view.rows}) for view in views]
 
     def routes(self) -> list[BaseRoute]:
         """Routes of the application."""
         return [*self._files.routes(), Route("/bags", self._on_list), Route("/bags/{n:int}", self._on_bag)]
 
-    async def _on_list(self, request: Request) -> Response:
-        return self._list.answer(request)
+    async def _on_list(self, _: Request) -> Response:
+        return Response(self._list, media_type="application/json")
 
     async def _on_bag(self, request: Request) -> Response:
         n = int(request.path_params["n"])
         if n >= len(self._bags):
             return PlainTextResponse(f"there is no bag {n}; /bags tells which there are\n", status_code=404)
-        return self._bags[n].answer(request)
+        return Response(self._bags[n], media_type="application/json")
 
 
 def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str]) -> int:

@@ -11,27 +11,18 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi.frames import short
 from fsw_msgs.msg import ControllerHealth, Prediction, SupervisorState, WeldProgress
 
+_WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by")
 #: before the supervisor has reported
 NO_STATE: dict[str, Any] = {
-    **dict.fromkeys(
-        ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by"), ""
-    ),
-    "since_s": None,
-    "controllers": [],
-    "interlocks": [],
-    "acknowledged": False,
+    **dict.fromkeys(_WORDS, ""),
+    **{"since_s": None, "controllers": [], "interlocks": [], "acknowledged": False},
 }
 
 
 def state(message: SupervisorState) -> dict[str, Any]:
     """The supervisor's state."""
     return {
-        "target_controller": message.target_controller,
-        "actual_controller": message.actual_controller,
-        "target_mode": message.target_mode,
-        "actual_mode": message.actual_mode,
-        "reason": message.reason,
-        "requested_by": message.requested_by,
+        **{name: getattr(message, name) for name in _WORDS},
         "since_s": convert.stamp_ns(message.since) / NANOSECONDS,
         "controllers": [_controller(one) for one in message.controllers],
         "interlocks": list(message.interlocks),

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
@@ -78,7 +79,8 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
     """
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
-    return Security(TrustedHostMiddleware(Starlette(routes=list(routes)), allowed, www_redirect=False))
+    packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
+    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False))
 
 
 class _Connection(H11Protocol):

@@ -77,7 +77,7 @@ def test_bags_and_rows_are_packed_for_those_who_can_unpack_them(get: Get) -> Non
 
 
 def test_the_page_learns_what_it_shows(get: Get) -> None:
-    assert b'content="bag"' in get("/")[2]
+    assert b'content="bag"' in get("/", encoding="")[2]
 
 
 @pytest.mark.parametrize("path", ["/bags/1", "/bags/-1", "/bags/x", "/bags/0/1", "/ws"])

@@ -144,7 +144,7 @@ def test_estimate_with_its_deviations() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_two_welds_tell_more_than_one() -> None:
+def test_two_welds_are_more_informative_than_one() -> None:
     segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
     one, both = estimation.identify(segments[:1]), estimation.identify(segments)
     assert both.std["thermal_gain_c_per_kw"] < 0.9 * one.std["thermal_gain_c_per_kw"]
@@ -152,7 +152,7 @@ def test_two_welds_tell_more_than_one() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_shifts_are_told_and_do_not_bias() -> None:
+def test_shifts_are_found_and_do_not_bias() -> None:
     signals = weld()
     signals.depth_mm[700:] += 0.05
     signals.torque_nm[400:600] += 15.0
@@ -185,7 +185,7 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_slow_disturbance_is_told_and_does_not_bias() -> None:
+def test_slow_disturbance_is_found_and_does_not_bias() -> None:
     signals = weld()
     signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
     fit = estimation.identify([only(signals)])
@@ -194,7 +194,7 @@ def test_slow_disturbance_is_told_and_does_not_bias() -> None:
 
 
 @pytest.mark.slow
-def test_weld_at_rest_tells_nothing() -> None:
+def test_nothing_is_identifiable_at_rest() -> None:
     signals = weld(seconds=60.0)
     rest = [np.full(600, of[0]) for of in (signals.depth_mm, signals.temperature_c, signals.torque_nm)]
     noise = np.random.default_rng(0).standard_normal((3, 600))
@@ -293,7 +293,7 @@ def test_a_short_weld() -> None:
 
 
 @pytest.mark.slow
-def test_validation_tells_a_wrong_model() -> None:
+def test_validation_shows_a_wrong_model() -> None:
     segment = only(weld(seed=3))
     right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
     fits = [statistics.judge(one.segments, one.residuals).fit_percent for one in (right, wrong)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import inf, nan
 from typing import Any, NamedTuple
 
@@ -106,7 +106,10 @@ class Gateway:
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
         self.gate = CommandGate(
-            limits_from(values), values["commands.max_age_s"], values["commands.sources"], more_reasons=REASONS
+            Limits.from_parameters(values),
+            values["commands.max_age_s"],
+            values["commands.sources"],
+            more_reasons=REASONS,
         )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
@@ -131,7 +134,7 @@ class Gateway:
         ValueError
             When a minimum is not below its maximum.
         """
-        self.gate.configure(limits_from(values), values["commands.max_age_s"], values["commands.sources"])
+        self.gate.configure(Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"])
 
     # ---------------------------------------------------------------- the server
 
@@ -318,8 +321,3 @@ class Gateway:
             self.gate.refuse(reason, words)
             return None
         return self._order(*waiting, now_s)
-
-
-def limits_from(values: Mapping[str, Any]) -> Limits:
-    """Limits from the node's parameters ``limits.*``."""
-    return Limits(**{item.name: values[f"limits.{item.name}"] for item in fields(Limits)})

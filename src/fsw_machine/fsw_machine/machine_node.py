@@ -18,6 +18,7 @@ from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.contract import Limits
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters import load, problem
@@ -27,7 +28,7 @@ from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import STREAM
 from fsw_machine import gateway_reports_ros as reports
-from fsw_machine.gateway import Gateway, Publication, limits_from
+from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand
@@ -68,7 +69,7 @@ class MachineNode(Node):
         self._writers = CommandWriters(self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"])
         self._guard = SingleInstanceGuard(self)
         self._guard.check(values["discovery_s"], self._announce)
-        self._settings.add_check(partial(problem, limits_from))
+        self._settings.add_check(partial(problem, Limits.from_parameters))
         self._settings.on_change(self._configure)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -143,14 +143,6 @@ class NmpcController:
             library.go_on_from(self.library)
             self._use(self.settings, library, solver)
 
-    def finish_changes(self, timeout_s: float = 60.0) -> None:
-        """Wait until a new solver is in use; only tests need that."""
-        while (maker := self._maker) is not None:
-            maker.join(timeout_s)
-            if maker.is_alive():
-                raise TimeoutError(f"the solver is not ready after {timeout_s} s")
-            self._take()
-
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
         self.library.reset(applied.force_kn, applied.speed_rpm)

@@ -38,13 +38,18 @@ def torque_function() -> ca.Function:
     return ca.Function("fsw_torque_casadi", [force, depth, par], [ca.cse(out)])
 
 
+def c_text(name: str, *functions: ca.Function) -> str:
+    """C of CasADi functions, as a file ``<name>.c`` has it."""
+    generator = ca.CodeGenerator(name, {"casadi_int": "int", "casadi_real": "double", "with_header": False})
+    for function in functions:
+        generator.add(function)
+    with tempfile.TemporaryDirectory() as folder:
+        return Path(generator.generate(f"{folder}/")).read_text(encoding="utf-8")
+
+
 def generate() -> str:
     """The C99 text of the torque function."""
-    with tempfile.TemporaryDirectory() as folder:
-        generator = ca.CodeGenerator("torque", {"casadi_int": "int", "casadi_real": "double", "with_header": False})
-        generator.add(torque_function())
-        generator.generate(folder + "/")
-        text = (Path(folder) / "torque.c").read_text(encoding="utf-8")
+    text = c_text("torque", torque_function())
     body = re.search(r"static int casadi_f0\(.*?\) \{\n(.*?)\n\}\n", text, re.DOTALL)
     square = re.search(r"casadi_real casadi_sq\(.*?\n", text)
     if body is None or square is None:

@@ -30,19 +30,7 @@ def _known(trajectory: str) -> str:
 
 
 class EstimatorTuning(Model):
-    """Standard deviations of the sensors, and of the random walk per tick of what changes by itself.
-
-    Attributes
-    ----------
-    depth_noise_mm, torque_noise_nm, temperature_noise_c : float
-    creep_walk_mm, copper_walk_c, motor_walk_nm : float
-    force_walk_kn, heat_walk_kw, torque_scale_walk : float
-    depth_offset_walk_mm, temperature_offset_walk_c : float
-    offset_memory_s : float
-        Time constant with which the two offsets leak.
-    jump_sigmas : float
-        A measurement further off is a jump; 0: never.
-    """
+    """Standard deviations of the sensors, and of the random walk per tick of what changes by itself."""
 
     depth_noise_mm: NonNegativeFloat = 2e-3
     torque_noise_nm: NonNegativeFloat = 2.0
@@ -56,46 +44,40 @@ class EstimatorTuning(Model):
     depth_offset_walk_mm: NonNegativeFloat = 2e-5
     temperature_offset_walk_c: NonNegativeFloat = 3e-2
     offset_memory_s: NonNegativeFloat = 600.0
+    """time constant with which the two offsets leak"""
     jump_sigmas: NonNegativeFloat = 4.0
+    """a measurement further off is a jump; 0: never"""
 
 
 class Tuning(Model):
-    """Reference trajectories, cost and estimator.
-
-    Attributes
-    ----------
-    trajectory : str
-        One of ``TRAJECTORIES``.
-    depth_time_s, temperature_time_s : float
-        Time constants of the approach near the set-point, or of the corridors (tau_t).
-    dead_band_depth_mm, dead_band_temperature_c : float
-        Half widths of the dead-bands about the trajectory.
-    weight_depth_per_mm, weight_temperature_per_c : float
-        L1 weights outside the dead-band, per output point.
-    depth_scale_mm, temperature_scale_c : float
-        Quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none.
-    move_force_per_kn, move_speed_per_rpm : float
-        L1 weights on the moves of an interval.
-    full_move_cost : float
-        Quadratic cost of an interval's move, twice that of the largest move, for both inputs.
-    blocks : int
-        20: blocks of moves over the 54 intervals; 54: a move in every interval, as in the paper.
-    estimator : EstimatorTuning
-    """
+    """Reference trajectories, cost and estimator."""
 
     trajectory: Annotated[str, AfterValidator(_known)] = "approach"
+    """reference trajectory: approach, constant, cold_start or recentred"""
     depth_time_s: NonNegativeFloat = 1.0
+    """time constant of the approach near the set-point, or of the corridor (tau_t)"""
     temperature_time_s: NonNegativeFloat = 0.84
+    """time constant of the approach near the set-point, or of the corridor (tau_t)"""
     dead_band_depth_mm: NonNegativeFloat = 0.0
+    """half width of the dead-band about the trajectory"""
     dead_band_temperature_c: NonNegativeFloat = 0.0
+    """half width of the dead-band about the trajectory"""
     weight_depth_per_mm: NonNegativeFloat = 0.0
+    """L1 weight outside the dead-band, per output point"""
     weight_temperature_per_c: NonNegativeFloat = 0.0
+    """L1 weight outside the dead-band, per output point"""
     depth_scale_mm: NonNegativeFloat = 0.0022
+    """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
     temperature_scale_c: NonNegativeFloat = 0.08
+    """quadratic cost, per output point: a deviation of this size from the trajectory costs 1/2; 0: none"""
     move_force_per_kn: NonNegativeFloat = 0.0
+    """L1 weight on the moves of an interval"""
     move_speed_per_rpm: NonNegativeFloat = 0.0
+    """L1 weight on the moves of an interval"""
     full_move_cost: NonNegativeFloat = 0.2
+    """quadratic cost of an interval's move, twice that of the largest move, for both inputs"""
     blocks: Literal[20, 54] = 20
+    """20: blocks of moves over the 54 intervals; 54: a move in every interval, as in the paper"""
     estimator: EstimatorTuning = EstimatorTuning()
 
     @model_validator(mode="after")

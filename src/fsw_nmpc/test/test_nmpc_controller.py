@@ -13,6 +13,7 @@ from fsw_model import ProcessModel, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc import controller as controller_module
 from fsw_nmpc.library import SolveStatus
+from fsw_test_support.nmpc_problems import finish_changes
 
 P = nominal()
 TARGET = Reference(2.66, 816.4)
@@ -472,7 +473,7 @@ def test_another_horizon_goes_on_with_the_plan(tmp_path):
     file = tmp_path / "every_interval.yaml"
     file.write_text("blocks: 54")
     loop.controller.configure({"tuning_file": str(file)})
-    loop.controller.finish_changes()
+    finish_changes(loop.controller)
     assert loop.controller.library.horizon.n_blocks == 54
     last = loop.applied
     proposal = loop.step(Reference(2.76, 816.4))
@@ -495,13 +496,13 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
 
     monkeypatch.setattr(controller_module, "_make", make_or_fail)
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})
-    loop.controller.finish_changes()
+    finish_changes(loop.controller)
     for _ in range(3):
         proposal = loop.step()
         assert proposal.healthy and "No space left on device" in proposal.reason
     assert len(told) == 1 and loop.controller.library.horizon.n_blocks == 20
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
-    loop.controller.finish_changes()
+    finish_changes(loop.controller)
     assert loop.controller.library.horizon.n_blocks == 54 and loop.step().reason == ""
 
 

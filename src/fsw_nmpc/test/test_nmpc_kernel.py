@@ -90,7 +90,7 @@ def tables_of(library):
         ("fsw_nmpc_tuning", "tuning", library.state.tuning),
     ):
         fields = ffi.typeof(kind.removeprefix("const ")).fields
-        values = [field if field in arrays else text(getattr(struct, field)) for field, _ in fields]
+        values = [f if member.type.kind == "pointer" else text(getattr(struct, f)) for f, member in fields]
         lines.append(f"static {kind} {name} = {{{', '.join(values)}}};")
     return "\n".join(lines) + "\n"
 

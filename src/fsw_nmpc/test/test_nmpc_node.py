@@ -16,6 +16,7 @@ from fsw_control.controller_node import ControllerNode
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ControllerStatus, Prediction, ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
 from fsw_nmpc import NmpcController
+from fsw_test_support.nmpc_problems import finish_changes
 from fsw_test_support.ros_graph import Spinner
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("domain_id")]
@@ -104,7 +105,7 @@ def test_parameters_at_runtime(peer):
     after = peer.tick(k + 2)
     assert after.healthy
     assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
-    peer.node._controller.finish_changes()
+    finish_changes(peer.node._controller)
     assert peer.tick(k + 3).healthy
     assert peer.node._controller.library.horizon.n_blocks == 54
 

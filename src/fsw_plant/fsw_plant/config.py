@@ -85,14 +85,14 @@ def json_schema() -> dict[str, Any]:
         for group in groups:
             inside = inside.setdefault("properties", {}).setdefault(group, {"type": "object"})
         kind = {"double": "number", "int": "integer", "bool": "boolean", "string": "string"}.get(spec.type, "array")
-        found = {"type": kind, "description": spec.description, "default": spec.default}
+        entry = {"type": kind, "description": spec.description, "default": spec.default}
         if spec.unit:
-            found["unit"] = spec.unit
+            entry["unit"] = spec.unit
         if spec.range is not None and kind != "array":
-            found["minimum"], found["maximum"] = spec.range
+            entry["minimum"], entry["maximum"] = spec.range
         if spec.options:
-            found["enum"] = list(spec.options)
-        inside.setdefault("properties", {})[name] = found
+            entry["enum"] = list(spec.options)
+        inside.setdefault("properties", {})[name] = entry
         inside["additionalProperties"] = False
     return root
 

@@ -81,13 +81,15 @@ class PlantNode(Node):
         self._waiting_logged_s = time.monotonic()
 
     def _open_topics(self) -> None:
+        # The first tick waits for subscribers of the sensors. A recorder subscribes to what it has discovered: because
+        # the sensors are announced last, it then has the other topics of a tick, too.
+        self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
+        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
+        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
         self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
         self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
-        self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
         self._diagnostics = DiagnosticsPublisher(self)
-        self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._lockstep:
             self.create_subscription(Header, PLAYER_READY, self._on_player_ready, LATEST)

@@ -233,6 +233,14 @@ def test_reset_service(graph):
     assert not answer.ok and "no equilibrium" in answer.message
 
 
+def test_sensors_are_announced_last_so_that_who_has_them_has_the_other_topics_of_a_tick(graph):
+    graph.start(speed=0.0)
+    announced = [publisher.topic_name for publisher in graph.plant.publishers]
+    sensors = {"/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"}
+    first = min(map(announced.index, sensors))
+    assert max(map(announced.index, ("/clock", "/fsw/plant/truth", "/fsw/drives"))) < first
+
+
 def test_first_tick_waits_for_subscribers(graph):
     peer = graph.start(speed=0.0, wait_for_subscribers=2, lockstep_timeout_s=0.1, connected=False)
     graph.until(lambda: peer.report("clock") is not None)
@@ -286,9 +294,9 @@ def test_parameters_at_runtime(graph):
     graph.until(lambda: peer.got["depth"][-1].depth == pytest.approx(2.86e-3, abs=1e-10))
     assert set_one("model.thermal_gain_c_per_kw", 1.2).successful
     for name, value, words in (
-        ("limits.force_min_kn", 96.0, "must be below limits.force_max"),
+        ("limits.force_min_kn", 96.0, "must be below force_max"),
         ("scenario", "[{at_s: 0}]", "needs exactly one of"),
-        ("model.dead_time_s", 9.0, "must be 0.1 to 10"),
+        ("model.dead_time_s", 9.0, "outside 0.1 to 10 s"),
         ("model.copper_lag_s", 99.0, "out"),
         ("commands.sources", 3, ""),
     ):
@@ -337,10 +345,10 @@ def run_plant(graph, *parameters):
     "parameter, words",
     [
         ("speed:=-1.0", "speed"),
-        ("limits.force_min_kn:=96.0", "limits.force_min (96) must be below limits.force_max (95)"),
+        ("limits.force_min_kn:=96.0", "limits: force_min (96) must be below force_max (95)"),
         ("start.temperature_c:=560.0", "beyond the drives' limits"),
         ("scenario:=/nowhere.yaml", "cannot read scenario /nowhere.yaml"),
-        ("model.dead_time_s:=9.0", "'dead_time_s' is 25.2: must be 0.1 to 10"),
+        ("model.dead_time_s:=9.0", "dead_time_s = 25.2 is outside 0.1 to 10 s"),
     ],
 )
 def test_wrong_parameters_end_the_start_with_one_line(graph, parameter, words):

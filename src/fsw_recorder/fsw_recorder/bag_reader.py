@@ -13,13 +13,12 @@ from typing import Any
 from mcap.records import Attachment
 
 from fsw_recorder.bag_metadata import BagMetadata, read_metadata
-from fsw_recorder.bag_record import BagRecord
 from fsw_recorder.definitions import Definitions
 from fsw_recorder.errors import BagError
 from fsw_recorder.interface_text import interface_definition
 from fsw_recorder.mcap_file import McapFile
 from fsw_recorder.rosbags_file import RosbagsFile
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import BagRecord, RecordedTopic
 
 __all__ = ["BagInfo", "BagReader", "BagRecord"]
 
@@ -99,10 +98,8 @@ class BagReader:
         for file in self._paths:
             try:
                 self._parts.append(self._open_file(file))
-            except BagError as error:
+            except (BagError, OSError) as error:
                 failures.append(str(error))
-            except OSError as error:
-                failures.append(f"{file}: cannot be read: {error.strerror}")
         if not self._parts:
             self.close()
             raise BagError("; ".join(failures))
@@ -136,15 +133,12 @@ class BagReader:
         return [present[name] for name in dict.fromkeys([*listed, *sorted(present, key=_natural)])]
 
     def _open_file(self, file: Path) -> McapFile | RosbagsFile:
-        part: McapFile | RosbagsFile
-        if file.is_dir():
-            part = RosbagsFile(file, str(file), self._add_problem, self.metadata.storage)
+        if file.suffix == ".mcap" and file.is_file():
+            part: McapFile | RosbagsFile = McapFile(file, self._add_problem)
         else:
-            part = (McapFile if file.suffix == ".mcap" else RosbagsFile)(file, str(file), self._add_problem)
+            part = RosbagsFile(file, self._add_problem, self.metadata.storage if file.is_dir() else "sqlite3")
         self._stack.callback(part.close)
         return part
-
-    # ------------------------------------------------------------------ reading
 
     def records(
         self,

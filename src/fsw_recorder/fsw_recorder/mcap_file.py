@@ -24,11 +24,10 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Schema
 from mcap.writer import MCAP0_MAGIC as MAGIC
 
-from fsw_recorder.bag_record import BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import CHUNK_HEAD, DAMAGED, HEAD_BYTES, MAX_CHUNK_BYTES, Buffer, chunk_data, frames
 from fsw_recorder.qos import read_qos
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import BagRecord, RecordedTopic
 
 #: most messages that wait for earlier ones in chunks that overlap in time
 _MOST_WAITING = 1_000_000
@@ -56,32 +55,30 @@ class _Piece:
 class McapFile:
     """One MCAP file, walked over when it is opened; chunks are decompressed only when they are read.
 
-    ``name`` is what it is called in problems, which ``add_problem`` is called with, also repeatedly. `fraction` is the
-    part of the file that `records` has read. Raises a `BagError` when nothing of the file can be used.
+    ``add_problem`` is called with each problem, also repeatedly. `fraction` is the part of the file that `records` has
+    read. Raises a `BagError` when nothing of the file can be used.
     """
 
     storage = "mcap"
 
-    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, add_problem: Callable[[str], None]) -> None:
         self.attachments: list[Attachment] = []
         self.fraction = 0.0
-        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
+        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pieces: list[_Piece] = []
         with path.open("rb") as stream:
             magic = stream.read(len(MAGIC))
             if not magic:
-                raise BagError(f"{name}: the file is empty")
+                raise BagError(f"{path}: the file is empty")
             if magic != MAGIC:
-                raise BagError(f"{name}: not an MCAP file (its first bytes are {magic.hex(' ')})")
+                raise BagError(f"{path}: not an MCAP file (its first bytes are {magic.hex(' ')})")
             self._data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         self.close = self._data.close
         if not self._scan() or not self._channels:  # there may be channels that only chunks define
             for piece in self._pieces:
                 self._read(piece, ())
-
-    # ------------------------------------------------------------------ the whole file
 
     def _scan(self) -> bool:
         """Find chunks and runs of messages, read everything else; False when the file is damaged or not finished.
@@ -164,8 +161,6 @@ class McapFile:
                 )
             )
         return topics
-
-    # ------------------------------------------------------------------ messages
 
     def records(self, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[BagRecord]:
         """Messages with ``start_ns`` <= log time < ``stop_ns`` by log time; equal times keep the file's order."""

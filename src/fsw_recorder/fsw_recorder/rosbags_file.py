@@ -9,9 +9,8 @@ from typing import Any
 from mcap.records import Attachment
 from rosbags.rosbag2 import Reader
 
-from fsw_recorder.bag_record import BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import BagRecord, RecordedTopic
 
 #: numbers of sqlite3 are signed
 _MOST = 2**63 - 1
@@ -20,13 +19,13 @@ _MOST = 2**63 - 1
 class RosbagsFile:
     """One sqlite3 file, or the folder of a bag compressed by file or message, with what `McapFile` has."""
 
-    def __init__(self, path: Path, name: str, add_problem: Callable[[str], None], storage: str = "sqlite3") -> None:
+    def __init__(self, path: Path, add_problem: Callable[[str], None], storage: str) -> None:
         self.storage = storage
         self.attachments: list[Attachment] = []
-        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{name}: {text}")
+        self._add_problem: Callable[[str], None] = lambda text: add_problem(f"{path}: {text}")
         self.fraction = 0.0
         if path.is_file() and not path.stat().st_size:
-            raise BagError(f"{name}: the file is empty")
+            raise BagError(f"{path}: the file is empty")
         try:
             self._reader: Any = Reader(path)
             self._reader.open()
@@ -34,7 +33,7 @@ class RosbagsFile:
             if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
                 raise ValueError("its table of topics holds something else")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
-            raise BagError(f"{name}: not a {storage} bag, or damaged: {error}") from None
+            raise BagError(f"{path}: not a {storage} bag, or damaged: {error}") from None
 
     def close(self) -> None:
         """Close the file."""

@@ -1,10 +1,11 @@
-"""Description of a topic in a bag, and selection of topics."""
+"""Description of topics and messages in a bag, and selection of topics."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rosbags.interfaces import Qos
 
@@ -37,6 +38,21 @@ class RecordedTopic:
     qos: tuple[Qos, ...] = (profile(),)
     encoding: str = "cdr"
     definition_encoding: str = "ros2msg"
+
+
+class BagRecord(NamedTuple):
+    """One recorded message.
+
+    `log_time_ns` is when it was received, `publish_time_ns` when it was published (the former, where the storage has
+    only one). `data` is CDR with its header of four bytes. `sequence` is the publisher's, where known; else 0.
+    """
+
+    topic: str
+    type_name: str
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+    sequence: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,7 +160,7 @@ class WeldGraph:
 
         launcher.wait_until(over, _PATIENCE_S + 3.0 * self.scenario.duration_s, "the scenario's end", others)
         if player.process.returncode != 0 or not player.status()["finished"]:
-            raise LaunchError(f"the scenario player failed: {player.last_words()} (see {player.log})")
+            raise LaunchError(f"the scenario player failed: {player.last_lines()} (see {player.log})")
         codes = launcher.stop("plant")  # first, so that the bag does not show how the others leave
         codes |= launcher.stop()
         failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]

@@ -47,10 +47,10 @@ class Child:
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
     def status(self) -> dict[str, Any]:
-        """What it has told last, see ``fsw_control.status_file``."""
+        """The status that it wrote last, see ``fsw_control.status_file``."""
         return read_status(self.log.with_suffix(".status"))
 
-    def last_words(self) -> str:
+    def last_lines(self) -> str:
         """The last lines that it printed, as one line."""
         return " | ".join(self.text().strip().splitlines()[-5:]) or "it printed nothing"
 
@@ -125,7 +125,7 @@ class Launcher:
             child = self.children[name]
             if not child.running:
                 code = child.process.returncode
-                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_words()} (see {child.log})")
+                raise LaunchError(f"{name} has ended with exit code {code}: {child.last_lines()} (see {child.log})")
 
     def wait_until(
         self, condition: Callable[[], object], timeout_s: float, what: str, watch: Sequence[str] | None = None

@@ -26,7 +26,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file)])
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
-    # where it is found when it is started again
+    # the same port when it is started again
     hmi.arguments = ["--port", str(urlsplit(url).port), *hmi.arguments[2:]]
     print(f"operator's page: {url}")
     print(f"token: {token}")
@@ -35,21 +35,21 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     print(f"bag: {graph.bag}", flush=True)
     player = graph.start(launcher)
     respawn = Respawn(launcher, [name for name in launcher.children if name not in ("plant", "scenario")])
-    told = False
+    player_ended = False
 
     def over() -> bool:
-        nonlocal told
+        nonlocal player_ended
         respawn.update()
-        if player.running or told:
+        if player.running or player_ended:
             return False
         status = player.status()
         if status.get("finished"):
             return True
         if not status:
-            raise LaunchError(f"the scenario player has ended before the first tick: {player.last_words()}")
-        told = True
+            raise LaunchError(f"the scenario player has ended before the first tick: {player.last_lines()}")
+        player_ended = True
         code = player.process.returncode
-        print(f"the scenario player has ended with exit code {code}: {player.last_words()}", file=sys.stderr)
+        print(f"the scenario player has ended with exit code {code}: {player.last_lines()}", file=sys.stderr)
         print("the other parts go on, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
         return False
 

@@ -50,8 +50,8 @@ class OfflineSupervisor:
         assert arbiter.ticks.present is not None
         arbiter.ticks.present.samples.update(values)  # all at once: half the time of on_sample for each
         for name, proposal in proposals.items():
-            given = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, proposal.reason)
-            decisions += arbiter.on_proposal(name, given, self._now_s)
+            offer = ProposalInput(stamp_ns, name, proposal.command, proposal.healthy, proposal.reason)
+            decisions += arbiter.on_proposal(name, offer, self._now_s)
             if name in self._unheard:
                 decisions += arbiter.on_status(name, self._unheard.pop(name), False, self._now_s)
         while not decisions and (wakeup_s := arbiter.wakeup_s) is not None:

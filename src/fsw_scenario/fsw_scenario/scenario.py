@@ -12,7 +12,7 @@ from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.parameters import ParameterError
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, Range
-from fsw_control.schema import InputError, Many, Model, Name, needs_one, problem, without_default
+from fsw_control.schema import Many, Model, Name, needs_one, problem, without_default
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
@@ -24,8 +24,6 @@ from fsw_scenario.weld_programme_file import joined, set_points
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
 OPEN_LOOP = "none"
-#: the error of a wrong scenario
-ScenarioError = InputError
 _EPSILON_S = 1e-9
 
 

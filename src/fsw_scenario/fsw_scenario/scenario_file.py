@@ -105,10 +105,9 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
     fsw_control.schema.InputError
         If the path leads nowhere.
     """
-    found = list(_STEP.finditer(path))
-    if "".join(step[0] for step in found) != path or path.startswith("."):
+    steps: list[Any] = [key or int(number) for key, number in _STEP.findall(path)]
+    if _STEP.sub("", path) or not steps or path.startswith("."):
         raise InputError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
-    steps: list[Any] = [step[1] or int(step[2]) for step in found]
     inside: Any = content
     for i, step in enumerate(steps):
         if isinstance(step, int):
@@ -116,10 +115,8 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
                 have = f"{len(inside)} entries, counted from 0" if isinstance(inside, list) else "no list"
                 raise InputError(f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}")
         elif not isinstance(inside, dict):
-            raise InputError(
-                f"{where}: {steps[i - 1]} has no named values; give {steps[i - 1]} as a whole, in YAML, "
-                "or change the scenario file"
-            )
+            whole = f"give {steps[i - 1]} as a whole, in YAML, or change the scenario file"
+            raise InputError(f"{where}: {steps[i - 1]} has no named values; {whole}")
         if i == len(steps) - 1:
             inside[step] = value
         else:

@@ -73,15 +73,15 @@ class ScenarioNode(Node):
         self._course = Course(references(self._scenario, start_reference(self._scenario.plant)))
         #: what the controllers follow, by the same rule; with what this node sends
         self._received = reference_queue(self)
-        self._mark, self._mark_heard, self._restarts = _MARK.format(0), False, 0
+        self._mark, self._mark_received, self._restarts = _MARK.format(0), False, 0
         self._stamps = StampFilter(silence_s=1.0)
         self._switches = deque(switches(self._scenario).items())
         self._first_ns: int | None = None
         self._stamp_ns = 0
         self._tick = 0  #: of the scenario; the process is further by what was held
         self._held = 0
-        self._reported = -self._scenario.n_ticks  # the first tick is told
-        self._heard_s = self._began_s = time.monotonic()
+        self._reported = -self._scenario.n_ticks  # the first tick is reported
+        self._last_sample_s = self._began_s = time.monotonic()
         self.finished = False
         self._setpoints = self.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self._plan = self.create_publisher(WeldReferencePlan, "fsw/reference_plan", LATEST)
@@ -99,7 +99,7 @@ class ScenarioNode(Node):
             if self._programme.stopped:
                 self._programme.publish(self._stamp_ns)
                 self._end(f"the weld is {self._programme.machine.describe()}; {self._programme.stopped}")
-        if not self.finished and time.monotonic() - self._heard_s > self._silence_s:
+        if not self.finished and time.monotonic() - self._last_sample_s > self._silence_s:
             self._end(f"{self._missing()} for {self._silence_s:g} s; is the graph running, on the same domain?")
 
     def _missing(self) -> str:
@@ -124,7 +124,7 @@ class ScenarioNode(Node):
 
     def _begin(self) -> None:
         self._listening = True
-        self._heard_s = time.monotonic()
+        self._last_sample_s = time.monotonic()
         _, first = self._course.coming.popleft()
         if self._simulated:
             self._announce()
@@ -134,7 +134,7 @@ class ScenarioNode(Node):
         if self._scenario.phases:
             machine = PhaseMachine(self._scenario.phases)
             self._programme = ProgrammeServer(self, machine, self._course, self._in_force, self._restart)
-            subscribe_sent(self, self._received, self._on_heard)
+            subscribe_sent(self, self._received, self._on_received)
         subscribe_sensors(self, self._on_sample)
         self.get_logger().info(f"playing {self._scenario.name}: {self._scenario.duration_s:g} s")
 
@@ -165,14 +165,14 @@ class ScenarioNode(Node):
             self._began_s = time.monotonic()
             if not self._simulated:
                 self._announce()
-        self._heard_s = time.monotonic()
+        self._last_sample_s = time.monotonic()
         self._tick = 1 + round((stamp_ns - self._first_ns) / TICK_NS)
         if self._programme is not None:
             machine, self._stamp_ns = self._programme.machine, stamp_ns
             machine.follow(self._tick)
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
-            if self._course.followed and self._mark_heard and self._received.mark != self._mark:
+            if self._course.followed and self._mark_received and self._received.mark != self._mark:
                 self.get_logger().warning("set-points by hand are in force: the programme's follow after a resume")
                 self._course.leave()
                 self._announce()
@@ -193,9 +193,9 @@ class ScenarioNode(Node):
         tick, wall_s = min(self._tick, self._scenario.n_ticks), time.monotonic() - self._began_s
         write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
 
-    def _on_heard(self, mark: str) -> None:
+    def _on_received(self, mark: str) -> None:
         """Note that this node's newest set-points have come back; from then on others are somebody else's."""
-        self._mark_heard = self._mark_heard or mark == self._mark
+        self._mark_received = self._mark_received or mark == self._mark
 
     def _in_force(self) -> Reference:
         """The set-points that the controllers follow now."""
@@ -204,7 +204,7 @@ class ScenarioNode(Node):
     def _restart(self, present: Reference) -> None:
         """Send set-points that hold at once and void whatever was sent ahead, and then what is coming."""
         self._restarts += 1
-        self._mark, self._mark_heard = _MARK.format(self._restarts), False
+        self._mark, self._mark_received = _MARK.format(self._restarts), False
         self._announce()
         self._send(present, 0)
         self._send_ahead()

@@ -56,8 +56,8 @@ class ProgrammeServer:
         self.stopped = ""
         self._asked: Future | None = None
         self._stamp_ns = 0
-        self._told: tuple[object, ...] | None = None
-        self._told_tick = 0
+        self._reported: tuple[object, ...] | None = None
+        self._ticks_since_report = 0
         self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
         self._serve("hold", self._hold)
@@ -83,24 +83,24 @@ class ProgrammeServer:
     def _abort(self) -> tuple[bool, str]:
         return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
 
-    def _keep(self, ok: bool, words: str) -> tuple[bool, str]:
+    def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
         """Keep the set-points in force: sent now, they void what was sent ahead."""
         if ok:
             present = self._in_force()
             self._course.leave()
             self._restart(present)
-        return ok, words
+        return ok, answer
 
     def _resume(self) -> tuple[bool, str]:
         """Go back to the programme, from a hold or from set-points by hand."""
         by_hand = self.machine.state is State.RUNNING and not self._course.followed
-        ok, words = (True, self.machine.describe()) if by_hand else self.machine.resume()
+        ok, answer = (True, self.machine.describe()) if by_hand else self.machine.resume()
         if not ok:
-            return ok, words
+            return ok, answer
         present = self._in_force()
         way = self._course.resume(present, self.machine.tick)
         self._restart(present)
-        return ok, f"{words}; {way}"
+        return ok, f"{answer}; {way}"
 
     def _on_supervisor(self, message: SupervisorState) -> None:
         if message.actual_mode == Mode.SAFE_STOP and self._abort()[0]:
@@ -127,8 +127,8 @@ class ProgrammeServer:
     def on_tick(self, stamp_ns: int) -> None:
         """Report where due."""
         self._stamp_ns = stamp_ns
-        self._told_tick += 1
-        if self._state() != self._told or self._told_tick >= _TICKS_PER_REPORT:
+        self._ticks_since_report += 1
+        if self._state() != self._reported or self._ticks_since_report >= _TICKS_PER_REPORT:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
@@ -142,7 +142,7 @@ class ProgrammeServer:
         planned = self._course.programme_at(self.machine.tick)
         left = not self._course.followed
         way_s = self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
-        self._told, self._told_tick = self._state(), 0
+        self._reported, self._ticks_since_report = self._state(), 0
         self._publisher.publish(
             WeldProgress(
                 header=convert.header(stamp_ns),

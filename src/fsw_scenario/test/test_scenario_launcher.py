@@ -67,10 +67,10 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
     with Launcher(tmp_path, 77) as launcher:
         first = launcher.start("w", "child_w", ["tell"])
         assert first.process.wait() == 3
-        assert (first.status(), first.last_words()) == ({"url": "x", "number": 2.5}, "it broke")
+        assert (first.status(), first.last_lines()) == ({"url": "x", "number": 2.5}, "it broke")
         again = launcher.start("w", "child_w")
         again.process.wait()
-        assert (again.status(), again.last_words()) == ({}, "it printed nothing")
+        assert (again.status(), again.last_lines()) == ({}, "it printed nothing")
 
 
 def test_waiting_for_text_and_for_too_long(modules, tmp_path):

@@ -75,7 +75,7 @@ class ArbiterSettings:
             As the class does, and when a name is unknown or a value does not fit.
         """
         checked = validate(load("fsw_supervisor", "supervisor.yaml"), values)
-        limits = Limits(**{item.name: checked[f"limits.{item.name}"] for item in fields(Limits)})
+        limits = Limits.from_parameters(checked)
         own = {item.name: checked[item.name] for item in fields(cls) if item.name in checked}
         return cls(**(own | {"limits": limits, "fallbacks": tuple(checked["fallbacks"])}))
 

@@ -209,8 +209,8 @@ def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "minimum of force"),
-        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "minimum of force and of speed"),
+        ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "force_min"),
+        ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "speed_min"),
         ({"deadline_s": 0.1}, "deadline_s is 0.1 s"),
         ({"safe_force_kn": 59.9}, "safe_force_kn must lie in"),
         ({"safe_force_kn": 95.1}, "safe_force_kn must lie in"),

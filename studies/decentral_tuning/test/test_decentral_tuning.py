@@ -46,7 +46,7 @@ def test_the_command_checks_the_shipped_gains(tmp_path, capsys):
         (["--write", "--check"], 2, "--check"),
     ],
 )
-def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments, code, said):
+def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys, arguments, code, said):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.yaml").write_text("warmth: 1.0\n", encoding="utf-8")
     try:
@@ -60,6 +60,6 @@ def test_bad_input_is_told_in_one_line(tmp_path, monkeypatch, capsys, arguments,
 
 @pytest.mark.slow
 def test_the_script_is_the_command():
-    told = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
-    assert told.returncode == 0
-    assert "--evaluations" in told.stdout
+    printed = subprocess.run([sys.executable, SCRIPT, "--help"], capture_output=True, text=True, timeout=60)
+    assert printed.returncode == 0
+    assert "--evaluations" in printed.stdout

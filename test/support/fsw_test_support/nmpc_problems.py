@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fsw_control import Limits
 from fsw_model import ModelParameters, nominal
+from fsw_nmpc import NmpcController
 from fsw_nmpc.horizon import Horizon, horizon_of
 from fsw_nmpc.library import KERNEL, Library
 from fsw_nmpc.tuning import PAPER, Tuning
@@ -28,6 +29,14 @@ def make_library(
     p = parameters or nominal()
     struct = (tuning or Tuning()).struct(LIMITS, max_iterations)
     return Library(p, horizon or horizon_of(p, blocks), struct)
+
+
+def finish_changes(controller: NmpcController, timeout_s: float = 60.0) -> None:
+    """Wait until the solver that a controller makes in the background is in use."""
+    while (maker := controller._maker) is not None:
+        maker.join(timeout_s)
+        assert not maker.is_alive(), f"the solver is not ready after {timeout_s} s"
+        controller._take()
 
 
 def random_tuning(rng: np.random.Generator) -> Tuning:
