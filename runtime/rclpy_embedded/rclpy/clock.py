@@ -76,9 +76,11 @@ class JumpHandle:
     post_callback: Callable[[TimeJump], None] | None
 
     def __post_init__(self, clock: Clock) -> None:
-        callbacks = [callback for callback in (self.pre_callback, self.post_callback) if callback is not None]
-        if not callbacks or not all(callable(callback) for callback in callbacks):
-            raise ValueError("One of pre_callback or post_callback must be callable, and the other one too if given")
+        if self.pre_callback is None and self.post_callback is None:
+            raise ValueError("One of pre_callback or post_callback must be callable")
+        for name in ("pre_callback", "post_callback"):
+            if getattr(self, name) is not None and not callable(getattr(self, name)):
+                raise ValueError(f"{name} must be callable if given")
         self._clock: Clock | None = clock
         clock._jump_handles.append(self)
 

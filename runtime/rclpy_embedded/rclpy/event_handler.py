@@ -114,14 +114,16 @@ class EventHandler(Waitable):
     def __init__(
         self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: IntEnum, parent_impl: Entity
     ) -> None:
-        if not isinstance(event_type, _EventType) or not event_type.status:
+        if not isinstance(event_type, _EventType):
             raise UnsupportedEventTypeError(f"{event_type!r} is not supported by the middleware")
         super().__init__(callback_group)
         self.event_type = event_type
         self.callback = callback
         self.condition = parent_impl
-        self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
-        self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
+        self._status, self._take_status = 0, None
+        if event_type.status:
+            self._status = getattr(DDSStatus, event_type.status.title().replace("_", ""))
+            self._take_status = getattr(parent_impl, f"get_{event_type.status}_status")
         parent_impl.set_status_mask(parent_impl.get_status_mask() | self._status)
         # What happened before the mask was set raised no status, but was counted.
         self._pending = self._read()
@@ -130,6 +132,8 @@ class EventHandler(Waitable):
         return self._pending is not None or bool(self.condition.get_status_changes() & self._status)
 
     def _read(self) -> Any:
+        if self._take_status is None:
+            return None
         try:
             status = self._take_status()
         except DDSException:  # deleted in the meantime
@@ -185,14 +189,15 @@ class _EventCallbacks:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
             get_logger(logger_name).warn(f"{self._WARNING.format(topic_name)} Last incompatible policy: {policy}")
 
-        defaults = {"incompatible_qos": warn} if self.use_default_callbacks else {}
+        defaults: dict[str, Callable[[Any], None]] = {}
+        if self.use_default_callbacks:
+            defaults = {"incompatible_qos": warn, "incompatible_type": lambda _: None}
         # A new entity has every status in its mask; one that is never taken would end every wait at once.
         entity.set_status_mask(0)
         return [
             EventHandler(callback_group=callback_group, callback=callback, event_type=event_type, parent_impl=entity)
             for event_type in self._EVENTS
-            if event_type.status
-            and (callback := getattr(self, event_type.callback) or defaults.get(event_type.callback)) is not None
+            if (callback := getattr(self, event_type.callback) or defaults.get(event_type.callback)) is not None
         ]
 
 

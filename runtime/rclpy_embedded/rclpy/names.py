@@ -34,11 +34,11 @@ NameError_ = tuple[str, int] | None
 _Faults = tuple[tuple[str, str], ...]
 
 
-def _absolute(what: str, too_long: str, longest: int) -> _Faults:
+def _absolute(what: str, too_long: str, longest: int, only: str = "") -> _Faults:
     return (
         (r"^\Z", f"{what} must not be empty"),
         (r"^[^/]", f"{what} must be absolute, it must lead with a '/'"),
-        (r"/\Z", f"{what} must not end with a '/'"),
+        (r"/\Z", f"{what} must not end with a '/'{only}"),
         (r"[^A-Za-z0-9_/]", f"{what} must not contain characters other than alphanumerics, '_', or '/'"),
         (r"//", f"{what} must not contain repeated '/'"),
         (r"/[0-9]", f"{what} must not have a token that starts with a number"),
@@ -47,7 +47,7 @@ def _absolute(what: str, too_long: str, longest: int) -> _Faults:
 
 
 _FULL_TOPIC_FAULTS = _absolute("topic name", "topic length", MAX_TOPIC_LENGTH)
-_NAMESPACE_FAULTS = _absolute("namespace", "namespace", MAX_NAMESPACE_LENGTH)
+_NAMESPACE_FAULTS = _absolute("namespace", "namespace", MAX_NAMESPACE_LENGTH, ", unless only a '/'")
 _NODE_FAULTS: _Faults = (
     (r"^\Z", "node name must not be empty"),
     (r"[^A-Za-z0-9_]", "node name must not contain characters other than alphanumerics or '_'"),

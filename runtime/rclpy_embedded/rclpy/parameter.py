@@ -7,7 +7,6 @@ from enum import Enum
 from typing import Any
 
 from rcl_interfaces import msg
-from rclpy.parameter_yaml import parse_file
 
 PARAMETER_SEPARATOR_STRING = "."
 
@@ -41,7 +40,8 @@ class Parameter:
             for type_ in cls:
                 if type_.check(parameter_value):
                     return type_
-            raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
+            a_list_of = "a list of " if isinstance(parameter_value, _ARRAYS) else ""
+            raise TypeError(f"The given value is not {a_list_of}one of the allowed types '{parameter_value}'.")
 
         def check(self, parameter_value: Any) -> bool:
             """Return whether a Python value is of this type."""
@@ -129,11 +129,12 @@ def parameter_dict_from_yaml_file(
 
     With `use_wildcard` the section ``/**`` counts too, and yields to the others. `namespace` goes before every name.
     """
-    content: dict[str, dict[str, Any]] = {}
-    try:
-        parse_file(parameter_file, content)
-    except ValueError as error:
-        raise RuntimeError(f"YAML file is not a valid ROS parameter file: {error}") from error
+    import yaml
+
+    with open(parameter_file, encoding="utf-8") as stream:
+        content = yaml.safe_load(stream)
+    if not isinstance(content, dict):
+        raise RuntimeError(f"'{parameter_file}' is not a valid ROS parameter file: it must be a mapping of node names")
     keys = ["/**"] if use_wildcard and "/**" in content else []
     for node in target_nodes or ():
         if node not in content:
@@ -143,6 +144,21 @@ def parameter_dict_from_yaml_file(
         keys.extend(key for key in content if key != "/**")
     if not keys:
         raise RuntimeError("Param file does not contain selected parameters")
-    # The file's empty lists are read as None.
-    values = {namespace + name: [] if value is None else value for key in keys for name, value in content[key].items()}
-    return {name: Parameter(name, value=value).to_parameter_msg() for name, value in values.items()}
+    selected: dict[str, Any] = {}
+    for key in keys:
+        if not isinstance(content[key], dict) or "ros__parameters" not in content[key]:
+            raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {key}")
+        selected.update(content[key]["ros__parameters"])
+    return _flatten(namespace, selected)
+
+
+def _flatten(prefix: str, values: dict[str, Any]) -> dict[str, msg.Parameter]:
+    parameters: dict[str, msg.Parameter] = {}
+    for key, value in values.items():
+        name = prefix + key
+        if isinstance(value, dict):
+            parameters.update(_flatten(name + PARAMETER_SEPARATOR_STRING, value))
+        else:
+            # As in genuine rclpy, which reads the text of the value again.
+            parameters[name] = msg.Parameter(name=name, value=get_parameter_value(str(value)))
+    return parameters

@@ -66,8 +66,8 @@ class ParameterStore:
         """
         declared: list[Parameter] = []
         descriptors: dict[str, Any] = {}
-        for entry in parameters:
-            name, value, descriptor = _declaration(namespace, entry)
+        for index, entry in enumerate(parameters):
+            name, value, descriptor = _declaration(namespace, index, entry)
             descriptors[name] = descriptor
             if name in self._parameter_overrides and not ignore_override:
                 value = self._parameter_overrides[name].value
@@ -139,8 +139,10 @@ class ParameterStore:
 
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
         """Return the names below any of the prefixes (none: all) down to a depth (0: any) and their own prefixes."""
-        if not isinstance(prefixes, list) or not all(isinstance(prefix, str) for prefix in prefixes):
-            raise TypeError("The prefixes argument must be a list of str")
+        if not isinstance(prefixes, list):
+            raise TypeError("The prefixes argument must be a list")
+        if not all(isinstance(prefix, str) for prefix in prefixes):
+            raise TypeError("All prefixes must be instances of type str")
         if not isinstance(depth, int):
             raise TypeError("The depth must be instance of type int")
         if depth < 0:
@@ -170,7 +172,10 @@ class ParameterStore:
             callbacks = list(self._pre_set_parameters_callbacks)
             parameter_list = [parameter for callback in callbacks for parameter in callback(parameter_list)]
             if not parameter_list:
-                return _result("parameter list cannot be empty after the pre_set_parameters_callback changed it")
+                return _result(
+                    "parameter list cannot be empty, this might be due to "
+                    "pre_set_parameters_callback modifying the original parameters list."
+                )
         if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
             raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
         undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self._parameters]
@@ -275,26 +280,38 @@ class ParameterStore:
         self._post_set_parameters_callbacks.remove(callback)
 
 
-def _declaration(namespace: str, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
+def _declaration(namespace: str, index: int, entry: tuple[Any, ...]) -> tuple[str, Any, Any]:
     """Check one entry of `declare_parameters` and return full name, default and completed descriptor."""
-    name, default, descriptor = (*entry, None, None, None)[:3]
-    descriptor = msg.ParameterDescriptor() if len(entry) < 3 else descriptor
-    if len(entry) > 3 or not isinstance(name, str) or not isinstance(descriptor, msg.ParameterDescriptor):
-        raise TypeError(f"{entry} does not declare a parameter: expected (name, default or type, descriptor)")
+    place = f"at index {index} in parameters list"
+    if not 1 <= len(entry) <= 3:
+        raise TypeError(f"Invalid parameter tuple length {place}: {entry}; expecting length between 1 and 3")
+    name = entry[0]
+    default = entry[1] if len(entry) > 1 else None
+    descriptor = entry[2] if len(entry) > 2 else msg.ParameterDescriptor()
+    if not isinstance(name, str):
+        raise TypeError(f"First element {name} {place} is not a str.")
+    if not isinstance(descriptor, msg.ParameterDescriptor):
+        raise TypeError(f"Third element {descriptor} {place} is not a ParameterDescriptor.")
     name = f"{namespace}.{name}" if namespace else name
     validate_parameter_name(name)
     if len(entry) == 1:
         warnings.warn(
-            f"{name}: declaring a parameter only providing its name is deprecated: add a default value, a type or "
-            "a descriptor with dynamic_typing=True",
+            f"when declaring parameter named '{name}', "
+            "declaring a parameter only providing its name is deprecated. You have to either:\n"
+            '\t- Pass a name and a default value different to "PARAMETER NOT SET" (and optionally a descriptor).\n'
+            "\t- Pass a name and a parameter type.\n"
+            "\t- Pass a name and a descriptor with `dynamic_typing=True",
             stacklevel=4,
         )
         descriptor.dynamic_typing = True
     if isinstance(default, Parameter.Type):
         if default is Parameter.Type.NOT_SET:
-            raise ValueError(f"Cannot declare parameter {name} as statically typed of type NOT_SET")
+            raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
         if descriptor.dynamic_typing:
-            raise ValueError(f"{name}: dynamic_typing=True is not allowed when the parameter type is provided")
+            raise ValueError(
+                f"When declaring parameter {{{name}}} passing a descriptor with"
+                "`dynamic_typing=True` is not allowed when the parameter type is provided"
+            )
         descriptor.type = default.value
         return name, None, descriptor
     if isinstance(default, msg.ParameterValue):

@@ -143,7 +143,11 @@ class QoSProfile:
         if not isinstance(value, (kind, int) if is_enum else kind):
             raise AssertionError(f"QoS policy '{name}' must be of type {kind.__name__}, got {value!r}")
         if name == "depth" and value == 0 and self.history == HistoryPolicy.KEEP_LAST:
-            warnings.warn("A zero depth with KEEP_LAST stores nothing; it counts as SYSTEM_DEFAULT.", stacklevel=2)
+            warnings.warn(
+                "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                "This will be interpreted as SYSTEM_DEFAULT",
+                stacklevel=2,
+            )
         super().__setattr__(name, kind(value) if is_enum else value)
 
     def to_dict(self) -> dict[str, Any]:
@@ -221,28 +225,62 @@ WEAK_AND_STRICT = {
     "durability": (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
     "liveliness": (LivelinessPolicy.AUTOMATIC, LivelinessPolicy.MANUAL_BY_TOPIC),
 }
-#: The policies that a subscription requests and a publisher offers.
-REQUESTED_POLICIES = (*WEAK_AND_STRICT, "deadline", "liveliness_lease_duration")
+#: The words of rmw for the policies that a subscription requests and a publisher offers. If they do not match, and if
+#: only the offer or only the request is known; for durations if there is none offered, and if it is too long.
+_MISMATCHES = {
+    "reliability": (
+        "Best effort publisher and reliable subscription",
+        "Best effort publisher, but subscription is",
+        "Reliable subscription, but publisher is",
+    ),
+    "durability": (
+        "Volatile publisher and transient local subscription",
+        "Volatile publisher, but subscription is",
+        "Transient local subscription, but publisher is",
+    ),
+    "deadline": (
+        "Subscription has a deadline, but publisher does not",
+        "Subscription deadline is less than publisher deadline",
+    ),
+    "liveliness": (
+        "Publisher's liveliness is automatic and subscription's is manual by topic",
+        "Publisher's liveliness is automatic, but subscription's is",
+        "Subscription's liveliness is manual by topic, but publisher's is",
+    ),
+    "liveliness_lease_duration": (
+        "Subscription has a liveliness lease duration, but publisher does not",
+        "Subscription liveliness lease duration is less than publisher",
+    ),
+}
+REQUESTED_POLICIES = tuple(_MISMATCHES)
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
     """Return whether a publisher's profile serves a subscription's, by the request-offered rules of DDS."""
-    errors, doubts = "", ""
-    for name in REQUESTED_POLICIES:
+    errors, doubts = [], []
+    for name, texts in _MISMATCHES.items():
         offered, requested = getattr(publisher_qos, name), getattr(subscription_qos, name)
-        text = f"{name} of publisher is {offered}, of subscription {requested};"
         if isinstance(offered, Duration):
             # Zero means unspecified.
             if requested.nanoseconds and not 0 < offered.nanoseconds <= requested.nanoseconds:
-                errors += f"ERROR: {text}"
+                errors.append(texts[1] if offered.nanoseconds else texts[0])
             continue
         weak, strict = WEAK_AND_STRICT[name]
-        text = f"{name} of publisher is {offered.short_key}, of subscription {requested.short_key};"
-        open_values = [value.short_key in ("system_default", "unknown") for value in (offered, requested)]
+        is_offer_open, is_request_open = (
+            value.short_key in ("system_default", "unknown") for value in (offered, requested)
+        )
         if (offered, requested) == (weak, strict):
-            errors += f"ERROR: {text}"
-        elif all(open_values) or (open_values[0] and requested == strict) or (open_values[1] and offered == weak):
-            doubts += f"WARNING: {text}"
+            errors.append(texts[0])
+        elif is_offer_open and is_request_open:
+            # So it is spelt in rmw.
+            policy = name.replace("durability", "durabilty")
+            doubts.append(f"Publisher {policy} is {offered.short_key} and subscription {name} is {requested.short_key}")
+        elif is_offer_open and requested == strict:
+            doubts.append(f"{texts[2]} {offered.short_key}")
+        elif is_request_open and offered == weak:
+            doubts.append(f"{texts[1]} {requested.short_key}")
     if errors:
-        return QoSCompatibility.ERROR, errors
-    return (QoSCompatibility.WARNING, doubts) if doubts else (QoSCompatibility.OK, "")
+        return QoSCompatibility.ERROR, "".join(f"ERROR: {text};" for text in errors)
+    if doubts:
+        return QoSCompatibility.WARNING, "".join(f"WARNING: {text};" for text in doubts)
+    return QoSCompatibility.OK, ""

@@ -48,7 +48,10 @@ class Subscription(TopicEndpoint):
             if takes(value, arguments):
                 self._callback, self._callback_type = value, callback_type
                 return
-        raise RuntimeError("callback should be callable with one argument (the message) or two (and its MessageInfo)")
+        raise RuntimeError(
+            "Subscription.__init__(): callback should be either be callable with one argument"
+            "(to get only the message) or two (to get message and message info)"
+        )
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""

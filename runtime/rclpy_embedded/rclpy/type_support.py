@@ -15,6 +15,9 @@ def check_is_valid_srv_type(srv_type: Any) -> None:
 
 def _check(cls: Any, kind: str, attribute: str, hint: str) -> None:
     if not hasattr(cls, "_TYPE_NAME"):
-        raise AttributeError(f"{cls!r} is not a {kind} class of ROS 2 (one of ROS 1 cannot be used)")
+        raise AttributeError(
+            f"{cls!r} is not a {kind} class of ROS 2. This might be a ROS 1 message type but it should be a ROS 2 "
+            "message type. Make sure to source your ROS 2 workspace after your ROS 1 workspace."
+        )
     if not hasattr(cls, attribute):
         raise RuntimeError(f"The {kind} type provided is not valid ({cls}), {hint}")

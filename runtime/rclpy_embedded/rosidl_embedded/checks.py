@@ -1,4 +1,4 @@
-"""Checks of values assigned to message fields, and conversion of several numbers into packed containers."""
+"""Checks of values assigned to message fields, in rosidl's words, and conversion of numbers into packed containers."""
 
 from __future__ import annotations
 
@@ -14,49 +14,63 @@ from . import definition as d
 CHECK_FIELDS: bool = __debug__ and os.environ.get("ROS_PYTHON_CHECK_FIELDS", "") != "0"
 #: What may be assigned to several values, besides str, which is no sequence here.
 SEQUENCES: Any = (Sequence, Set, UserList, memoryview, array)
-#: rosidl's limit, a little below the largest float32.
-_LARGEST_FLOAT32 = 3.402823466e38
+#: rosidl's limits; that of float is a little below the largest float32.
+_LARGEST = {"float": 3.402823466e38, "double": 1.7976931348623157e308}
 
 
-def expected(type_: d.AbstractType) -> str:
-    """Say what a field of the type holds, for error messages."""
-    match type_:
-        case d.Array(element, size):
-            return f"{size} values, each {expected(element)}"
-        case d.BoundedSequence(element, bound):
-            return f"a sequence of at most {bound} values, each {expected(element)}"
-        case d.AbstractNestedType(element):
-            return f"a sequence, each value {expected(element)}"
-        case d.NamespacedType():
-            return f"a {type_.type_name}"
-        case d.AbstractGenericString(maximum_size=int(bound)):
-            return f"a str of at most {bound} characters"
-        case d.BasicType("octet"):
-            return "a bytes of length 1"
-        case d.BasicType("float"):
-            return f"a float in [{-_LARGEST_FLOAT32}, {_LARGEST_FLOAT32}]"
-        case d.BasicType(typename) if typename in d.INTEGER_RANGES:
-            return "an int in [{}, {}]".format(*d.INTEGER_RANGES[typename])
-    return f"a {d.python_type(type_)}"
+def checks(type_: d.AbstractType, class_name: str) -> list[tuple[str, str]]:
+    """Return conditions on a ``value`` as Python source, each with rosidl's words for what a field must be.
 
-
-def condition(type_: d.AbstractType, class_name: str) -> str:
-    """Return Python source that tells whether ``value`` fits a field; `class_name` is that of single values."""
+    `class_name` is that of single values.
+    """
     match type_:
         case d.AbstractNestedType(element):
             # The inner ``value`` is one of the values.
-            every = f"all([{condition(element, class_name)} for value in value])"
-            return f"isinstance(value, SEQUENCES) and not isinstance(value, str){_length(type_)} and {every}"
+            every = " and ".join(condition for condition, _ in checks(element, class_name))
+            condition = f"isinstance(value, SEQUENCES) and not isinstance(value, str){_length(type_)}"
+            return [(f"{condition} and all([{every} for value in value])", set_or_sequence(type_))]
+        case d.NamespacedType():
+            return [(f"isinstance(value, {class_name})", f"a sub message of type '{type_.name}'")]
         case d.AbstractGenericString(maximum_size=int(bound)):
-            return f"isinstance(value, str) and len(value) <= {bound}"
+            return [(f"isinstance(value, str) and len(value) <= {bound}", f"string value not longer than {bound}")]
         case d.BasicType("octet"):
-            return "isinstance(value, (bytes, bytearray)) and len(value) == 1"
+            condition = "isinstance(value, (bytes, bytearray)) and len(value) == 1"
+            return [(condition, "of type 'bytes' or 'ByteString' with length 1")]
+    found = [(f"isinstance(value, {class_name})", f"of type '{class_name}'")]
+    match type_:
         case d.BasicType("float"):
-            return f"isinstance(value, float) and (not abs(value) > {_LARGEST_FLOAT32} or ISINF(value))"
+            limit = _LARGEST["float"]
+            found.append((f"not abs(value) > {limit} or ISINF(value)", f"a float in [{-limit}, {limit}]"))
         case d.BasicType(typename) if typename in d.INTEGER_RANGES:
             low, high = d.INTEGER_RANGES[typename]
-            return f"isinstance(value, int) and {low} <= value <= {high}"
-    return f"isinstance(value, {class_name})"
+            found.append((f"{low} <= value <= {high}", f"an {_integer_range(typename)}"))
+    return found
+
+
+def _integer_range(typename: str) -> str:
+    low, high = d.INTEGER_RANGES[typename]
+    return f"{'integer' if low else 'unsigned integer'} in [{low}, {high}]"
+
+
+def set_or_sequence(type_: d.AbstractNestedType) -> str:
+    """Return rosidl's words for what an array or sequence must be."""
+    element = type_.value_type
+    text = "a set or sequence"
+    match type_:
+        case d.Array(size=size):
+            text += f" with length {size}"
+        case d.BoundedSequence(maximum_size=bound):
+            text += f" with length <= {bound}"
+    if isinstance(element, d.AbstractGenericString) and element.maximum_size is not None:
+        text += f" and each string value not longer than {element.maximum_size}"
+    python_type = element.name if isinstance(element, d.NamespacedType) else d.python_type(element)
+    text += f" and each value of type '{python_type}'"
+    match element:
+        case d.BasicType("float" | "double" as typename):
+            text += f" and each {typename} in [{-_LARGEST[typename]:f}, {_LARGEST[typename]:f}]"
+        case d.BasicType(typename) if typename in d.INTEGER_RANGES:
+            text += f" and each {_integer_range(typename)}"
+    return text
 
 
 def _length(type_: d.AbstractNestedType) -> str:
@@ -68,38 +82,44 @@ def _length(type_: d.AbstractNestedType) -> str:
     return ""
 
 
-def packed_sequence(value: Any, type_: d.AbstractSequence, code: str, text: str, check: bool) -> array[Any]:
+def packed_sequence(value: Any, name: str, type_: d.AbstractSequence, code: str, check: bool) -> array[Any]:
     """Convert what was assigned to a sequence of numbers into an `array.array` of the type code.
 
-    If `check` is set and it does not fit, AssertionError with the text.
+    If `check` is set and it does not fit, AssertionError.
     """
+    bound = getattr(type_, "maximum_size", math.inf)
     if value.__class__ is not array:
-        value = _converted(value, code, text, check, lambda: _to_array(value, code))
-    if check and (value.typecode != code or len(value) > getattr(type_, "maximum_size", math.inf)):
-        raise AssertionError(text)
+        fits = not check or (_are_numbers(value, code) and len(value) <= bound)
+        packed: array[Any] = _converted(lambda: _to_array(value, code), fits, check, name, type_)
+        return packed
+    if check:
+        assert value.typecode == code, f"The '{name}' array.array() must have the type code of '{code}'"
+        assert len(value) <= bound, f"The '{name}' array.array() must have a size <= {bound}"
     return value if value.typecode == code else array(code, value)
 
 
-def packed_array(value: Any, type_: d.Array, code: str, text: str, check: bool) -> Any:
+def packed_array(value: Any, name: str, type_: d.Array, code: str, check: bool) -> Any:
     """Convert what was assigned to a fixed array of numbers into a numpy array; raises like `packed_sequence`."""
     import numpy as np
 
     if not isinstance(value, np.ndarray):
-        value = _converted(value, code, text, check, lambda: np.array(list(value), code))
-    if check and (value.dtype != code or value.shape != (type_.size,)):
-        raise AssertionError(text)
+        fits = not check or (_are_numbers(value, code) and len(value) == type_.size)
+        return _converted(lambda: np.array(list(value), code), fits, check, name, type_)
+    if check:
+        dtype = np.dtype(code)
+        assert value.dtype == dtype, f"The '{name}' numpy.ndarray() must have the dtype of 'numpy.{dtype.name}'"
+        assert value.shape == (type_.size,), f"The '{name}' numpy.ndarray() must have a size of {type_.size}"
     return value.astype(code, copy=False)
 
 
-def _converted(value: Any, code: str, text: str, check: bool, convert: Callable[[], Any]) -> Any:
-    if check and not _are_numbers(value, code):
-        raise AssertionError(text)
+def _converted(convert: Callable[[], Any], fits: bool, check: bool, name: str, type_: d.AbstractNestedType) -> Any:
     try:
-        return convert()
+        if fits:
+            return convert()
     except (OverflowError, TypeError, ValueError):
-        if check:
-            raise AssertionError(text) from None
-        raise
+        if not check:
+            raise
+    raise AssertionError(f"The '{name}' field must be {set_or_sequence(type_)}")
 
 
 def _to_array(value: Any, code: str) -> array[Any]:
@@ -118,4 +138,4 @@ def _are_numbers(value: Any, code: str) -> bool:
         return False
     if code in "fd" and not all([isinstance(item, float) for item in value]):
         return False
-    return code != "f" or all(not abs(item) > _LARGEST_FLOAT32 or math.isinf(item) for item in value)
+    return code != "f" or all(not abs(item) > _LARGEST["float"] or math.isinf(item) for item in value)

@@ -16,7 +16,7 @@ from typing import Any, NoReturn, cast
 
 from . import catalogue
 from . import definition as d
-from .checks import CHECK_FIELDS, SEQUENCES, condition, expected, packed_array, packed_sequence
+from .checks import CHECK_FIELDS, SEQUENCES, checks, packed_array, packed_sequence
 
 _lock = RLock()
 _classes: dict[str, type] = {}
@@ -207,11 +207,13 @@ def _construction(field: d.Member, class_name: str, namespace: dict[str, Any]) -
 
 def _assignment(field: d.Member, class_name: str) -> list[str]:
     name, type_ = field.name, field.type
-    text = f"The '{name}' field must be {expected(type_)}"
     match type_:
         case d.AbstractNestedType(d.BasicType(is_number=True) as element):
             convert = "PACKED_ARRAY" if isinstance(type_, d.Array) else "PACKED_SEQUENCE"
-            arguments = f"value, TYPES['{name}'], '{element.traits.code}', {text!r}, self._check_fields"
+            arguments = f"value, '{name}', TYPES['{name}'], '{element.traits.code}', self._check_fields"
             return [f"    self._{name} = {convert}({arguments})"]
-    check = f"    if self._check_fields: assert {condition(type_, class_name)}, {text!r}"
-    return [check, f"    self._{name} = value"]
+    lines = ["    if self._check_fields:"]
+    for condition, words in checks(type_, class_name):
+        text = f"The '{name}' field must be {words}"
+        lines.append(f"        assert {condition}, {text!r}")
+    return [*lines, f"    self._{name} = value"]

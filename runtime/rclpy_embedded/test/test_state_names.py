@@ -91,7 +91,7 @@ def test_namespaces_node_and_parameter_names() -> None:
     for bad in ("", "a", "/a/", "/a b", "//", "/1", "/" + "a" * 246):
         with pytest.raises(InvalidNamespaceException):
             validate_namespace(bad)
-    assert namespace_error("/a/") == ("namespace must not end with a '/'", 2)
+    assert namespace_error("/a/") == ("namespace must not end with a '/', unless only a '/'", 2)
     for bad in ("", "1a", "a/b", "a-b", "a" * 256):
         with pytest.raises(InvalidNodeNameException):
             validate_node_name(bad)

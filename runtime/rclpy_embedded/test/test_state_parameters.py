@@ -138,20 +138,22 @@ def test_value_from_text(text: str, value: object) -> None:
 def test_parameter_file(tmp_path: object) -> None:
     path = str(tmp_path / "p.yaml")
     with open(path, "w") as stream:
-        stream.write("/**: {ros__parameters: {a: 1, b: 1}}\n/n: {ros__parameters: {a: 2, c: {d: [x], e: []}}}\n")
+        stream.write("/**: {ros__parameters: {a: 1, b: 1}}\n/n: {ros__parameters: {a: 2, c: {d: [x]}}}\nm: 1\n")
     read = parameter_dict_from_yaml_file(path, True, ["/n"], "ns.")
     assert {name: parameter_value_to_python(msg.value) for name, msg in read.items()} == {
         "ns.a": 2,
         "ns.b": 1,
         "ns.c.d": ["x"],
-        "ns.c.e": [],
     }
     with pytest.raises(RuntimeError, match="does not contain parameters for /x"):
         parameter_dict_from_yaml_file(path, target_nodes=["/x"])
-    with open(path, "a") as stream:
-        stream.write("m: 1\n")
-    with pytest.raises(RuntimeError, match=r"not a valid ROS parameter file: .*'m'"):
+    with pytest.raises(RuntimeError, match="not a valid ROS parameter file for node m"):
         parameter_dict_from_yaml_file(path)
+    for text in ("", "m"):
+        with open(path, "w") as stream:
+            stream.write(text)
+        with pytest.raises(RuntimeError, match="must be a mapping"):
+            parameter_dict_from_yaml_file(path)
 
 
 # -- the store ----------------------------------------------------------------------------------------------------
@@ -184,8 +186,13 @@ def test_declaring_what_cannot_be_declared() -> None:
         store.declare_parameter("c", None, ParameterDescriptor())
     with pytest.raises(ValueError, match="is not allowed when the parameter type is provided"):
         store.declare_parameter("c", Type.INTEGER, ParameterDescriptor(dynamic_typing=True))
-    for entry in ((), (1, 2), ("x", 1, "d"), ("x", 1, ParameterDescriptor(), 1)):
-        with pytest.raises(TypeError, match="does not declare a parameter"):
+    for entry, text in (
+        ((), "tuple length"),
+        (("x", 1, ParameterDescriptor(), 1), "tuple length"),
+        ((1, 2), "is not a str"),
+        (("x", 1, "d"), "is not a ParameterDescriptor"),
+    ):
+        with pytest.raises(TypeError, match=text):
             store.declare_parameters("", [entry])
     assert not store.has_parameter("b")
     assert len(events) == 1

@@ -140,7 +140,7 @@ def test_what_is_left_to_the_system_is_a_doubt() -> None:
         qos_profile_system_default, QoSProfile(depth=1, liveliness=LivelinessPolicy.AUTOMATIC)
     )
     assert verdict is QoSCompatibility.WARNING
-    assert reason == "WARNING: reliability of publisher is system_default, of subscription reliable;"
+    assert reason == "WARNING: Reliable subscription, but publisher is system_default;"
     verdict, reason = qos_check_compatible(qos_profile_system_default, qos_profile_system_default)
     assert verdict is QoSCompatibility.WARNING
     assert reason.count("WARNING: ") == 3

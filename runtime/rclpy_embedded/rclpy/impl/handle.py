@@ -4,7 +4,7 @@ from typing import Any, Self
 
 from rclpy.exceptions import InvalidHandle
 
-DESTROYED = "Cannot use Destroyable because destruction was requested"
+DESTROYED = "cannot use Destroyable because destruction was requested"
 
 
 class Handle:

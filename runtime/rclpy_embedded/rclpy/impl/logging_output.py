@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakSet
 
 from rcl_interfaces import msg
 from rclpy.impl.logging_severity import LoggingSeverity
@@ -86,6 +87,8 @@ class LoggingSystem:
     def __init__(self) -> None:
         # What publishes to /rosout by name of a node's logger.
         self._publishers: dict[str, list[Callable[[Any], None]]] = {}
+        # The same by name of a child of such a logger, and the children of that name that are still in use.
+        self._children: dict[str, tuple[list[Callable[[Any], None]], WeakSet[Any]]] = {}
         self._state = threading.local()
         self.rosout_enabled = False
         self.initialize()
@@ -111,7 +114,7 @@ class LoggingSystem:
         self.rosout_enabled = False
 
     def attach(self, logger_name: str, publish: Callable[[Any], None]) -> None:
-        """Publish the messages of a node's logger and of its children through `publish`."""
+        """Publish the messages of a node's logger and of the children it will have through `publish`."""
         publishers = self._publishers.setdefault(logger_name, [])
         publishers.append(publish)
         if len(publishers) > 1:
@@ -124,10 +127,22 @@ class LoggingSystem:
         publishers = self._publishers.get(logger_name, [])
         if publish in publishers:
             publishers.remove(publish)
+        if not publishers:
+            self._publishers.pop(logger_name, None)
+            self._children = {name: entry for name, entry in self._children.items() if entry[0] is not publishers}
 
-    def _publish(self, message: msg.Log, ancestor: str) -> None:
-        """Publish a message if its logger, or the ancestor that the logger was made from, is that of a node."""
-        publishers = self._publishers.get(message.name) or self._publishers.get(ancestor)
+    def add_child(self, parent_name: str, child: Any) -> None:
+        """Publish the messages under the name of a child as those of its parent, as long as the child is in use."""
+        if publishers := self._publishers_of(parent_name):
+            self._children.setdefault(child.name, (publishers, WeakSet()))[1].add(child)
+
+    def _publishers_of(self, logger_name: str) -> list[Callable[[Any], None]]:
+        publishers, children = self._children.get(logger_name, ([], ()))
+        return self._publishers.get(logger_name) or (publishers if children else [])
+
+    def _publish(self, message: msg.Log) -> None:
+        """Publish a message if its logger is that of a node, or a child of one."""
+        publishers = self._publishers_of(message.name)
         # A message that is logged while another one is published would never come to an end.
         if not publishers or getattr(self._state, "publishing", False):
             return
@@ -153,14 +168,14 @@ class LoggingSystem:
             name = name.rpartition(".")[0]
         return self.level(name)
 
-    def log(self, message: msg.Log, ancestor: str = "") -> None:
-        """Send a message to the outputs if the logger is enabled for it; `ancestor` is the logger it was made from."""
+    def log(self, message: msg.Log) -> None:
+        """Send a message to the outputs if the logger is enabled for it."""
         if message.level < self.effective_level(message.name) or message.level == LoggingSeverity.UNSET:
             return
         if self.stdout_enabled:
             self._console(message)
         if self.rosout_enabled:
-            self._publish(message, ancestor)
+            self._publish(message)
 
 
 #: The logging system of this process.

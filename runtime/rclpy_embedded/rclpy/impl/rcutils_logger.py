@@ -34,24 +34,44 @@ def _check_options(options: dict[str, Any]) -> None:
         if name not in _OPTIONS:
             raise TypeError(f'parameter "{name}" is not one of the recognized logging options "{_OPTIONS}"')
     if clock := options.get("throttle_time_source_type"):
+        if options.get("throttle_duration_sec") is None:
+            raise TypeError(
+                'required parameter "throttle_duration_sec" not specified '
+                'but is required for the the logging filter "throttle"'
+            )
         if not callable(getattr(clock, "now", None)):
             raise ValueError(f'Received throttle_time_source_type of "{clock}" is not a clock instance')
-        if options.get("throttle_duration_sec") is None:
-            raise TypeError("throttle_time_source_type needs throttle_duration_sec")
 
 
 @dataclass
 class _CallSite:
-    """Severity, logger and options of the first call at a place in the code, and the state of the filters there."""
+    """Arguments of the first call at a place in the code, and the state of the filters there."""
 
-    arguments: tuple[LoggingSeverity, str, dict[str, Any]]
+    severity: LoggingSeverity
+    name: str
+    options: dict[str, Any]
     last_ns: int = 0
     has_skipped: bool = False
     has_passed: bool = False
 
+    def check_unchanged(self, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
+        """Raise ValueError if a later call at the place has other arguments."""
+
+        def filters(options: dict[str, Any]) -> set[str]:
+            return {option.partition("_")[0] for option in options}
+
+        for what, is_same in (
+            ("Logger severity", severity == self.severity),
+            ("Logger name", name == self.name),
+            ("Requested logging filters", filters(options) == filters(self.options)),
+            ("Logging filter parameters", options == self.options),
+        ):
+            if not is_same:
+                raise ValueError(f"{what} cannot be changed between calls.")
+
     def passes(self) -> bool:
         """Return whether the filters pass this message: throttle, then skip first, then once."""
-        options = self.arguments[2]
+        options = self.options
         if duration_sec := options.get("throttle_duration_sec"):
             clock = options.get("throttle_time_source_type")
             now_ns = clock.now().nanoseconds if clock else time.time_ns()
@@ -79,16 +99,17 @@ class RcutilsLogger:
 
     def __init__(self, name: str = "") -> None:
         self.name = name
-        self._ancestor = name
         self._call_sites: dict[tuple[str, str, int, int], _CallSite] = {}
 
     def get_child(self, name: str) -> RcutilsLogger:
-        """Return a logger below this one. If this logger publishes to /rosout, so does the child."""
+        """Return a logger below this one; if this one publishes to /rosout, so do all loggers of the child's name.
+
+        They do so as long as the child is in use.
+        """
         if not name:
             raise ValueError("Child logger name must not be empty.")
         child = RcutilsLogger(f"{self.name}.{name}" if self.name else name)
-        if self.name:
-            child._ancestor = self._ancestor
+        system.add_child(self.name, child)
         return child
 
     def set_level(self, level: LoggingSeverity | int) -> None:
@@ -118,14 +139,12 @@ class RcutilsLogger:
         options = {key: value for key, value in kwargs.items() if value}
         if not isinstance(message, str):
             raise TypeError(f"a log message must be a str, got {type(message).__name__}: use str(...)")
-        caller, arguments = _caller(), (severity, name, options)
-        site = self._call_sites.setdefault(caller, _CallSite(arguments))
-        if site.arguments != arguments:
-            raise ValueError(f"a log call cannot be changed between calls: first {site.arguments}, now {arguments}")
+        caller = _caller()
+        site = self._call_sites.setdefault(caller, _CallSite(severity, name, options))
+        site.check_unchanged(severity, name, options)
         if not site.passes():
             return False
-        ancestor = self._ancestor if name == self.name else ""
-        system.log(log_message(severity, name, message, *caller[:3]), ancestor)
+        system.log(log_message(severity, name, message, *caller[:3]))
         return True
 
     debug = _logging_at(LoggingSeverity.DEBUG)

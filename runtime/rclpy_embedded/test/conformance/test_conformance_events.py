@@ -161,3 +161,13 @@ def test_async_event_callback(node: Any, spinner: Any) -> None:
 
 def test_incompatible_type_is_accepted(node: Any) -> None:
     node.create_publisher(String, "typed", 10, event_callbacks=PublisherEventCallbacks(incompatible_type=_ignore))
+
+
+def test_event_handlers(node: Any) -> None:
+    """Two kinds of incompatibility have handlers by default; each callback of another kind has one."""
+    publisher = node.create_publisher(String, "handled", 10)
+    assert len(publisher.event_handlers) == 2
+    silent = SubscriptionEventCallbacks(use_default_callbacks=False, incompatible_type=_ignore)
+    assert len(node.create_subscription(String, "handled", _ignore, 10, event_callbacks=silent).event_handlers) == 1
+    both = SubscriptionEventCallbacks(deadline=_ignore, matched=_ignore)
+    assert len(node.create_subscription(String, "handled", _ignore, 10, event_callbacks=both).event_handlers) == 4

@@ -78,6 +78,31 @@ def test_rosout(context: Context, node: Any, spinner: Any) -> None:
     other.destroy_node()
 
 
+def test_rosout_knows_children_by_name(context: Context, node: Any, spinner: Any) -> None:
+    logs: list[Any] = []
+    node.create_subscription(Log, "/rosout", logs.append, ROSOUT)
+    too_early = get_logger("far.other").get_child("early")
+    other = rclpy.create_node("other", namespace="/far", context=context)
+    too_early.info("before there was the node")
+    one, two = (other.get_logger().get_child("part") for _ in range(2))
+    same_name = get_logger("far.other.part")
+    same_name.info("while two live")
+    del one
+    same_name.info("while one lives")
+    other.get_logger().info("in its name", name="far.other.part")
+    two.get_child("bolt").info("of a child that is gone")
+    get_logger("far.other.part.bolt").info("that was the last one")
+    del two
+    same_name.info("while none lives")
+    get_logger("far.other.none").info("of no child")
+    other.get_logger().info("the end")
+    assert spinner.until(lambda: any(log.msg == "the end" for log in logs))
+    heard = [log.msg for log in logs if log.name.startswith("far.")]
+    said = ["while two live", "while one lives", "in its name", "of a child that is gone", "the end"]
+    assert heard == said
+    other.destroy_node()
+
+
 def test_no_rosout(context: Context, wait_until: Any) -> None:
     node = rclpy.create_node("silent", context=context, enable_rosout=False)
     assert wait_until(lambda: node.count_publishers("/parameter_events") == 1)

@@ -16,7 +16,7 @@ from rclpy.exceptions import (
     ParameterImmutableException,
     ParameterNotDeclaredException,
 )
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.parameter_event_handler import ParameterEventHandler
 
@@ -211,3 +211,17 @@ def test_from_another_node_and_its_events(context: Context, node: Any, spinner: 
     assert len(seen) == 1
     handler.destroy()
     other.destroy_node()
+
+
+def test_file_with_an_invalid_section(tmp_path: Path) -> None:
+    path = tmp_path / "parameters.yaml"
+    path.write_text("/n: {note: 1, ros__parameters: {a: 1, b: {c: [x]}}}\n/m: {b: 2}\n")
+    read = parameter_dict_from_yaml_file(str(path), target_nodes=["/n"])
+    assert {name: parameter_value_to_python(message.value) for name, message in read.items()} == {"a": 1, "b.c": ["x"]}
+    for target_nodes in ([], ["/m"]):
+        with pytest.raises(RuntimeError, match=r"^YAML file is not a valid ROS parameter file for node /m$"):
+            parameter_dict_from_yaml_file(str(path), target_nodes=target_nodes)
+    with pytest.raises(RuntimeError, match=r"parameters for /x,only for nodes: \['/n', '/m'\]"):
+        parameter_dict_from_yaml_file(str(path), target_nodes=["/x"])
+    with pytest.raises(FileNotFoundError):
+        parameter_dict_from_yaml_file(str(tmp_path / "missing.yaml"))
