@@ -9,12 +9,12 @@ from fsw_supervisor.state_machine import Mode
 
 #: by interlock: disturbances and sensor faults of the plant that lead to it, and no other one
 _CAUSES = {
-    "temperature_low": [("temperature", -30.0)],
-    "temperature_high": [("temperature", 96.0)],
-    "depth_high": [("depth", 1.1)],
-    "force_high": [("axial_force", 97.2 - weld.FORCE_KN)],
-    "torque_high": [("spindle_speed", -100.0), ("torque", 680.0)],
-    "power_high": [("spindle_speed", 92.0), ("torque", 300.0)],
+    "temperature_low": [("disturbance", "temperature", -30.0)],
+    "temperature_high": [("disturbance", "temperature", 96.0)],
+    "depth_high": [("disturbance", "depth", 1.0), ("fault", "depth", 0.1)],
+    "force_high": [("disturbance", "axial_force", 97.2 - weld.FORCE_KN)],
+    "torque_high": [("disturbance", "spindle_speed", -100.0), ("fault", "torque", 680.0)],
+    "power_high": [("disturbance", "spindle_speed", 92.0), ("fault", "torque", 300.0)],
 }
 
 
@@ -57,8 +57,8 @@ class Loop:
 def test_interlock_trips_into_a_safe_stop(interlock):
     loop = Loop()
     assert loop.run(10) is Mode.AUTO
-    for target, amplitude in _CAUSES[interlock]:
-        if target == "torque":
+    for cause, target, amplitude in _CAUSES[interlock]:
+        if cause == "fault":
             loop.plant.set_fault(target, "bias", amplitude)
         else:
             loop.plant.set_disturbance(target, "step", amplitude)

@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -270,10 +270,10 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
 
 
 def test_part_with_an_error_is_an_alarm(graph, page):
-    diagnostics = graph.node.create_publisher(convert.DiagnosticArray, "/diagnostics", STREAM)
+    diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
     wait(diagnostics.get_subscription_count)
-    status = convert.diagnostic_status("fsw_recorder: recording", DiagnosticStatus.ERROR, "disk full", {})
-    diagnostics.publish(convert.diagnostics_message(0, [status]))
+    status = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
+    diagnostics.publish(DiagnosticArray(status=[status]))
     (alarm,) = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
     assert alarm["text"] == "fsw_recorder: recording: disk full"
 

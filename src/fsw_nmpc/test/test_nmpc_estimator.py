@@ -171,11 +171,11 @@ def test_eight_hours_of_rest():
     """Deviations settle, and what is told of the disturbances stays true."""
     watch = Watch(noise=True)
     told = watch.run(2 * 36_000)
-    settled = np.array(told.deviation)
+    settled = np.array(list(told.deviation))
     for _ in range(6):
         told = watch.run(36_000)
-        off = np.abs(np.array(told.disturbance) - [0.0, 0.0, 1.0, 0.0, 0.0])
-        assert (off < 4.0 * np.array(told.deviation)).all(), off / told.deviation
+        off = np.abs(np.array(list(told.disturbance)) - [0.0, 0.0, 1.0, 0.0, 0.0])
+        assert (off < 4.0 * np.array(list(told.deviation))).all(), off
     others = [FORCE, HEAT, SCALE, TEMPERATURE]
     assert [told.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.02)
     # noise of more than four standard deviations passes for a small jump of the depth, some times in an hour
@@ -202,7 +202,7 @@ def test_deviations_are_honest():
         watch = Watch(noise=True, seed=seed)
         told = watch.run(300)
         error = np.array([told.disturbance[i] - (1.0 if i == SCALE else 0.0) for i in range(5)])
-        ratios.append(error / np.array(told.deviation))
+        ratios.append(error / np.array(list(told.deviation)))
     assert (np.array(ratios).std(axis=0) < 1.2).all(), np.array(ratios).std(axis=0)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +82,15 @@ def _figures_or_error(job: Job) -> Figures:
         return {"error": str(error)}
 
 
+def process_pool() -> ProcessPoolExecutor:
+    """A pool of as many processes as there are processors; spawned, because a forked one would share DDS and locks."""
+    return ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+
+
 def run_all(jobs: Sequence[Job], progress: Callable[[float], None] | None = None) -> dict[Job, Figures]:
     """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
     results = {}
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
+    with process_pool() as pool:
         worth_it = len(jobs) >= 8
         work = pool.map(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
         for job, found in zip(jobs, work, strict=True):
