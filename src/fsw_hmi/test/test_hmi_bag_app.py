@@ -10,6 +10,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ def get(tmp_path: Path, page: PageFiles) -> Get:
 
         headers = [(b"host", host.encode()), (b"accept-encoding", encoding.encode())]
         scope = {"type": "http", "method": "GET", "path": path, "query_string": b"", "headers": headers}
-        asyncio.run(app(scope, receive, send))
+        with ThreadPoolExecutor(1) as own_thread:  # in this one a loop of the browser's tests may be running
+            own_thread.submit(asyncio.run, app(scope, receive, send)).result()
         names = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
         return sent[0]["status"], names, b"".join(one.get("body", b"") for one in sent[1:])
 
