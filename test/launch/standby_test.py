@@ -18,10 +18,10 @@ from fsw_msgs.msg import ShoulderDepth, SupervisorState, WeldCommand
 
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
 TICKS = 20
-#: by node: a text in the command line of its process, and one that is not there
+#: by node: a text in the command line of its process, and, where another has it as well, one that is not there
 LEADERS = {
     "fsw_supervisor": ("fsw_supervisor", "standby"),
-    "fsw_supervisor_standby": ("__node:=fsw_supervisor_standby", "pytest"),
+    "fsw_supervisor_standby": ("__node:=fsw_supervisor_standby",),
 }
 MOVE_N, MOVE_RAD_PER_S = 1000.0, 3.0 * math.tau / 60.0
 
@@ -76,4 +76,4 @@ class TestAfterShutdown(unittest.TestCase):
             if codes[name] == -signal.SIGKILL:  # the one that was leading; started again where launch does that
                 del codes[name]
                 break
-        self.assertEqual(set(codes.values()), {0})
+        self.assertEqual(set(codes.values()), {0}, codes)

@@ -134,14 +134,14 @@ class WeldUnderTest:
             yield {"domain": domain, "bag": graph.bag, "proc_info": exits}, stop
 
 
-def kill(domain: int, word: str, but: str) -> None:
+def kill(domain: int, word: str, but: str | None = None) -> None:
     """Kill -9 the one process in a ROS domain whose command line has the one text and not the other."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             here = f"ROS_DOMAIN_ID={domain}".encode() in (folder / "environ").read_bytes().split(b"\0")
             command = (folder / "cmdline").read_bytes().decode(errors="replace")
-            if here and word in command and but not in command:
+            if here and word in command and (but is None or but not in command):
                 found.append(int(folder.name))
     assert len(found) == 1, f"{len(found)} processes of {word!r} in domain {domain}"
     os.kill(found[0], signal.SIGKILL)

@@ -54,8 +54,9 @@ _NODE_FAULTS: _Faults = (
     (r"^[0-9]", "node name must not start with a number"),
     (rf"^.{{{MAX_NODE_NAME_LENGTH}}}(?=.)", f"node name length should not exceed '{MAX_NODE_NAME_LENGTH}'"),
 )
-#: The longest part of a topic name that has only valid characters and substitutions.
-_VALID = r"^~?+(?:[A-Za-z0-9_/]|\{(?![0-9])[A-Za-z0-9_]*\})*+"
+#: The longest part of a topic name that has only valid characters and substitutions; matched once and for all by a
+#: look-ahead, since possessive quantifiers of groups are wrong before Python 3.11.4.
+_VALID = r"^(?=(?P<valid>~?(?:[A-Za-z0-9_/]|\{(?![0-9])[A-Za-z0-9_]*\})*))(?P=valid)"
 _TOPIC_FAULTS: _Faults = (
     (r"^\Z", "topic name must not be empty string"),
     (r"^[0-9]", "topic name token must not start with a number"),
@@ -63,7 +64,10 @@ _TOPIC_FAULTS: _Faults = (
     (_VALID + r"\{[0-9]", "substitution name must not start with a number"),
     (_VALID + r"(\}|\{(?=[A-Za-z0-9_]*\Z))", "topic name must not have unmatched (unbalanced) curly braces '{}'"),
     (_VALID + r"(\{[A-Za-z0-9_]*)?~", "topic name must not have tilde '~' unless it is the first character"),
-    (_VALID + r"\{[A-Za-z0-9_]*+.", "substitution name must not contain characters other than alphanumerics or '_'"),
+    (
+        _VALID + r"\{[A-Za-z0-9_]*[^A-Za-z0-9_]",
+        "substitution name must not contain characters other than alphanumerics or '_'",
+    ),
     (_VALID + ".", "topic name must not contain characters other than alphanumerics, '_', '~', '{', or '}'"),
     (r"^~[^/](?=.)", "topic name must not have a tilde '~' that is not followed by a forward slash '/'"),
     (r"/[0-9]", "topic name token must not start with a number"),

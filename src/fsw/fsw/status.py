@@ -39,7 +39,7 @@ def _run(arguments: argparse.Namespace) -> int:
         received = (states, set_points, stated, commands, depths, torques, temperatures)
         if not node.wait_until(lambda: any(received)):
             raise CommandError(f"no weld graph on {domain_text()}: start it, or set ROS_DOMAIN_ID")
-        node.wait_until(lambda: all(received), _SETTLE_S)
+        node.wait_until(lambda: all(received) and _publishers(node.node) <= set(node.node.get_node_names()), _SETTLE_S)
         nodes = sorted(name for name in node.node.get_node_names() if name != "fsw_operator")
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
@@ -58,6 +58,12 @@ def _run(arguments: argparse.Namespace) -> int:
         command = f"{force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}"
     print_table([*rows, ("command", command)])
     return 0
+
+
+def _publishers(node: Any) -> set[str]:
+    """Names of the nodes whose topics this command shows."""
+    topics = ("/fsw/depth", "/fsw/supervisor/state", "/fsw/command")
+    return {publisher.node_name for topic in topics for publisher in node.get_publishers_info_by_topic(topic)}
 
 
 def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
