@@ -92,6 +92,26 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     assert fake.requests[-1]["ids"] == ["depth:stale"]
 
 
+def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    fake.alarms = sample_alarms(time.time())
+    fake.push()
+    expect(page.locator(".reach")).to_have_text("✓ Commands reach the machine")
+    expect(page.locator(".alarm", has_text="Depth sensor")).to_contain_text("3 times")
+    expect(page.get_by_role("button", name="Shelve: Depth sensor")).to_have_count(0)  # of high priority
+    press(page, "Shelve: Temperature above 900 °C")
+    page.get_by_label("20 min").check()
+    page.get_by_label("Why").fill("set-point is being lowered")
+    page.locator("dialog").get_by_role("button", name="Shelve").click()
+    expect(page.locator("#actions .answer")).to_have_text("✓ Shelve an alarm: done")
+    asked = {"alarm": "temperature_high:warn", "minutes": 20, "reason": "set-point is being lowered"}
+    assert fake.requests[-1] == fake.requests[-1] | asked | {"do": "shelve"}
+    press(page, "Take back: x no longer reports")
+    expect(page.locator("#actions .answer")).to_have_text("✓ Take an alarm back: done")
+    assert fake.requests[-1]["alarm"] == "node:x"
+
+
 @pytest.mark.requirement("S16")
 def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
     page = ready(open_page(fake.url))
@@ -237,7 +257,7 @@ def test_no_emulator_no_disturbances(fake, open_page):
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, size):
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url, *size)
-    expect(page.locator(".alarm")).to_have_count(4)
+    expect(page.locator(".alarm")).to_have_count(5)
     until(page, "document.querySelectorAll('.plot canvas').length === 4")
     shot(page, "{}x{}".format(*size))
     assert page.evaluate(
@@ -257,7 +277,7 @@ def test_accessible_by_axe(fake, bags, open_page, what):
     if what == "alarms":
         fake.alarms = sample_alarms(time.time())
         fake.push()
-        expect(page.locator(".alarm")).to_have_count(4)
+        expect(page.locator(".alarm")).to_have_count(5)
     if what == "form":
         in_control(page)
         press(page, "Mode")

@@ -133,7 +133,11 @@ class FakeHmi:
         you = bool(self.holder and self.holder["session"] == session)
         control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
         control["may_stop"] = self.local_stop or bool(known)
-        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms}, control]
+        frames = [
+            {"t": "state", **self.state},
+            {"t": "alarms", "alarms": self.alarms, "reach": {"ok": True, "text": "Commands reach the machine"}},
+            control,
+        ]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -269,10 +273,11 @@ class FakeHmi:
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
+        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
-        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15),
         _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
         _alarm("force_high:warn", "Force near the limit of the drive", "medium", "cleared", now_s - 90),
+        _alarm("node:x", "x no longer reports", "low", "shelved", now_s - 300, shelved_until_s=now_s + 300),
     ]
 
 
@@ -298,16 +303,14 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
     }
 
 
-def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, first_out: bool = False) -> dict[str, Any]:
+def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
     return {
-        "id": name,
-        "text": text,
+        **{"id": name, "text": text, "priority": priority, "state": state, "present": state != "cleared", "count": 1},
+        "consequence": "The controllers do without it for a short time only.",
         "advice": "Check the sensor, then swap the controller or stop.",
-        "priority": priority,
-        "state": state,
-        "first_out": first_out,
-        "raised_s": raised_s,
-        "changed_s": raised_s,
+        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s, "changed_s": raised_s},
+        **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
+        **changed,
     }
 
 
