@@ -273,7 +273,7 @@ class Weld(Spinner):
             self.launcher.children[name].process.wait()
 
     def new_time(self, first):
-        """Number of the first truth after ``first`` before which the plant's time began anew; None while there is none."""
+        """Number of the first truth of a time that began anew, from ``first`` on; None while there is none."""
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in self.truths[first - 1 :]]
         return next((first + i for i, (a, b) in enumerate(itertools.pairwise(stamps)) if b < a), None)
 
