@@ -22,6 +22,10 @@ NO_REPORT_S = 3.5
 _NO_SAMPLE_S = 0.5
 #: how far a value must come back inside its limits, chosen: a fifth of a deviation, 2 degC of the process window
 _BACK, _BACK_C = 0.2, 2.0
+#: a plant reports its watchdog once a second, so later than commands come again
+_WATCHDOG_S = 1.5
+#: nodes whose silence other alarms tell, by alarm
+_TOLD = {"measurements": ("fsw_plant", "fsw_machine"), "supervisor": ("fsw_supervisor",)}
 #: parts, behind the name of their node, that other rules cover
 _OTHER_RULES = ("controller", "process", "arbiter", "watchdog")
 #: parts of a gateway that say whether commands reach the machine
@@ -162,7 +166,7 @@ class AlarmRules:
         """Commands are sent, but those that arrive are none that the plant accepts."""
         why = [parts["watchdog"].text for parts in now.parts.values() if parts.get("watchdog", _FINE).level == "error"]
         if why and not {"supervisor", "measurements"} & found.keys():
-            found["machine"] = alarm("machine", why=why[0])
+            found["machine"] = replace(alarm("machine", why=why[0]), on_s=_WATCHDOG_S)
 
     def _measures(self, now: Situation) -> bool:
         return now.tick_age_s is not None and now.tick_age_s <= self._setting("silence_s")
@@ -261,9 +265,12 @@ class AlarmRules:
     def _parts(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
+        told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
+        told += [node for name in known if alarm_id("controller", name) in found for node in (name, f"fsw_{name}")]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
-                found[alarm_id("node", node)] = alarm("node_silent", node=node)
+                if node not in told:
+                    found[alarm_id("node", node)] = alarm("node_silent", node=node)
                 continue
             if parts.get("command topic", _FINE).level == "error":
                 found["foreign"] = alarm("foreign")

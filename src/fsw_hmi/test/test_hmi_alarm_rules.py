@@ -95,6 +95,14 @@ def test_no_alarm_in_a_good_weld(rules):
         ({"parts": {"nmpc": {"solver": Part("error", "none")}}}, "part:nmpc", "medium"),
         ({"parts": {"rogue": {f"{i}": Part("error", "bad") for i in range(196)}}}, "part:rogue", "low"),
         ({"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("stale", "")}}}, "node:fsw_nmpc", "low"),
+        (
+            {
+                "parts": {"fsw_nmpc": {"a": Part("stale", "")}},
+                "state": state(controllers=[controller(ready=False, reason="nmpc has left the graph")]),
+            },
+            *("controller:nmpc", "low"),
+        ),
+        ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
         ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),

@@ -133,11 +133,8 @@ class FakeHmi:
         you = bool(self.holder and self.holder["session"] == session)
         control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
         control["may_stop"] = self.local_stop or bool(known)
-        frames = [
-            {"t": "state", **self.state},
-            {"t": "alarms", "alarms": self.alarms, "reach": {"ok": True, "text": "Commands reach the machine"}},
-            control,
-        ]
+        reach = {"ok": True, "text": "Commands reach the machine"}
+        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms, "reach": reach}, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})

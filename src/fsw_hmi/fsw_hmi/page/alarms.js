@@ -40,7 +40,7 @@ export class Alarms {
 
   #entry(alarm) {
     const { text, consequence, advice, priority, state } = alarm;
-    const lines = [[detail(alarm), "detail"], [consequence, "detail"], [advice, "advice"]].filter(([line]) => line);
+    const lines = [[detail(alarm), "detail"], [[consequence, advice].filter(Boolean).join(". "), "advice"]];
     return el(
       "li",
       { className: `alarm ${priority} ${state}` },
