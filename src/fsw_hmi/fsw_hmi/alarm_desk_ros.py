@@ -12,7 +12,6 @@ from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
 from fsw_hmi.alarms import AlarmList
-from fsw_hmi.control_room import DONE, REFUSED
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
@@ -50,8 +49,8 @@ class AlarmDesk:
         """Content of the frame ``alarms``."""
         return {"alarms": self.list.rows(time.monotonic(), time.time()), "reach": self._reach}
 
-    def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[str, str]:
-        """Do what a person asked for; returns outcome and words."""
+    def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
+        """Do what a person asked for; returns whether it was done, and words."""
         wall_s = time.time()
         if isinstance(action, Acknowledge):
             refused, done = "", f"{self.list.acknowledge(action.ids, who, wall_s)} acknowledged"
@@ -61,7 +60,7 @@ class AlarmDesk:
         else:
             refused, done = self.list.unshelve(action.alarm, who, wall_s), "back in the list"
         self._publish()
-        return (REFUSED, refused) if refused else (DONE, done)
+        return not refused, refused or done
 
     def _situation(self) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()

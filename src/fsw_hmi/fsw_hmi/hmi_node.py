@@ -26,7 +26,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_hmi import tokens
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
-from fsw_hmi.control_room import REFUSED, ControlRoom
+from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits
@@ -69,7 +69,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         listening = listen(values["host"], values["port"], values["patience_s"])
         self._received: deque[Order] = deque()
         self._frames: dict[str, str] = {}
-        self._tick_sent_s, self._told_problem = 0.0, False
+        self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
         self._emulator = False
@@ -112,7 +112,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _restore(self, folder: Path | None) -> None:
         """Go on where the server before has ended."""
         now_s, wall_s = time.monotonic(), time.time()
-        self._keeper, self._done = Keeper(folder), deque[dict[str, Any]](maxlen=_KEPT_ACTIONS)
+        self._keeper = Keeper(folder, self.get_logger().warning)
+        self._done = deque[dict[str, Any]](maxlen=_KEPT_ACTIONS)
         kept, rows = self._keeper.load(wall_s)
         if kept is not None:
             self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
@@ -123,11 +124,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._show_alarms()
 
     def _keep(self) -> None:
-        before = self._keeper.problem
         self._keeper.keep(Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done)))
-        if self._keeper.problem and (self._keeper.problem != before or not self._told_problem):
-            self._told_problem = True
-            self.get_logger().warning(self._keeper.problem)
 
     def destroy_node(self) -> None:
         """Close the pages, then end."""
@@ -253,10 +250,10 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         if action is None:
             self._record(order, order.outcome, order.message)
         elif isinstance(action, Acknowledge | Shelve | Unshelve):
-            outcome = self._desk.carry_out(action, order.who)
+            ok, words = self._desk.carry_out(action, order.who)
             self._show_alarms()
             self._flush()
-            answer(*outcome)
+            answer(DONE if ok else REFUSED, words)
         elif isinstance(action, SetReference) and (why := self._why_not(action)):
             answer(REFUSED, why)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -36,42 +37,40 @@ class Keeper:
 
     The state is replaced as a whole. Rows are appended: a kill loses those since the last :meth:`keep`.
 
-    Attributes
+    Parameters
     ----------
-    problem : str
-        Why nothing can be kept, or why what was kept before is not used.
+    folder : Path or None
+    warn : callable
+        Is told in a line, once each, why nothing can be kept, and why what was kept before is not used.
     """
 
-    def __init__(self, folder: Path | None) -> None:
-        self.problem = ""
-        self._folder = folder
+    def __init__(self, folder: Path | None, warn: Callable[[str], object]) -> None:
+        self._folder, self._warn = folder, warn
         self._file: TextIO | None = None
 
     def load(self, wall_s: float) -> tuple[Kept | None, list[str]]:
         """State and rows of the server before; none where there was none, or they are damaged or of another weld."""
         if self._folder is None:
             return None, []
-        state, rows = None, list[str]()
+        path, state, rows = self._folder / "hmi_state.json", None, list[str]()
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            if (self._folder / "hmi_state.json").exists():
-                state = _KEPT.validate_json((self._folder / "hmi_state.json").read_bytes())
+            if path.exists():
+                state = _KEPT.validate_json(path.read_bytes())
                 if not 0.0 <= wall_s - state.wall_s <= _OLD_S:
-                    self.problem = f"{self._folder}: kept by the page of another weld, not used"
+                    self._warn(f"{path}: kept by the page of another weld, not used")
                     state = None
                 else:
-                    rows = self._rows()
+                    rows = self._rows(self._folder / "hmi_rows.jsonl")
         except ValidationError:
-            self.problem = f"{self._folder / 'hmi_state.json'}: damaged, not used"
+            self._warn(f"{path}: damaged, not used")
         except OSError as error:
-            self.problem = f"{self._folder}: {error.strerror}: nothing survives a restart of the page"
-            self._folder = None
+            self._give_up(error)
         self._begin(rows)
         return state, rows
 
-    def _rows(self) -> list[str]:
-        path, lines = self._folder_path / "hmi_rows.jsonl", deque[str](maxlen=KEPT)
-        damaged = 0
+    def _rows(self, path: Path) -> list[str]:
+        lines, damaged = deque[str](maxlen=KEPT), 0
         if path.exists():
             with path.open(encoding="utf-8", errors="replace") as file:
                 for line in file:
@@ -80,13 +79,8 @@ class Keeper:
                     else:
                         damaged += 1
         if damaged:
-            self.problem = f"{path}: {damaged} damaged lines, left out"
+            self._warn(f"{path}: {damaged} damaged lines, left out")
         return list(lines)
-
-    @property
-    def _folder_path(self) -> Path:
-        assert self._folder is not None
-        return self._folder
 
     def _begin(self, rows: list[str]) -> None:
         """Begin the file of the rows anew."""
@@ -107,7 +101,10 @@ class Keeper:
     def add(self, row: str) -> None:
         """Take a row of the trends, encoded."""
         if self._file is not None:
-            self._file.write(f"{row}\n")
+            try:
+                self._file.write(f"{row}\n")
+            except OSError as error:
+                self._give_up(error)
 
     def keep(self, state: Kept) -> None:
         """Write the state, and the rows so far."""
@@ -122,14 +119,14 @@ class Keeper:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        self.problem = f"{self._folder}: {error.strerror}: nothing survives a restart of the page"
+        self._warn(f"{self._folder}: {error.strerror}: nothing survives a restart of the page")
         self._folder = self._file = None
 
 
 def _is_row(line: str) -> bool:
     try:
         row: Any = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     is_list = isinstance(row, list) and len(row) == len(COLUMNS) and isinstance(row[0], float)
     return is_list and all(one is None or type(one) in (int, float) for one in row)

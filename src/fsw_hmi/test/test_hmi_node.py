@@ -12,6 +12,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -347,6 +348,8 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     graph.states.publish(
         SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
     )
+    broken = serialize_message(SupervisorState(reason="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
+    graph.states.publish(broken)
     flood = [
         DiagnosticStatus(name=f"rogue{i}: {name}", level=DiagnosticStatus.ERROR, message=name)
         for i in range(200)
