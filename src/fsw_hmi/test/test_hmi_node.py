@@ -348,6 +348,7 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     graph.states.publish(
         SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
     )
+    page.seen("state", lambda frame: len(frame["controllers"]) == 20)
     broken = serialize_message(SupervisorState(reason="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
     graph.states.publish(broken)
     flood = [
@@ -359,7 +360,7 @@ def test_odd_names_and_floods_leave_the_page_alive(graph, page):
     own = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
     diagnostics.publish(DiagnosticArray(status=[own]))
     shown = page.seen("alarms", lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)})
-    page.seen("state", lambda frame: len(frame["controllers"]) == 20 and len(frame["parts"]) == 200)
+    page.seen("state", lambda frame: len(frame["parts"]) == 200)
     assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
 
