@@ -41,7 +41,8 @@ class AlarmDesk:
         now_s, situation = time.monotonic(), self._situation()
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s, time.time())
-        before, self._reach = self._reach, self._rules.reach(situation, present)
+        listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
+        before, self._reach = self._reach, self._rules.reach(situation, listed)
         self._publish()
         return changed or before != self._reach
 

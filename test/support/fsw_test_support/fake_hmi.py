@@ -39,7 +39,8 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.warn": 800.0, "interlocks.temperature_high.warn": 900.0},
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
-LIMITS = limits(_INTERLOCKS)
+_DEVIATIONS = {"deviation_depth_mm": 0.1, "deviation_temperature_c": 15.0}
+LIMITS = limits(_INTERLOCKS, _DEVIATIONS)
 
 
 def weld_row(time_s: float) -> list[float]:
@@ -68,7 +69,7 @@ class FakeHmi:
         self.silent = False  #: no frames at all, though the connection stands
         self.measuring = True  #: whether ticks come
         self.emulator = True
-        self.depth_offset_mm = 0.0
+        self.depth_offset_mm = self.temperature_offset_c = 0.0
         self.holder: dict[str, str] | None = None
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
@@ -174,6 +175,7 @@ class FakeHmi:
     def _row(self, time_s: float) -> list[float]:
         row = weld_row(time_s)
         row[1] += self.depth_offset_mm
+        row[2] += self.temperature_offset_c
         return row
 
     async def _socket(self, socket: WebSocket) -> None:
