@@ -22,7 +22,12 @@ def test_the_plant_is_stopped_and_continued(weld, table):
     outcome = weld.outcome(count)
     outcome.assert_steady(lost=3)
     weld.a_controller_commands()
-    table.add("plant stopped for 1.5 s and continued", "gap in the measurements", "restarts from the actual force and speed", outcome)
+    table.add(
+        "plant stopped for 1.5 s and continued",
+        "gap in the measurements",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 def test_the_plant_is_killed_and_started_again(weld, table):
@@ -35,7 +40,12 @@ def test_the_plant_is_killed_and_started_again(weld, table):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=5)
     weld.a_controller_commands()
-    table.add("plant killed (-9) and started again", "gap in the measurements", "restarts from the actual force and speed", outcome)
+    table.add(
+        "plant killed (-9) and started again",
+        "gap in the measurements",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S8")
@@ -65,7 +75,12 @@ def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
     outcome.assert_steady()
     assert convert.stamp_ns(steps.truths[first].header.stamp) < before, "time went back"
     assert steps.source() == "decentral"
-    table.add("plant killed (-9) in lockstep, its time restarts", "stamps go back", "restarts from the actual force and speed", outcome)
+    table.add(
+        "plant killed (-9) in lockstep, its time restarts",
+        "stamps go back",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S8")

@@ -21,7 +21,7 @@ def parser() -> argparse.ArgumentParser:
     """The whole command line."""
     whole = argparse.ArgumentParser(
         prog="fsw.py",
-        description="Look at and steer a friction stir weld, simulate welds, analyse their bags.",
+        description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. 'fsw.py COMMAND --help' lists the ranges.",
     )
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)

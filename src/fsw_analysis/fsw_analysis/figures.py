@@ -53,7 +53,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class _Panel:
-    """One axis: a quantity, with what is known of it.
+    """One axis: a quantity and its properties.
 
     ``error`` has the dead-band, the half-height and the factor of an axis that shows the error of an output instead,
     at a scale at which the dead-band is visible.

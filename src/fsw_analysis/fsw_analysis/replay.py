@@ -327,7 +327,7 @@ class _Inputs:
         changes = self._messages.table("/parameter_events", {"node": "text"})
         own = changes.column("node") == f"{self._messages.namespace}/fsw_{name}"
         if self._own and bool((own & (changes.log_ns > self._own.log_ns[0])).any()):
-            notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
+            notes.append(f"parameters of {name} were changed at runtime; the replay uses the initial ones")
         return values, notes
 
     def in_mid_weld(self, name: str, notes: list[str]) -> bool:

@@ -92,7 +92,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
 
 def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None = None) -> int:
-    """Run the welds that are missing; however it ends, what is finished is written.
+    """Run the missing welds; finished ones are always written.
 
     Parameters
     ----------

@@ -50,10 +50,10 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         If the folder is no campaign's or has too few welds, the limits cannot be read, or the report not be written.
     """
     if target.suffix not in (".html", ".md"):
-        raise CampaignError(f"{target}: the name of a report ends in .html or .md")
+        raise CampaignError(f"{target}: the name of a report must end in .html or .md")
     results = Results(*load(folder), folder)
     if not results.complete.size:
-        raise CampaignError(f"{folder} has no weld yet that all controllers have run; go on with --resume")
+        raise CampaignError(f"{folder} has no weld yet that all controllers have finished; continue with --resume")
     requirements = quality.read(limits, results.columns)
     drawn = {
         "outside": figures.times_outside(results),

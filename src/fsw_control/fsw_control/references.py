@@ -34,9 +34,11 @@ class _Issued(NamedTuple):
 
 
 class ReferenceQueue:
-    """Set-points in order, each held back until the time in its stamp. The rule, for all who follow set-points:
+    """Set-points in order, each held back until the time in its stamp.
 
-    - **Of all set-points that have begun, the one received last holds.** What came before it is void, also what was
+    The rule, for every node that follows set-points:
+
+    - **Of all set-points whose time has come, the one received last is in force.** What came before it is void, also what was
       sent ahead for later.
     - **The stamp says when it begins.** At exactly that tick when it is ahead, by no more than ``horizon_ns``; at once
       when it is 0 or past. One further ahead is of another clock and refused.
@@ -163,8 +165,8 @@ class ReferenceQueue:
         ahead_s = (stamp_ns - tick_ns) / NANOSECONDS
         allowed_s = self._horizon_ns / NANOSECONDS
         return (
-            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: another clock; "
-            "send it with stamp 0 to hold at once"
+            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: the time of "
+            "another clock; send it with stamp 0 to apply it at once"
         )
 
     def _reject(self, reference: Reference, why: str) -> bool:

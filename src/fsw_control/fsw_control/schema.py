@@ -56,7 +56,7 @@ def _is_whole(value: Any) -> bool:
 
 
 class InputError(ValueError):
-    """Something that a person or a file gave is wrong; the message is one line: where, what, and what is allowed."""
+    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed."""
 
 
 class Model(BaseModel):

@@ -70,7 +70,9 @@ class SingleInstanceGuard:
                 "end it first, or set another ROS_DOMAIN_ID or namespace"
             )
         if self._others():
-            node.get_logger().warning(f"{self._topic} has a silent publisher, left behind by a killed process: ignored")
+            node.get_logger().warning(
+                f"{self._topic} has a publisher that sends nothing, probably left behind by a killed process; ignored"
+            )
 
     def _others(self) -> bool:
         return self._node.count_publishers(self._topic) > 1

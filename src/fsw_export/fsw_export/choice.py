@@ -1,4 +1,4 @@
-"""What is exported: a unit with its model, tuning and parameters."""
+"""Content of an export: a unit with its model, tuning and parameters."""
 
 from __future__ import annotations
 

@@ -116,6 +116,6 @@ def remarks(result: Summary) -> list[str]:
         if max(result.judgement.outside(i)) > _WHITE:
             lines.append(
                 f"residuals of {name} are not white: the model does not explain all of it; "
-                f"standard deviations count it (× {fit.colour[i] ** 0.5:.1f})"
+                f"standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
             )
     return lines

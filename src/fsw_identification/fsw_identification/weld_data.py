@@ -104,8 +104,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
     if not in_air and row[-1] * TICK_S > _LONG_S:
         notes.append(
-            f"{row[-1] * TICK_S / 60.0:.0f} min is long: takes minutes, and the accuracy was only measured on welds of "
-            "five minutes; better one or several of those (--design)"
+            f"{row[-1] * TICK_S / 60.0:.0f} min is long: the estimate takes minutes, and its accuracy was only "
+            "measured on five-minute welds; prefer one or several of those (--design)"
         )
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
     segments = []
@@ -139,8 +139,10 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
     if not np.isfinite(commands).all():
-        raise IdentificationError(f"{signals.path}: neither /fsw/drives nor /fsw/command says what acted")
-    notes.append("no report of the drives: the commands stand in, disturbances of the inputs are not seen")
+        raise IdentificationError(
+            f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown"
+        )
+    notes.append("no drives' feedback: the commands are used instead, without disturbances of the inputs")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
     acting, _ = lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
     return np.asarray(acting)

@@ -44,7 +44,9 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
     if not gateway.permissive:
         return Report("machine", WARN, "permits no commands: nothing is written, drives are not reported", values)
     if not gateway.joined:
-        return Report("machine", WARN, "measurements pause, so that commands begin anew from the drives", values)
+        return Report(
+            "machine", WARN, "measurements are paused, so that control starts anew from the drives' values", values
+        )
     return Report("machine", OK, "runs and obeys", values)
 
 
@@ -67,7 +69,7 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
     elif abs(skew_s) > parameters["clock.warn_s"]:
         level = WARN
     if stamps.steps:
-        level, text = max(level, WARN), f"{text}; it was set {stamps.steps} times, stamps go on without the step"
+        level, text = max(level, WARN), f"{text}; it was set {stamps.steps} times, stamps continue without the step"
     return Report("clock", level, text, values)
 
 

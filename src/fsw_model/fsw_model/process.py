@@ -163,7 +163,7 @@ class ProcessModel:
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
             raise OperatingPointError(
                 f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
-                "the model holds for finite inputs while the shoulder is in the copper, above 0 mm"
+                "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
             )
         state.x = tuple(result[:6])
         power.popleft()

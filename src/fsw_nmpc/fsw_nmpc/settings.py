@@ -31,7 +31,7 @@ class Settings:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
-        """Settings from parameter values; what is missing has its default.
+        """Settings from parameter values; missing ones have their defaults.
 
         Raises
         ------

@@ -53,8 +53,8 @@ class PlantConfig:
         Parameters
         ----------
         values : mapping of str to Any
-            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; what is left out
-            has its default. Parameters that only the node uses (``speed``, ...) are checked as well.
+            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; omitted ones have
+            their defaults. Parameters that only the node uses (``speed``, ...) are checked as well.
 
         Raises
         ------

@@ -11,7 +11,7 @@ __all__ = ["clock", "commands", "process", "sensors", "watchdog"]
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
     """How time passes: jumps of the stamps in real time, and how often the present tick was sent again in lockstep."""
-    values = {"mode": mode, "jumps of the stamps": jumps, "tick sent again": resent}
+    values = {"mode": mode, "jumps of the stamps": jumps, "tick repeated": resent}
     if not running:
         return Report("clock", WARN, "first tick waits for subscribers", values)
     if resent:

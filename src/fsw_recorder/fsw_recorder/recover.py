@@ -87,5 +87,5 @@ def copy(records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str
         raise writer.error
     written = writer.statistics()
     if written["dropped"]:
-        raise BagError(f"{writer.folder}: not complete: the disk did not take a message of {record.topic}")
+        raise BagError(f"{writer.folder}: incomplete: the disk did not accept a message of {record.topic}")
     return Recovery(written["written"], len(topics), list(problems))

@@ -24,7 +24,7 @@ from fsw_scenario.scenario_file import parse
 #: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0
 #: shares of the bounds that the process of the model may use, in closed loop and in open loop: in closed loop room is
-#: left for processes unlike the model; in open loop there is none to leave, because only the model says what rests
+#: left for processes that differ from the model; in open loop none can be left: only the model knows what is steady
 _SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
 #: what relative standard deviations are measured by, for the choice between experiments
 AIMS = {

@@ -92,7 +92,7 @@ class Launcher:
     def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
         """Start the ``main`` of a Python module as a process.
 
-        One that has ended may be started again; its log goes on.
+        One that has ended may be restarted; its log is continued.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class Launcher:
         condition : callable
         timeout_s : float
         what : str
-            What is waited for, for the error.
+            What the condition is, for the error message.
         watch : sequence of str, optional
             Processes that must not end meanwhile; all by default.
 
@@ -174,7 +174,7 @@ class Launcher:
 
 @dataclass(slots=True)
 class _Restarts:
-    """What is known of a process that is started again when it ends."""
+    """State of a process that is restarted when it ends."""
 
     began_s: float
     due_s: float | None = None  #: when it is to be started again

@@ -1,4 +1,4 @@
-"""Runs of controllers on standard cases and on processes unlike the model, many at a time, and how they are judged."""
+"""Runs of controllers on standard cases and on other processes, in parallel, and their evaluation."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _TICKS_PER_REPORT = 10
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress``, serves ``fsw/weld/hold|resume|abort`` and asks the supervisor for a safe stop.
 
-    A safe stop that comes from elsewhere aborts the programme as well.
+    A safe stop from elsewhere aborts the programme, too.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class ProgrammeServer:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
-        """What is reported at once when it changes."""
+        """The fields that are reported at once when they change."""
         now = self.machine.progress()
         return now.state, now.phase, self._course.followed, self._course.programme_at(self.machine.tick)
 

@@ -1,7 +1,7 @@
-"""The arbiter: one command per tick, whatever happens.
+"""The arbiter: one command per tick, under all conditions.
 
-Pure: no middleware, times are arguments (steady seconds), every input is a method, and what has to be sent is returned
-as a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
+Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands to send are returned as
+a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
 
 Invariants:
 
@@ -184,7 +184,7 @@ class Arbiter:
             self.machine.mirror(source)
 
     def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
-        """On standby: take over what the operator has asked the leader for, and who is inhibited there and why."""
+        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why."""
         self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
         self.registry.mirror_inhibitions(inhibited)
 
@@ -209,9 +209,9 @@ class Arbiter:
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 
     def start_again(self, unsent: list[Decision]) -> None:
-        """Find out which command is in force: the drives have moved while this process was held up."""
+        """Find out which command is in force: the drives have moved while this process was stalled."""
         self.ticks.take_back(unsent)
-        self.ticks.interrupt("the drives have moved while the arbiter was held up")
+        self.ticks.interrupt("the drives have moved while the arbiter was stalled")
 
 
 def problem(values: Mapping[str, Any]) -> str | None:

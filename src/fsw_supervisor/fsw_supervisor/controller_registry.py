@@ -103,7 +103,7 @@ class ControllerRegistry:
         """Which invalid sensor controller ``name`` needs, in words; empty when there is none."""
         tolerated = self._records[name].tolerated_sensors
         needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
-        return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
+        return f"{name} requires the sensor {', '.join(needed)}" if needed else ""
 
     def all_ready(self) -> frozenset[str]:
         """Controllers that may be selected now."""
@@ -196,7 +196,7 @@ class ControllerRegistry:
                     self._count(self._records[name], checked)
 
     def close(self, tick: Tick) -> None:
-        """Count, at the end of a tick, who has answered and who has not."""
+        """Count, at the end of a tick, which controllers have answered."""
         self._past[tick.stamp_ns] = tick
         if len(self._past) > LOCKSTEP_LAG:
             del self._past[next(iter(self._past))]

@@ -195,7 +195,7 @@ class Failover:
 
     @property
     def _lease_s(self) -> float:
-        """Another one may have taken over when this one has not run for so long."""
+        """Another supervisor may have taken over after such a stall of this one."""
         settings = self._arbiter.settings
         if self._arbiter.lockstep:
             return settings.takeover_s(True) / 2.0

@@ -139,7 +139,7 @@ class SafetyMonitor:
         return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in self.invalid_sensors)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
+        """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self._judged = True
         tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])

@@ -19,7 +19,7 @@ from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.tick import Decision
 
-_ON_STANDBY = False, "refused: this supervisor is on standby now; ask again"
+_ON_STANDBY = False, "refused: this supervisor is on standby now; send the request again"
 
 
 class OperatorServices:

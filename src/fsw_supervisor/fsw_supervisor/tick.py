@@ -134,7 +134,7 @@ class Tick:
         if self.outcome is not None:
             return self.outcome.fault_excused_reason
         if self.stalled:
-            return "the arbiter was held up"
+            return "the arbiter was stalled"
         return "" if self.samples else "only the drives' feedback has arrived, no sensor sample"
 
     def settle(self, decision: Decision | None = None, fault_excused_reason: str = "") -> None:

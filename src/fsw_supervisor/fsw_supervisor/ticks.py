@@ -79,7 +79,7 @@ class Ticks:
                     tick.samples.setdefault(name, sample)
 
     def pass_time(self, now_s: float) -> None:
-        """Note the time, and whether this process was held up itself: then the queues get time to drain."""
+        """Note the time, and whether this process was itself stalled: then the queues get time to drain."""
         self.now_s = now_s
         tick, tolerance_s = self.present, self._machine.settings.stall_tolerance_s
         if tick is None or tick.settled or tick.stalled:
@@ -109,7 +109,7 @@ class Ticks:
             self._end(past, gap)
         self._machine.advance(stamp_ns)
         if back:
-            self._machine.log(Level.WARN, "clock", "time went back: counting on from there")
+            self._machine.log(Level.WARN, "clock", "time went back: continuing from there")
             self._arbitration.safety.forget_time()
             self._registry.forget_time(stamp_ns)
         self._silent = False
