@@ -145,7 +145,7 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
     (tmp_path / "precious").write_text("x")
-    with pytest.raises(CampaignError, match="not a campaign's"):
+    with pytest.raises(CampaignError, match="not the folder of a campaign"):
         Dataset(tmp_path, small[0])
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
 

@@ -127,7 +127,7 @@ class Gateway:
         self._lost = self._cycle = 0
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Work with the node's parameters from now on, without forgetting.
+        """Apply new parameters of the node, keeping the state.
 
         Raises
         ------

@@ -58,7 +58,7 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock means nothing, a
+    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock is irrelevant, a
     shadow controller that lags behind does not count as failed.
     """
 
@@ -146,7 +146,7 @@ class ControllerRegistry:
             record.inhibited = reasons.get(record.name, "").removeprefix(_inhibited(record.name))
 
     def readmit_all(self, who: str) -> None:
-        """Let all inhibited controllers take part again."""
+        """Readmit all inhibited controllers."""
         names = [record.name for record in self if record.inhibited]
         self.mirror_inhibitions({})
         if names:

@@ -83,7 +83,7 @@ class OperatorRequests:
         return request
 
     def ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns whether, and why in words."""
+        """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns success and the reason."""
         ok, message = self._ask_mode(mode, manual, who)
         if not ok:
             self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
@@ -158,7 +158,7 @@ class OperatorRequests:
             self._swapped_tick = machine.tick
 
     def expire(self, now_s: float) -> None:
-        """Give up a request that has waited long enough; a swap that was made may still be answered in its tick."""
+        """Time out a request that has waited too long; a swap that was made may still be answered in its tick."""
         request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return

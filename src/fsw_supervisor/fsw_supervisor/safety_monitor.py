@@ -101,7 +101,7 @@ class SafetyMonitor:
         self._causes = dict.fromkeys(_QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Judge by the node's parameters from now on, without forgetting."""
+        """Apply new parameters of the node, keeping the state."""
         self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
         self._interlocks = interlocks_from(values)
@@ -170,8 +170,8 @@ class SafetyMonitor:
 
         A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
         spike does not trip. A trip is gone after as many values without it, not counting those of sensors that are
-        ``held``: a single one does not free a safe stop. It acts for as long as it is there, in every mode and not
-        only when it begins.
+        ``held``: a single one does not free a safe stop. It acts for as long as it lasts, in every mode, not only when
+        it begins.
         """
         for item in self._interlocks:
             value = values.get(item.quantity, nan)

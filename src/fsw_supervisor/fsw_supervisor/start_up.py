@@ -13,8 +13,8 @@ from fsw_supervisor.tick import ProposalInput, Tick, check
 class StartUp:
     """Finds out which command is in force and which controller was active, and decides the mode ``start``.
 
-    Before the first command nobody can have seen one of this supervisor: a controller that says it is selected means
-    the supervisor before.
+    Before this supervisor's first command, a controller that reports itself as selected refers to the previous
+    supervisor.
     """
 
     def __init__(

@@ -114,7 +114,7 @@ class Event(NamedTuple):
 class Machine:
     """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` those that are wanted.
+    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` the requested ones.
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:

@@ -18,11 +18,11 @@ class ProposalInput:
     stamp_ns : int
         Stamp of the measurement that it answers.
     source : str
-        Who claims to have computed it.
+        Claimed origin of the values.
     command : Command
         The manipulated variables proposed.
     healthy, reason : bool, str
-        The controller's own opinion, and why.
+        The controller's own assessment, and its reason.
     """
 
     stamp_ns: int

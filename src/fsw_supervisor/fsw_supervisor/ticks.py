@@ -97,7 +97,7 @@ class Ticks:
             self._machine.log(Level.ERROR, "sensors", f"no measurement for {GAP_S:g} s")
 
     def _in_gap(self) -> bool:
-        """Whether the present tick is so old that the plant or this process was away."""
+        """Whether the present tick is so old that the plant or this process was suspended."""
         return self.present is not None and self.now_s - self.present.started_s > GAP_S
 
     def _begin(self, stamp_ns: int) -> None:
@@ -140,7 +140,7 @@ class Ticks:
             self._in_force.learn_offsets(tick, self._machine.settings.limits)
 
     def interrupt(self, reason: str) -> None:
-        """The plant or this process was away: find out again which command is in force."""
+        """The plant or this process was suspended: determine again which command is in force."""
         self._arbitration.start_up.interrupt()
         if self.present is not None:
             self.present.previous = None
