@@ -387,7 +387,7 @@ def reference() -> dict[str, str]:
 def main() -> int:
     """Run the script; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--check", action="store_true", help="only tell whether what is generated is up to date")
+    cli.add_argument("--check", action="store_true", help="only check whether the generated pages are up to date")
     check: bool = cli.parse_args().check
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
     pages = {REFERENCE / name: text for name, text in reference().items()}

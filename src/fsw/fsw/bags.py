@@ -1,4 +1,4 @@
-"""What the commands on recorded welds share: reading them, their figures of merit, their figures."""
+"""Shared by the commands on recorded welds: reading, figures of merit, figures."""
 
 from __future__ import annotations
 

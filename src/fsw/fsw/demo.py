@@ -34,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
         "processes. Leaves bags, figures of merit and figures.",
     )
-    whole.add_argument("--realtime", action="store_true", help="10 Hz on the wall clock instead of as fast as possible")
+    whole.add_argument("--realtime", action="store_true", help="10 Hz in real time instead of as fast as possible")
     whole.add_argument(
         "--scenario",
         action="append",

@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _COMMANDS:
         import_module(f"fsw.{name}").add_command(commands)
-    bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
+    bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
         import_module(f"fsw.bag_{name}").add_command(bag_commands)

@@ -1,4 +1,4 @@
-"""What the commands that talk to the running graph share, without rclpy. `operator_node` does the talking."""
+"""Shared by the commands for the running graph, without rclpy; `operator_node` does the communication."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ def add_command(commands: Any) -> None:
     verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for verb, words in _VERBS.items():
         one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
-        one.add_argument("node", metavar="NODE", help="its name, e.g. fsw_nmpc; 'status' lists them")
+        one.add_argument("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")
         if verb != "list":
             one.add_argument("name", metavar="NAME", help="of the parameter")
         if verb == "set":

@@ -148,12 +148,12 @@ def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_fi
 
 
 def _print_health(run: Run) -> None:
-    """Say on stderr how often a controller was not healthy, and why at first."""
+    """Report on stderr how often a controller was unhealthy, and the first reason."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
         ticks = np.flatnonzero(proposal.healthy == 0.0)
         if ticks.size:
-            text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
+            text = f"{name} is unhealthy in {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
     print_notes(f"{run.label}: {note}" for note in notes)
 

@@ -178,7 +178,7 @@ def _draw_page(
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Draw the bare process in open loop like the paper's Figs. 4 and 5.
+    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
 
     Parameters
     ----------

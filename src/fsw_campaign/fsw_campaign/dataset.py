@@ -79,7 +79,7 @@ class Dataset:
     Attributes
     ----------
     done : set of (int, str)
-        Number and controller of each weld that is there.
+        Number and controller of each weld in the folder.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _read_manifest(folder: Path) -> _Manifest:
 
 
 def load(folder: Path) -> tuple[Campaign, pa.Table]:
-    """The campaign in a folder, and the rows that are there: in order of number and controller, each once.
+    """The campaign in a folder and its rows, in order of number and controller, without duplicates.
 
     Raises
     ------

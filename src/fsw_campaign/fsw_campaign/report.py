@@ -94,7 +94,7 @@ def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
 
 
 def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str, Any]:
-    """What the template shows."""
+    """Values for the template."""
     worst = results.worst()
     return {
         "campaign": results.campaign,

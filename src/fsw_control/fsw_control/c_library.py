@@ -230,7 +230,7 @@ class CController:
     lib : Any
         The loaded library, by default ``library.lib``.
     refusal : str
-        What is wrong where the library refuses a tuning.
+        Error text if the library refuses a tuning.
     data : Any
         Arguments of ``fsw_NAME_init``.
 

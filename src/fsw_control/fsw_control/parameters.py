@@ -208,7 +208,7 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
 
 
 def _suggestion(near: Iterable[str], known: Iterable[str]) -> str:
-    """What may have been meant; all that is known where nothing is similar."""
+    """Suggestions for an unknown name; all known names if none is similar."""
     return f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}"
 
 

@@ -194,7 +194,7 @@ class ReferencePlan:
         return tuple(self._coming[first : first + MOST_COMING])
 
     def _has_come(self, index: int, present: Reference) -> bool:
-        """Whether ``present`` is what is planned, or near it while the plan is the stair of a ramp or sine."""
+        """Whether ``present`` is as planned, or near it while the plan is the stair of a ramp or sine."""
         planned = self._coming[index]
         near = [one for one in self._coming[max(index - 1, 0) : index + 2] if abs(one.at_s - planned.at_s) <= STAIR_S]
         return all(

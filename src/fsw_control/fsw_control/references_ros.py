@@ -201,7 +201,7 @@ class KeptReference:
                 one.received_ns = self._tick_ns
 
     def report(self) -> Report:
-        """Line of diagnostics: what was refused since the last one."""
+        """Entry of the diagnostics: set-points refused since the last one."""
         new, self._reported = self._refused - self._reported, self._refused
         text = f"{new} refused; last: {self._last_refusal}" if new else "accepted"
         values = {"refused": self._refused, "last refusal": self._last_refusal}
@@ -241,7 +241,7 @@ class KeptReference:
             raise ValueError("no controller listens to set-points; start one")
 
     def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
-        """Send set-points, of which the first hold at once and void what was sent ahead before; returns the answer."""
+        """Send set-points, the first of which take effect at once and void those sent ahead; returns the answer."""
         if start is None:
             raise ValueError("no set-points are in force from which a ramp could start; send them without a ramp")
         if self._publishers is None:

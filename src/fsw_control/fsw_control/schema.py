@@ -1,4 +1,4 @@
-"""Declarative checks of what people write, in files and requests: one base model, one kind of error, one text format.
+"""Declarative checks of user input, in files and requests: one base model, one kind of error, one text format.
 
 A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``, RANGE a
 :class:`fsw_control.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same

@@ -38,7 +38,7 @@ class SingleInstanceGuard:
         self._heard = ""
 
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
-        """Look for ``discovery_s``, and listen to what is found; returns when the domain is free.
+        """Search for ``discovery_s`` and listen to publishers found; returns when the domain is free.
 
         ``announce`` publishes this plant's diagnostics, so that another one that starts now detects it.
 

@@ -1,4 +1,4 @@
-"""What goes into the exported controllers and comes out of them: name, unit and meaning of every signal."""
+"""Inputs and outputs of the exported controllers: name, unit and meaning of every signal."""
 
 from __future__ import annotations
 

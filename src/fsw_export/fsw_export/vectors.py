@@ -1,4 +1,4 @@
-"""Test vectors: what a controller was given and what it answered, tick by tick, during a weld."""
+"""Test vectors: a controller's inputs and outputs, tick by tick, during a weld."""
 
 from __future__ import annotations
 

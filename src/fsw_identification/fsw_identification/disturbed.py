@@ -104,7 +104,7 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
 
 
 def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Samples in windows whose mean or variance is not that of noise, and in the windows beside them; same shape."""
+    """Samples in windows whose mean or variance is not that of noise, and in the adjacent windows; same shape."""
     parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
     found = np.zeros(residuals.shape, dtype=bool)
     for output in range(residuals.shape[1]):

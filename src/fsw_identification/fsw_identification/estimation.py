@@ -122,7 +122,7 @@ def identify(
     segments : sequence of Segment
         Of one or more welds of one process.
     start : ModelParameters, optional
-        The paper's by default; what is not identifiable keeps these values.
+        The paper's by default; parameters that are not identifiable keep these values.
     progress : callable, optional
         Called with the share done.
 
@@ -178,7 +178,8 @@ def _solve_twice(
 ) -> Problem:
     """Solution from a start, with shifts and slow disturbances.
 
-    Shifts are found in the residuals of a model that they have bent; so once more from the start, with what was found.
+    Shifts are found in the residuals of a model that they have biased; so it is repeated from the start, with these
+    shifts.
     """
     problem = _solve(start, segments, free, [], np.zeros(0), count)
     if not problem.shifts:

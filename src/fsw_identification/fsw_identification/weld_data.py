@@ -65,7 +65,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class WeldData:
-    """Segments of one weld, and what was left out of it and why, one line each."""
+    """Segments of one weld, and the excluded parts with the reason, one line each."""
 
     name: str
     segments: list[Segment]
@@ -132,7 +132,7 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
 
 
 def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
-    """Force and speed that act at each tick: what the drives report, else the commands through the drives' lag."""
+    """Actual force and speed at each tick: the drives' feedback, else the commands filtered by the drives' lag."""
     if signals.drives is not None:
         acting = np.column_stack([signals.drives.force_kn, signals.drives.speed_rpm])
         if np.isfinite(acting).all(axis=1).mean() > 0.5:
@@ -169,7 +169,7 @@ def _filled(values: FloatArray) -> FloatArray:
 
 
 def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> FloatArray:
-    """Samples that the controllers' sensor guard accepts, without what it holds, and without frozen runs."""
+    """Samples accepted by the controllers' sensor guard, without held values and frozen runs."""
     guard, usable = SensorGuard(), sensors.copy()
     refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
     for tick, row in enumerate(sensors):

@@ -71,7 +71,7 @@ class _Write(NamedTuple):
 
 
 class Gateway:
-    """Decides about each read and each command, in one thread; every time is handed in (steady seconds).
+    """Decides on each read and each command, in one thread; all times are passed in (steady seconds).
 
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
@@ -278,7 +278,7 @@ class Gateway:
         return all(refusal(command, moves, one) is None for one in has)
 
     def _jump(self, command: Command, has: list[Command]) -> str:
-        """Why a command is too far from what the machine has, empty if it is not."""
+        """Why a command is too far from the machine's set-points, empty if it is not."""
         if not has:
             fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
             return f"the set-points in force are not known: {fault}"

@@ -1,4 +1,4 @@
-"""What the gateway reports of itself, a line of diagnostics for each part."""
+"""Diagnostics of the gateway, an entry for each part."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
 
 
 def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
-    """How far the server's clock is from the local one, and what was done about it."""
+    """Difference between the server's clock and the local one, and the reaction to it."""
     kind, stamps = parameters["clock.stamps"], gateway.stamps
     values: dict[str, object] = {
         "stamps": kind,
@@ -74,7 +74,7 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
 
 
 def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
-    """What the server did with what was written; ``new_failures`` and ``longest_s`` since the last report."""
+    """Results of writes to the server; ``new_failures`` and ``longest_s`` since the last report."""
     values = {
         "written": gateway.written,
         "not taken": gateway.failed,

@@ -68,7 +68,7 @@ Event = Connected | Lost | Stalled | Written | CycleRead
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """What the node's parameters of these names say."""
+    """Values of these parameters of the node."""
 
     request_timeout_s: float
     cycle_timeout_s: float

@@ -21,7 +21,7 @@ Power = tuple[float, float, float, float]
 
 
 class OperatingPointError(ValueError):
-    """No equilibrium at the wanted depth and temperature, or the shoulder has left the copper."""
+    """No equilibrium at the desired depth and temperature, or the shoulder has left the copper."""
 
 
 @dataclass(slots=True)
@@ -45,7 +45,7 @@ class ProcessState:
 
 
 class Outputs(NamedTuple):
-    """What the process shows under given inputs, without noise."""
+    """Outputs of the process under given inputs, without noise."""
 
     depth_mm: float
     temperature_c: float

@@ -134,7 +134,7 @@ class NmpcController:
             self._prepare()
         elif isinstance(made, str):
             self._failure = (
-                f"another solver cannot be made, {self._used[0]} with {self._used[1]} blocks goes on: {made}"
+                f"another solver cannot be created, {self._used[0]} with {self._used[1]} blocks stays in use: {made}"
             )
             self._complain(self._failure)
         else:

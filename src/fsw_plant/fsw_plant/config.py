@@ -1,4 +1,4 @@
-"""What a plant is made of: settings read from parameters, checked against ``plant.yaml``."""
+"""Settings of a plant, read from parameters and checked against ``plant.yaml``."""
 
 from __future__ import annotations
 

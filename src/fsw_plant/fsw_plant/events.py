@@ -74,7 +74,7 @@ class Disturbance(PlantEvent):
 
 
 class Sample(NamedTuple):
-    """What a sensor reports: the stamp of its tick and the value in the sensor's unit."""
+    """A sensor's sample: the stamp of its tick and the value in the sensor's unit."""
 
     stamp_ns: int
     value: float
@@ -101,7 +101,7 @@ class Fault(PlantEvent):
         return super().over(time_s)
 
     def pass_on(self, sample: Sample, time_s: float, last: float | None) -> tuple[Sample, ...]:
-        """What is sent at a tick instead of ``sample``; ``last`` is the sensor's value at the tick before."""
+        """Replacement of ``sample`` in a tick; ``last`` is the sensor's value at the tick before."""
         tick, self._ticks = self._ticks, self._ticks + 1
         stamp_ns, value = sample
         if self.kind == "dropout":

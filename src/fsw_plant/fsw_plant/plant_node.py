@@ -113,7 +113,7 @@ class PlantNode(Node):
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
 
     def _missing(self) -> list[str]:
-        """What the first tick still has to wait for."""
+        """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
         missing = [
             f"{wanted - count} more subscribers of {publisher.topic_name}"

@@ -54,7 +54,7 @@ class BagWriter:
     Attributes
     ----------
     error : BagError or None
-        Why writing has failed, for whatever reason. What was committed until then stays readable.
+        Why writing has failed. What was committed until then stays readable.
     is_paused : bool
         Messages are ignored while it is set.
 

@@ -1,4 +1,4 @@
-"""What a recorder needs besides its writer: names, attachments, custom data."""
+"""Parts of a recorder besides its writer: names, attachments, custom data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes a whole bag of whatever can be read of another."""
+"""Makes an intact bag from the readable part of another."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PATIENCE_S = 600.0
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What was copied: number of messages and topics; and what was wrong with the bag."""
+    """Result: number of messages and topics copied, and problems of the bag."""
 
     messages: int
     topics: int

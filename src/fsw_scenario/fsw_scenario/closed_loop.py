@@ -106,7 +106,7 @@ class ClosedLoop:
             controller.reset(start)
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
-        """Run to the end and return what a bag of the same weld would give.
+        """Run to the end and return the same signals as a bag of the weld.
 
         Parameters
         ----------

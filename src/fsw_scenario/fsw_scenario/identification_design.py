@@ -63,7 +63,7 @@ class Proposal:
     temperature_c: float
 
     def use(self, closed: bool) -> tuple[float, float]:
-        """How much of what may be used of the bounds is used, of depth and of temperature."""
+        """Used share of the permitted part of the bounds, of depth and of temperature."""
         return self.depth_mm / SAFE_MM / _SHARES[closed][0], self.temperature_c / SAFE_C / _SHARES[closed][1]
 
 

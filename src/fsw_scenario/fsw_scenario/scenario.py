@@ -92,7 +92,7 @@ class Event(EventEntry):
 
 
 class _PlantParameters:
-    """What the JSON Schema says of ``plant``."""
+    """The JSON Schema of ``plant``."""
 
     @staticmethod
     def __get_pydantic_json_schema__(_: Any, __: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the phases of a whole weld amount to: durations, and set-points over time.
+"""Results of the phases of a whole weld: durations, and set-points over time.
 
 All errors are for a validator of the scenario: they say at which of its ``phases`` something is wrong.
 """

@@ -33,9 +33,9 @@ class ProgrammeServer:
     machine : PhaseMachine
     course : Course
     in_force : callable
-        Set-points that hold now.
+        Set-points in force.
     restart : callable
-        Sends set-points that hold at once, and what is coming of the course.
+        Sends set-points that take effect at once, and the future ones of the course.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ProgrammeServer:
         return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
 
     def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
-        """Keep the set-points in force: sent now, they void what was sent ahead."""
+        """Keep the set-points in force: sending them voids those sent ahead."""
         if ok:
             present = self._in_force()
             self._course.leave()

@@ -18,7 +18,7 @@ class SwitchRequest:
     """A request to change the active controller."""
 
     name: str  #: of the controller
-    strict: bool  #: refuse unless it is ready now
+    strict: bool  #: refuse unless it is ready
     expires_s: float  #: steady time at which a best-effort request gives up
     last_tick: int  #: likewise as the number of a tick (in lockstep, where the steady clock means nothing)
     who: str  #: asked

@@ -88,7 +88,7 @@ class Ticks:
             tick.stalled = True
             tick.deadline_s = now_s + tolerance_s / 2.0
             self.stalls += 1
-            self._machine.log(Level.WARN, "arbiter", f"was held up for {now_s - tick.started_s:.3f} s")
+            self._machine.log(Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s")
 
     def note_silence(self) -> None:
         """Report, once, that measurements have stopped."""
