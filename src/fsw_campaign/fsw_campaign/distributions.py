@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat, model_validator
 
-from fsw_control.schema import Many, Model
+from fsw_schema.models import Many, Model
 
 Sampler = Literal["latin_hypercube", "sobol"]
 SAMPLERS: tuple[str, ...] = get_args(Sampler)

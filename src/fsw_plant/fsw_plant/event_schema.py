@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import model_validator
 
 from fsw_control.contract import SENSORS, Sensor
-from fsw_control.ranges import Range
-from fsw_control.schema import Model, range_of, validate
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
+from fsw_schema.models import Model, range_of, validate
+from fsw_schema.ranges import Range
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")
@@ -115,7 +115,7 @@ def disturbance(
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If no scenario may hold it; the message says what and what is allowed.
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}

@@ -22,7 +22,6 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
-from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
 from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
 from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
@@ -34,6 +33,7 @@ from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import truth_message
+from fsw_schema.models import InputError
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _WATCH_S = 0.2
