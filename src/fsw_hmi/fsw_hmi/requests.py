@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from fsw_control.contract import BuiltInSource
+from fsw_control.contract import OperatorMode
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_plant.event_schema import disturbance, fault
 from fsw_schema.models import InputError, Many, Model, validate
@@ -59,7 +59,7 @@ class Switch(Action):
 class ChangeMode(Action):
     """Another mode; force and speed are for ``manual``."""
 
-    mode: Literal["auto", BuiltInSource]
+    mode: OperatorMode
     force_kn: Annotated[float, COMMAND_FORCE_KN] | None = None
     speed_rpm: Annotated[float, COMMAND_SPEED_RPM] | None = None
 

@@ -96,16 +96,20 @@ class FaultEntry(Model):
         return Fault(self.sensor, self.kind, magnitude, self.duration_s, at_s)
 
 
+_AMPLITUDES = {
+    "depth": "amplitude_mm",
+    "temperature": "amplitude_c",
+    "axial_force": "amplitude_kn",
+    "spindle_speed": "amplitude_rpm",
+    "torque": "amplitude_nm",
+}
 #: channel: key of the amplitude, and its range
 DISTURBANCE_AMPLITUDE = {
-    channel: (key, range_of(DisturbanceEntry, key))
-    for channel, key in zip(get_args(Channel), list(DisturbanceEntry.model_fields)[2:], strict=False)
+    channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel])) for channel in get_args(Channel)
 }
+_MAGNITUDES = {"depth": "magnitude_mm", "torque": "magnitude_nm", "thermocouple": "magnitude_c"}
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
-FAULT_MAGNITUDE = {
-    sensor: (key, range_of(FaultEntry, key))
-    for sensor, key in zip(SENSORS, list(FaultEntry.model_fields)[2:], strict=False)
-}
+FAULT_MAGNITUDE = {sensor: (_MAGNITUDES[sensor], range_of(FaultEntry, _MAGNITUDES[sensor])) for sensor in SENSORS}
 
 
 def disturbance(
