@@ -38,8 +38,6 @@ from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
-from fsw_control.ranges import Range
-from fsw_control.schema import Model, json_schema
 from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
@@ -48,6 +46,8 @@ from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
+from fsw_schema.models import Model, json_schema
+from fsw_schema.ranges import Range
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"

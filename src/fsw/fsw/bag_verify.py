@@ -8,8 +8,8 @@ from typing import Any
 from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
 from fsw_analysis.replay import replay
-from fsw_control.schema import InputError
 from fsw_scenario.controllers import described_in, maker, name_of
+from fsw_schema.models import InputError
 
 #: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4
 _TOLERANCE = 1e-9

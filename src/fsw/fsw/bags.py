@@ -18,8 +18,8 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_control.schema import InputError
 from fsw_scenario.scenario_file import parse
+from fsw_schema.models import InputError
 
 #: what a command takes that also reads damaged bags
 DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"

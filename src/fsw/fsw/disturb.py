@@ -8,8 +8,8 @@ from typing import Any
 from fsw.errors import CommandError
 from fsw.operate import CLEAR, add_graph_command, add_number
 from fsw_control import units
-from fsw_control.schema import validate
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DISTURBANCE_SHAPES, DURATION_S, DisturbanceEntry
+from fsw_schema.models import validate
 
 
 def add_command(commands: Any) -> None:

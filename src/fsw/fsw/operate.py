@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from fsw_control.ranges import Range
+from fsw_schema.ranges import Range
 
 #: what ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"

@@ -16,7 +16,6 @@ from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
-from fsw_control.yaml_text import load_yaml
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of, short, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -24,6 +23,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
+from fsw_schema.yaml_text import load_yaml
 
 if TYPE_CHECKING:
     from fsw_analysis.figures import Run

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from fsw.operate import add_graph_command, add_number
-from fsw_control.ranges import Range
+from fsw_schema.ranges import Range
 
 
 def add_command(commands: Any) -> None:

@@ -11,9 +11,9 @@ from fsw.main import main
 from fsw_analysis.replay import Comparison, TickDifference
 from fsw_campaign import definition
 from fsw_campaign.welds import run_weld
-from fsw_control.schema import InputError
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
+from fsw_schema.models import InputError
 from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]

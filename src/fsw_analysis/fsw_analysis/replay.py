@@ -222,17 +222,15 @@ def replay(
     BagError
         The bag lacks a topic, or the controller refuses its recorded parameters.
     """
-    of_node, of_controller = load("fsw_control", "controller.yaml"), load_source(described)
-    validate(of_node | of_controller, changed or {})
+    own = load_source(described)
+    specs = load("fsw_control", "controller.yaml") | own
+    validate(specs, changed or {})
     recorded = _Inputs(messages, name)
     values, notes = recorded.parameters(name)
     values |= changed or {}
     try:
-        settings, own = (
-            validate(specs, {key: value for key, value in values.items() if key in specs})
-            for specs in (of_node, of_controller)
-        )
-        controller = make(own)
+        settings = validate(specs, {key: value for key, value in values.items() if key in specs})
+        controller = make({key: settings[key] for key in own})
     except Exception as error:  # a user's controller may fail in any way
         raise BagError(f"{messages.path}: controller {name} refuses its recorded parameters: {error}") from None
     references = recorded.set_points(notes)
@@ -240,7 +238,7 @@ def replay(
     stamps, came, time_s = (one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s))
     return Replay(
         controller=name,
-        parameters=settings | own,
+        parameters=settings,
         stamps=stamps,
         came=came,
         is_part=n < recorded.stamps.size,

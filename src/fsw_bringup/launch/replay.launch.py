@@ -16,7 +16,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-SENSORS = ["/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"]
+from fsw_control.contract import SENSOR_FIELDS
+
+SENSORS = [f"/{topic}" for topic, _ in SENSOR_FIELDS.values()]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),

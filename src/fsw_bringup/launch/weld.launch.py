@@ -21,12 +21,12 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_control.schema import InputError
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import REFUSED, RESPAWN_DELAY_S
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
+from fsw_schema.models import InputError
 
 ARGUMENTS = {
     "controllers": (

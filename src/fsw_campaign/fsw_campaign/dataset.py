@@ -21,7 +21,7 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
-from fsw_control.schema import Model, content_of, read_text, validate
+from fsw_schema.models import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"

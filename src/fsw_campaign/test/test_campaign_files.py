@@ -18,8 +18,8 @@ from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E4
 from fsw_campaign.errors import CampaignError  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
-from fsw_control.schema import validate  # noqa: E402
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
+from fsw_schema.models import validate  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from fsw_control.parameters import ParameterSpec, require_known
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.yaml_text import load_yaml
 
 #: parameters that every node has
 _OF_ROS = ("use_sim_time", "start_type_description_service")

@@ -28,7 +28,7 @@ from typing import Any
 import yaml
 
 from fsw_control import weld
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.yaml_text import load_yaml
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fsw_control.schema import content_of, read_text
 from fsw_export.errors import ExportError
 from fsw_model import ModelParameters, ProcessModel, nominal
+from fsw_schema.models import content_of, read_text
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
@@ -94,10 +95,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     needed = ("torque",) if in_air else _COLUMNS
     missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
     if missing := [sensor for sensor in missing if sensor in needed]:
-        raise IdentificationError(
-            f"{name}: no samples of {', '.join(missing)}; a bag needs /fsw/depth, /fsw/thermocouple and "
-            "/fsw/spindle_torque"
-        )
+        topics = ", ".join(SENSOR_FIELDS[sensor][0] for sensor in needed)
+        raise IdentificationError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)

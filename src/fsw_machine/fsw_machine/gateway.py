@@ -106,10 +106,7 @@ class Gateway:
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
         self.gate = CommandGate(
-            Limits.from_parameters(values),
-            values["commands.max_age_s"],
-            values["commands.sources"],
-            more_reasons=REASONS,
+            Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"], REASONS
         )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, model_validator
 
 from fsw_control import units
-from fsw_control.schema import Model, content_of, problem, read_text, validate
+from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 _NODE_ID = re.compile(r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)")
 #: factor and offset of each unit to the unit inside (mm, N m, degC, kN, rpm)
@@ -184,7 +184,7 @@ class MachineFile(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             When it cannot be read or is wrong.
         """
         return cls.parse(read_text(path, "machine_file"), path.name, path.parent)

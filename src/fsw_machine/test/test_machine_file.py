@@ -7,8 +7,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.schema import InputError
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile
+from fsw_schema.models import InputError
 
 SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
 

@@ -11,9 +11,9 @@ from pydantic import AfterValidator, NonNegativeFloat, model_validator
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, load
-from fsw_control.schema import Model, content_of, problem, read_text, validate
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.library import KERNEL, State, Trajectory
+from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 #: Reference trajectories, see ``kernel/trajectory.c``.
 TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
@@ -192,7 +192,7 @@ class Tuning(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If the file cannot be read or something in it is wrong; the message is one line.
         """
         content = content_of(read_text(path, "tuning_file"), str(path))

@@ -283,7 +283,7 @@ class PlantEmulator:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If no scenario may hold it.
         """
         at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
@@ -294,7 +294,7 @@ class PlantEmulator:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If no scenario may hold it.
         """
         self._begin(event_schema.fault(sensor, kind, magnitude, duration_s, self._next_s()))

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, model_validator
 
-from fsw_control.schema import Many, Model, content_of, read_text, validate
 from fsw_plant.event_schema import TIME_S, DisturbanceEntry, FaultEntry
 from fsw_plant.events import EPSILON_S, PlantEvent
+from fsw_schema.models import Many, Model, content_of, read_text, validate
 
 
 class EventEntry(Model):
@@ -75,7 +75,7 @@ class PlantSchedule:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If an event is not understood; the message says where and what is allowed.
         """
         content = content_of(text, where)

@@ -27,7 +27,6 @@ from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal,
 from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.references import ReferencePlan
-from fsw_control.schema import InputError
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
@@ -36,6 +35,7 @@ from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references, switches
+from fsw_schema.models import InputError
 
 #: ticks between two reports of progress
 _PROGRESS_TICKS = 100
@@ -85,7 +85,7 @@ class ClosedLoop:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If the scenario selects a controller that is not there.
     """
 

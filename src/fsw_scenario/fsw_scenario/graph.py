@@ -76,7 +76,7 @@ class WeldGraph:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             When a controller is not known.
         """
         programs = {name: program(name) for name in self.all_controllers}

@@ -11,8 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.parameters import ParameterError
-from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, Range
-from fsw_control.schema import Many, Model, Name, needs_one, problem, without_default
+from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
@@ -21,6 +20,8 @@ from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_plant.schedule import EventEntry
 from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
 from fsw_scenario.weld_programme_file import joined, set_points
+from fsw_schema.models import Many, Model, Name, needs_one, problem, without_default
+from fsw_schema.ranges import Range
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
 OPEN_LOOP = "none"

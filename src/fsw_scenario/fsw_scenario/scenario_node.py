@@ -59,7 +59,7 @@ class ScenarioNode(Node):
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If the scenario is wrong.
     """
 

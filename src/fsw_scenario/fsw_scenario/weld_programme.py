@@ -11,10 +11,11 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C, Range
-from fsw_control.schema import Many, Model, needs_one, without_default
+from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_control.weld import TICK_S
 from fsw_plant.event_schema import DURATION_S, TIME_S
+from fsw_schema.models import Many, Model, needs_one, without_default
+from fsw_schema.ranges import Range
 
 #: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38 to 40 min per turn.
 CANISTER_DIAMETER_MM = 1050.0

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from fsw_control.contract import Reference
-from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S, Range
-from fsw_control.schema import problem
+from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_scenario.weld_programme import ANGLE_DEG, LENGTH_MM, MM_PER_DEG, PHASES, Phase, PhaseSetPoint
+from fsw_schema.models import problem
+from fsw_schema.ranges import Range
 
 #: unit, largest step (chosen) and largest rate of the set-points
 LIMITS = {

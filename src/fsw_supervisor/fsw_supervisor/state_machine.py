@@ -10,7 +10,7 @@ from collections import deque
 from enum import StrEnum
 from typing import NamedTuple
 
-from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -45,12 +45,7 @@ class Trigger(StrEnum):
 
 
 #: the modes an operator can ask for, with the trigger that each fires
-OPERATOR_TRIGGERS: dict[Mode, Trigger] = {
-    Mode.AUTO: Trigger.OPERATOR_AUTO,
-    Mode.MANUAL: Trigger.OPERATOR_MANUAL,
-    Mode.HOLD: Trigger.OPERATOR_HOLD,
-    Mode.SAFE_STOP: Trigger.OPERATOR_SAFE_STOP,
-}
+OPERATOR_TRIGGERS = {Mode(mode): Trigger(f"operator_{mode}") for mode in OPERATOR_MODES}
 
 
 class Transition(NamedTuple):
