@@ -193,7 +193,7 @@ class FaultyGraph(Spinner):
         return self.spin_until(self.healthy, patience_s)
 
     def largest_move_taken(self) -> float:
-        """Largest move of the set-points that the machine has taken from what it had in force."""
+        """Largest move of the set-points that the machine accepted from what it had in force."""
         log = self._launcher.children["machine"].log.read_text(encoding="utf-8")
         return max((float(one) for one in re.findall(r"largest move so far: ([\d.]+)", log)), default=1.0)
 

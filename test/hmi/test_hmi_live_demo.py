@@ -117,7 +117,7 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         page.send("safe_stop")
         stopped = page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
         assert stopped["reason"]
-        wait_until(lambda: "the other parts go on" in child.text(), "word of the player's end")
+        wait_until(lambda: "the other processes keep running" in child.text(), "word of the player's end")
         for _ in range(20):
             page.until("tick")
         assert page.frames["state"]["actual_mode"] == "safe_stop"

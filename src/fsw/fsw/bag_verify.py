@@ -29,7 +29,7 @@ def add_command(commands: Any) -> None:
         "bag of a weld, recorded from its start",
         "Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
         "ones. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed; "
-        f"{_LEFT_OUT}: equal, but a controller of the bag is not known here and was left out; "
+        f"{_LEFT_OUT}: equal, but a controller of the bag is unknown here and was skipped; "
         f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld.",
     )
     check.add_argument(

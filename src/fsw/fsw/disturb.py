@@ -18,8 +18,8 @@ def add_command(commands: Any) -> None:
     disturb = add_graph_command(commands, "disturb", f"disturb the emulated plant; amplitudes: {amplitudes}", _run)
     disturb.add_argument("channel", choices=tuple(DISTURBANCE_AMPLITUDE))
     shapes = (*DISTURBANCE_SHAPES, CLEAR)
-    disturb.add_argument("shape", choices=shapes, help="clear (or none) ends what disturbs the channel")
-    disturb.add_argument("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not of clear")
+    disturb.add_argument("shape", choices=shapes, help="clear (or none) ends the channel's disturbance")
+    disturb.add_argument("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not for clear")
     add_number(disturb, "--duration", "S", DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]")
     add_number(disturb, "--period", "S", DURATION_S, "of a sine [s]")
 

@@ -17,7 +17,7 @@ def add_command(commands: Any) -> None:
     mode = add_graph_command(
         commands,
         "mode",
-        "source of commands: a controller (auto), you (manual), the last one (hold), safe stop",
+        "source of commands: a controller (auto), your values (manual), the last command (hold), safe stop",
         _run,
     )
     mode.add_argument("mode", choices=OPERATOR_MODES)

@@ -81,7 +81,7 @@ class Entrant(Model):
     """as for `--controller`"""
     parameters: dict[str, Any] = {}
     label: str = ""
-    """what rows call it; by default the controller's name"""
+    """name in the rows; default: the controller's name"""
 
     @model_validator(mode="before")
     @classmethod
@@ -121,7 +121,7 @@ class Campaign(Model):
     @model_validator(mode="after")
     def _check(self) -> Campaign:
         if len({one.label for one in self.entrants}) < len(self.entrants):
-            raise ValueError("needs controllers with a label of its own for each")
+            raise ValueError("needs a different label for each controller")
         for path in self.distributions:
             if path.partition(".")[0] in _NOT_DRAWN:
                 raise ValueError(f"distributions.{path} is not a parameter of the weld")
@@ -214,7 +214,7 @@ def _check_welds(campaign: Campaign, where: str) -> None:
     """Make the first weld of every controller, and one with each extreme value of each distribution."""
     base = scenario_file.read(copy.deepcopy(campaign.scenario), f"{where}: scenario")
     if base.open_loop:
-        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign is about controllers")
+        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign needs a closed-loop one")
     try:
         for entrant in campaign.entrants:
             campaign.controllers(campaign.weld({}, entrant), entrant)

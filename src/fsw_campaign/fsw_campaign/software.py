@@ -20,7 +20,7 @@ _GRAPH = ("_ros.py", "_node.py")
 
 
 def sources() -> Iterator[Path]:
-    """Python and parameter files of the packages that compute and judge a weld, in a fixed order."""
+    """Python and parameter files of the packages that compute and evaluate a weld, in a fixed order."""
     for package in _PACKAGES:
         for path in sorted(Path(str(resources.files(package))).iterdir()):
             if path.suffix in (".py", ".yaml") and not path.name.endswith(_GRAPH):

@@ -1,6 +1,6 @@
-"""What a controller is: pure data in, pure data out.
+"""The interface of a controller: pure data in, pure data out.
 
-Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times come from the clock handed in.
+Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times come from the clock passed in.
 """
 
 from __future__ import annotations

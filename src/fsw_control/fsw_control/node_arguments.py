@@ -22,14 +22,14 @@ _WIDTH = 100
 
 @dataclass(frozen=True, slots=True)
 class NodeArguments:
-    """What the command line of a node may hold.
+    """Arguments that a node accepts on its command line.
 
     Attributes
     ----------
     node : str
         Name of the node, when it is not remapped.
     about : str
-        What the node is, in a sentence.
+        Description of the node, in a sentence.
     specs : mapping of str to ParameterSpec
         Its parameters.
     positional : str

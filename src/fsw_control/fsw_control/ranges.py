@@ -1,4 +1,4 @@
-"""Allowed ranges of set-points and of commands by hand, for everyone who takes them from a person or a file."""
+"""Allowed ranges of set-points and of commands by hand, for all input from people or files."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> li
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
-    """Subscribe to what the drives report; ``take`` gets the stamp in ns and what acts.
+    """Subscribe to the drives' feedback; ``take`` gets the stamp in ns and the actual values.
 
     To be called before :func:`subscribe_sensors`, so that an executor finds this topic first.
     """

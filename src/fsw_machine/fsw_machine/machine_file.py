@@ -42,7 +42,7 @@ def _endpoint(value: str) -> str:
     except ValueError:
         sound = False
     if not sound:
-        raise ValueError("is no endpoint; write opc.tcp://host:port/path, user and password apart")
+        raise ValueError("is not an endpoint; write opc.tcp://host:port/path, without user and password")
     return value
 
 
@@ -147,7 +147,7 @@ class Security(Model):
 
 
 class User(Model):
-    """Who logs in, and the file or the environment variable that holds the password."""
+    """The user, and the file or environment variable with the password."""
 
     name: _Word
     password_file: _File | None = None

@@ -30,7 +30,7 @@ def _known(trajectory: str) -> str:
 
 
 class EstimatorTuning(Model):
-    """Standard deviations of the sensors, and of the random walk per tick of what changes by itself."""
+    """Standard deviations of the sensors, and of the random walks per tick of the disturbances."""
 
     depth_noise_mm: NonNegativeFloat = 2e-3
     torque_noise_nm: NonNegativeFloat = 2.0

@@ -115,7 +115,7 @@ FAULT_MAGNITUDE = {sensor: (_MAGNITUDES[sensor], range_of(FaultEntry, _MAGNITUDE
 def disturbance(
     channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0, at_s: float = 0.0
 ) -> Disturbance:
-    """A disturbance asked for at runtime; what its shape does not use may be anything.
+    """A disturbance requested at runtime; fields that its shape does not use are ignored.
 
     Raises
     ------

@@ -110,7 +110,7 @@ class PlantNode(Node):
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
 
     def _missing(self) -> list[str]:
-        """What the first tick still has to wait for."""
+        """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
         missing = [
             f"{wanted - count} more subscribers of {publisher.topic_name}"
@@ -185,10 +185,10 @@ class PlantNode(Node):
         if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
-            self.get_logger().info(f"tick {self._plant.tick}: the player has left; going on")
+            self.get_logger().info(f"tick {self._plant.tick}: the player has exited; continuing without it")
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
-            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; going on without it")
+            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; continuing without it")
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
@@ -201,7 +201,7 @@ class PlantNode(Node):
             raise SystemExit(f"fsw_plant: {what}; giving up")
         if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
             self._pace.resent += 1
-            self.get_logger().error(f"{what}; tick sent again")
+            self.get_logger().error(f"{what}; tick repeated")
             self._send()
             self._report()
 

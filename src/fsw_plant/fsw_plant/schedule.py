@@ -32,7 +32,7 @@ class EventEntry(Model):
         return self
 
     def plant_event(self) -> PlantEvent | None:
-        """What it is for the plant, None when it is not for it."""
+        """The plant's part of the event, None if it is not for the plant."""
         entry = self.disturbance or self.fault
         return None if entry is None else entry.event(self.at_s)
 
@@ -71,7 +71,7 @@ class PlantSchedule:
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
-        """Read YAML text: a list of events or a scenario with ``events``; those for others than the plant are ignored.
+        """Read YAML text: a list of events or a scenario with ``events``; those not for the plant are ignored.
 
         Raises
         ------

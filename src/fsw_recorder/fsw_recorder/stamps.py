@@ -15,7 +15,7 @@ _STAMP_END = 12
 
 
 def is_ticking(topic: str) -> bool:
-    """Whether the topic has one message per tick of the weld, in whatever namespace."""
+    """Whether the topic has one message per tick of the weld, in any namespace."""
     return _TICKING.fullmatch(topic) is not None
 
 

@@ -106,7 +106,7 @@ class ClosedLoop:
             controller.reset(start)
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
-        """Run to the end and return what a bag of the same weld would give.
+        """Run to the end and return the same signals as a bag of the weld.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class ClosedLoop:
             try:
                 statuses[name] = _status_signals(ticks, name)
             except (TypeError, ValueError, AttributeError) as error:  # a user's diagnosis may hold anything
-                problems.append(f"{name}: its diagnosis cannot be read: {error}")
+                problems.append(f"{name}: its diagnostics cannot be read: {error}")
         return WeldSignals(
             path=Path(self.scenario.name),
             stamp_ns=stamps,

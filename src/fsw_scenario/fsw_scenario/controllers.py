@@ -53,7 +53,7 @@ def _parts(label: str) -> tuple[str, str]:
         return first, rest
     word, _, variant = rest.partition(":")
     if not word:
-        known = f"available: {', '.join(KNOWN)}; or name one of your own as MODULE:CLASS or FILE.py:CLASS"
+        known = f"available: {', '.join(KNOWN)}; or name your own as MODULE:CLASS or FILE.py:CLASS"
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # a process that is started elsewhere finds the file, too
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"

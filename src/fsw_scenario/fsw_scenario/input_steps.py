@@ -31,7 +31,7 @@ def _on_a_tick(time_s: float) -> float:
 
 
 class InputStep(Model):
-    """New inputs from a time on; one left out stays. Their ranges are far beyond what drives can do."""
+    """New inputs from a time on; an omitted one keeps its value. Their ranges are far beyond what drives can do."""
 
     at_s: Annotated[float, TIME_S, AfterValidator(_on_a_tick)]
     force_kn: Annotated[float, Range(0.0, 1000.0, "kN")] | None = None

@@ -107,7 +107,7 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
     """
     steps: list[Any] = [key or int(number) for key, number in _STEP.findall(path)]
     if _STEP.sub("", path) or not steps or path.startswith("."):
-        raise InputError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
+        raise InputError(f"{where}: {path} is not a path such as plant.seed or events[2].at_s")
     inside: Any = content
     for i, step in enumerate(steps):
         if isinstance(step, int):

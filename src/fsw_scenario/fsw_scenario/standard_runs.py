@@ -1,4 +1,4 @@
-"""Runs of controllers on standard cases and on processes unlike the model, many at a time, and how they are judged."""
+"""Runs of controllers on standard cases and on other processes, in parallel, and their evaluation."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def run_all(jobs: Sequence[Job], progress: Callable[[float], None] | None = None
 
 
 def judged(runs: Mapping[str, Figures]) -> Figures:
-    """The judged figures of a controller's runs by case, and whether something still swings; or the error of one."""
+    """The judged figures of a controller's runs by case, and whether an output oscillates; or the error of one."""
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}

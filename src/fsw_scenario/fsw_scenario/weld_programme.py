@@ -30,7 +30,7 @@ _CLOCK_JUMP_TICKS = 100
 
 
 class SetPointEntry(Model):
-    """New set-points; one left out stays."""
+    """New set-points; an omitted one keeps its value."""
 
     depth_mm: Annotated[float, REFERENCE_DEPTH_MM] | None = None
     temperature_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
@@ -43,7 +43,7 @@ class SetPointEntry(Model):
 
 
 class PhaseSetPoint(SetPointEntry):
-    """New set-points in a phase; one left out stays."""
+    """New set-points in a phase; an omitted one keeps its value."""
 
     at_s: Annotated[float, TIME_S] = 0.0
     """time from the phase's beginning"""
@@ -57,9 +57,9 @@ class Phase(Model):
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of a phase without travel"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
-    """of one with travel: where it ends"""
+    """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
-    """where the phase before ends, which is the default"""
+    """start of a phase with travel; default: the end of the previous phase"""
     length_mm: Annotated[float, LENGTH_MM] = Field(0.0, json_schema_extra=without_default)
     """of the path; default: the arc on the canister, and not less"""
     speed_mm_per_min: Annotated[float, Range(10.0, 300.0, "mm/min")] = 86.0
@@ -154,7 +154,7 @@ class PhaseMachine:
         return self._go(State.HELD, (State.RUNNING,))
 
     def resume(self) -> tuple[bool, str]:
-        """Go on after a hold."""
+        """Continue after a hold."""
         return self._go(State.RUNNING, (State.HELD,))
 
     def abort(self) -> tuple[bool, str]:

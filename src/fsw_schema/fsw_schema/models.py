@@ -1,4 +1,4 @@
-"""Declarative checks of what people write, in files and requests: one base model, one kind of error, one text format.
+"""Declarative checks of user input, in files and requests: one base model, one kind of error, one text format.
 
 A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``, RANGE a
 :class:`fsw_schema.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same
@@ -56,7 +56,7 @@ def _is_whole(value: Any) -> bool:
 
 
 class InputError(ValueError):
-    """Something that a person or a file gave is wrong; the message is one line: where, what, and what is allowed."""
+    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed."""
 
 
 class Model(BaseModel):
