@@ -12,9 +12,9 @@ from zlib import crc32
 from pydantic import BaseModel
 
 from fsw_control.contract import SENSORS
-from fsw_control.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm
 from fsw_hmi.limits import QUALITY_TEMPERATURE_C
+from fsw_schema.yaml_text import load_yaml
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
