@@ -45,6 +45,7 @@ MAY_IMPORT = {
     "fsw": {
         *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
         *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign", "fsw_msgs"),
+        "fsw_hmi",  # its named users
     },
     "fsw_bringup": {"fsw_scenario", "fsw_control"},
 }

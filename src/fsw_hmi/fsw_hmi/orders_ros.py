@@ -15,7 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from fsw_control import units
-from fsw_hmi.control_room import DONE, REFUSED, TIMED_OUT
+from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,6 +16,7 @@ from fsw_control.ranges import (
     Range,
 )
 from fsw_control.schema import InputError, Many, Model, validate
+from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
@@ -23,11 +24,21 @@ _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
 
 
 class Action(Model):
-    """Something to be carried out in the graph."""
+    """Something to be carried out in the graph.
+
+    Attributes
+    ----------
+    role : str
+        That it needs at least.
+    """
+
+    role: ClassVar[Role] = "operate"
 
 
 class SafeStop(Action):
     """The safe state, at once."""
+
+    role = "view"
 
     def __str__(self) -> str:
         return "safe stop"
@@ -99,6 +110,8 @@ class Acknowledge(Action):
 class Disturb(Action):
     """A disturbance of the emulated plant; the amplitude in the paper's unit of the channel."""
 
+    role = "engineer"
+
     channel: str
     shape: str
     amplitude: float = 0.0
@@ -116,6 +129,8 @@ class Disturb(Action):
 
 class Fail(Action):
     """A fault of a sensor of the emulated plant."""
+
+    role = "engineer"
 
     sensor: str
     kind: str
