@@ -65,7 +65,8 @@ def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     checked_name(name)
     if verb == "remove":
         return [user for user in users if user is not before]
-    after = new_user(before.name if before else name, arguments.role or (before and before.role), _password(name))
+    name, role = (before.name, arguments.role or before.role) if before else (name, arguments.role)
+    after = new_user(name, role, _password(name))
     return [after if user is before else user for user in users] + ([] if before else [after])
 
 

@@ -7,6 +7,7 @@ import pytest
 from fsw.main import main
 from fsw_hmi import users
 
+pytestmark = pytest.mark.slow
 PASSWORD = "correct horse battery"
 
 

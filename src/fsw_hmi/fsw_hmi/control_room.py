@@ -148,6 +148,7 @@ class ControlRoom:
             "holder": holder and {"name": holder.name, "session": holder.id},
             "you": holder is session,
             "request": asker and {"name": asker.name, "session": asker.id, "left_s": left_s, "you": asker is session},
+            "name": session.name,
             "authenticated": session.authenticated,
             "role": session.role,
             "may_stop": session.may_stop,
@@ -230,7 +231,7 @@ class ControlRoom:
     def on_busy(self, session: Session, number: int) -> Verdict:
         """Judge a login whose password cannot be checked now."""
         session.checking = False
-        return Verdict(number, TIMED_OUT, "too many passwords are being checked: try again in some seconds")
+        return Verdict(number, TIMED_OUT, "your password cannot be checked now: try again in some seconds")
 
     def _wrong_login(self, session: Session, number: int, given: str, now_s: float) -> Verdict:
         wait_s = self._wrong.add(session.client, _bytes(given), now_s)

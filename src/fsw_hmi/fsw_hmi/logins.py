@@ -18,6 +18,7 @@ _NICE = 10
 
 Check = Callable[[], User | None]
 Done = Callable[[User | None], None]
+_Check = tuple[Check, Done, Callable[[], None]]
 
 
 class LoginChecks:
@@ -25,18 +26,18 @@ class LoginChecks:
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, "login", _step_back)
-        self._lines: dict[str, deque[tuple[Check, Done]]] = {}
+        self._lines: dict[str, deque[_Check]] = {}
         self._running = False
 
-    def submit(self, client: str, check: Check, done: Done) -> bool:
-        """Have a password checked, then call ``done`` in the loop; returns whether there was room."""
+    def submit(self, client: str, check: Check, done: Done, busy: Callable[[], None]) -> None:
+        """Have a password checked, then call ``done`` in the loop; ``busy`` if it cannot be checked now."""
         line = self._lines.get(client, deque())
         if len(line) >= _OF_CLIENT or sum(map(len, self._lines.values())) >= _OF_ALL:
-            return False
-        line.append((check, done))
+            busy()
+            return
+        line.append((check, done, busy))
         self._lines[client] = line
         self._next()
-        return True
 
     def close(self) -> None:
         """Check no more."""
@@ -48,17 +49,19 @@ class LoginChecks:
             return
         client = next(iter(self._lines))
         line = self._lines.pop(client)
-        check, done = line.popleft()
+        check, done, busy = line.popleft()
         if line:
             self._lines[client] = line  # behind the others
         self._running = True
         asyncio.get_running_loop().run_in_executor(self._pool, check).add_done_callback(
-            lambda future: self._on_done(future, done)
+            lambda future: self._on_done(future, done, busy)
         )
 
-    def _on_done(self, future: asyncio.Future[User | None], done: Done) -> None:
+    def _on_done(self, future: asyncio.Future[User | None], done: Done, busy: Callable[[], None]) -> None:
         self._running = False
-        if not future.cancelled():
+        if future.cancelled() or future.exception():  # at the server's end, or for want of memory
+            busy()
+        else:
             done(future.result())
         self._next()
 

@@ -261,8 +261,10 @@ class LivePage:
                 if verdict.close:
                     page.client.given_up.set()
 
-        if not self._logins.submit(session.client, partial(room.check, *credentials), done):
+        def busy() -> None:
             self._carry_out(page, room.on_busy(session, request))
+
+        self._logins.submit(session.client, partial(room.check, *credentials), done, busy)
 
     def close(self) -> None:
         """Check no more passwords."""

@@ -108,8 +108,8 @@ def test_login_needs_token_and_name(room):
     verdict = desk.ask("login", token=TOKEN, name=" anna.b ")
     assert (verdict.outcome, verdict.control) == (DONE, True)
     assert desk.control() == {
-        **{"holder": None, "you": False, "request": None, "authenticated": True, "role": "engineer"},
-        **{"may_stop": True, "note": ""},
+        **{"holder": None, "you": False, "request": None, "name": "anna.b"},
+        **{"authenticated": True, "role": "engineer", "may_stop": True, "note": ""},
     }
     assert desk.session.who == f"anna.b ({desk.session.id})"
     assert "only in case" in Desk(room).ask("login", token=TOKEN, name="Anna.B").message

@@ -130,8 +130,8 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
         assert [(rows[0], len(rows)) for rows in past] == [([1200], 100), ([600], 600), ([0], 600)]
         assert page.frames["state"]["known"]
         assert page.frames["control"] == {
-            **{"t": "control", "holder": None, "you": False, "request": None, "authenticated": False, "role": ""},
-            **{"may_stop": True, "note": ""},
+            **{"t": "control", "holder": None, "you": False, "request": None, "name": ""},
+            **{"authenticated": False, "role": "", "may_stop": True, "note": ""},
         }
         assert page.until("beat")["tick_age_s"] >= 0.0
 
