@@ -142,7 +142,8 @@ def write(path: Path, users: Sequence[User]) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with open(handle, "w", encoding="utf-8") as file:
-            yaml.safe_dump([user.model_dump() for user in users], file, sort_keys=False)
+            for user in users:  # each in a line
+                yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
             file.flush()
             os.fsync(file.fileno())
         os.replace(name, path)

@@ -2,12 +2,11 @@
 
 import socket
 import ssl
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
 from fsw_hmi import main, tls
-from fsw_machine.certificates import now
 from fsw_test_support.certificates import make
 from fsw_test_support.page_client import PATIENCE_S, Page
 
@@ -52,7 +51,7 @@ def test_handshakes_that_never_end_shut_no_new_page_out_and_are_closed(make_serv
 
 @pytest.mark.parametrize(("start_days", "text"), [(-400, "certificate has expired"), (2, "not yet valid")])
 def test_certificate_out_of_its_time_is_told_in_a_line(tmp_path, start_days, text):
-    files = pair(tmp_path, start=now() + timedelta(days=start_days))
+    files = pair(tmp_path, start=datetime.now(UTC) + timedelta(days=start_days))
     with pytest.raises(ValueError, match=f"tls_cert: {files[0]}: .*{text}; make a new one"):
         tls.context(*files)
 
@@ -108,7 +107,7 @@ def test_key_that_others_may_read_or_that_is_none_or_has_a_password_is_told(file
 @pytest.mark.slow
 @pytest.mark.parametrize("bag", [False, True])
 def test_expired_certificate_ends_the_server_with_a_line(domain_id, capfd, tmp_path, bag):
-    certificate, key = pair(tmp_path, start=now() - timedelta(days=400))
+    certificate, key = pair(tmp_path, start=datetime.now(UTC) - timedelta(days=400))
     given = ["--bag", str(tmp_path)] if bag else ["--port", "0"]
     assert main.main(["run_hmi.py", *given, "--tls-cert", certificate, "--tls-key", key]) == 2
     assert "certificate has expired; make a new one" in capfd.readouterr().err.strip().splitlines()[-1]
