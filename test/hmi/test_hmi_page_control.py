@@ -1,6 +1,7 @@
 """Login, roles and control in a browser: what several people see of each other."""
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from fsw_hmi.users import Users, new_user
@@ -27,7 +28,7 @@ def make_fake():
 @pytest.fixture
 def fake(make_fake):
     users = Users(new_user(name, role, PASSWORD, log2_n=1) for name, role in ROLES.items())
-    return make_fake(key=users)
+    return make_fake(key=users, handover_timeout_s=3600.0)
 
 
 @pytest.fixture
@@ -66,6 +67,7 @@ def test_control_is_asked_for_and_handed_over(fake, person):
     notice = otto.get_by_role("alertdialog")
     expect(notice).to_contain_text("olga asks for control and may take it in")
     expect(otto.locator("form")).to_be_visible()  # nothing is lost before it is answered
+    assert [one["id"] for one in Axe().run(otto).response["violations"]] == []
     shot(otto, "request_for_control")
     press(otto, "Hand over to olga")
     says(olga, "olga (you) has control. Otto has handed control over to you.")

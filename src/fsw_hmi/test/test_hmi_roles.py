@@ -5,7 +5,7 @@ import json
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, rule
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
 
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.control_room import ControlRoom, Rules
@@ -197,7 +197,8 @@ def test_asking_again_does_not_wind_the_clock_up(hall):
     olga.ask("request_control")
     hall.now_s += 20.0
     olga.ask("request_control")
-    hall.now_s += 9.0
+    assert olga.take().message == f"{otto.session.who} has 8 s left to answer"
+    hall.now_s += 7.0
     verdict = olga.take()
     assert (verdict.outcome, verdict.asked) == (DONE, "take control")
     assert verdict.message == f"control taken from {otto.session.who}, who did not answer for 30 s"
@@ -258,11 +259,13 @@ class Passing(RuleBasedStateMachine):
 
     places = Bundle("places")
 
-    @initialize()
+    @initialize(target=places)
     def begin(self):
         self.hall = Hall(idle_timeout_s=600.0)
-        self.all = []
-        self.logged_in = set()
+        self.all = [Place(self.hall, name) for name in USERS]
+        self.logged_in = set(self.all)
+        self.all[1].take()
+        return multiple(*self.all)
 
     @rule(target=places)
     def open_page(self):
@@ -280,10 +283,16 @@ class Passing(RuleBasedStateMachine):
 
     @rule(place=places)
     def takes(self, place):
-        before, asked, left_s = self.hall.room.holder, place.control["request"], place.control["request"]
+        before, asked = self.hall.room.holder, place.control["request"]
         took = place.take().outcome == DONE
         if took and before not in (None, place.session) and before.name != place.session.name:
-            assert asked["you"] and left_s["left_s"] <= 1.0  # a second passes with the request
+            assert asked["you"] and asked["left_s"] <= 1.0  # a second passes with the request
+
+    @rule(place=places, passed_s=st.floats(0.0, 100.0))
+    def asks_and_takes(self, place, passed_s):
+        place.ask("request_control")
+        self.hall.now_s += passed_s
+        self.takes(place)
 
     @rule(place=places, other=places, do=st.sampled_from(["hand_over_control", "keep_control"]))
     def answers(self, place, other, do):
