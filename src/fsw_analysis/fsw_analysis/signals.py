@@ -80,7 +80,7 @@ class _Ticks:
         return times
 
     def held(self, table: Table, path: str, before: object = "") -> Column:
-        """Values that hold from one message to the next, and what is before the first."""
+        """Values that persist from one message to the next, and the value before the first."""
         times = self.times_s(table)
         order = np.argsort(times, kind="stable")
         at = np.searchsorted(times[order], self.time_s, side="right") - 1
@@ -162,7 +162,9 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
 
 
 def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
-    """Add the programme that was played, its phases, and what operators did."""
+    """Add the programme that was played, its phases, alarms, and what operators did."""
+    journal = messages.table("/fsw/alarms", events.ALARM)
+    weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)
     actions = messages.table("/fsw/operator_action", events.ACTION)
     times_s = ticks.times_s(progress)

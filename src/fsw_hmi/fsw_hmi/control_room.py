@@ -8,11 +8,11 @@ import secrets
 from dataclasses import dataclass
 from typing import Any
 
-from fsw_control.schema import InputError
 from fsw_hmi import security, tokens
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
+from fsw_schema.models import InputError
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20

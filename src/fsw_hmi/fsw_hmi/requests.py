@@ -7,17 +7,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from fsw_control.contract import BuiltInSource
-from fsw_control.ranges import (
-    COMMAND_FORCE_KN,
-    COMMAND_SPEED_RPM,
-    REFERENCE_DEPTH_MM,
-    REFERENCE_TEMPERATURE_C,
-    Range,
-)
-from fsw_control.schema import InputError, Many, Model, validate
+from fsw_control.contract import OperatorMode
+from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
+from fsw_schema.models import InputError, Many, Model, validate
+from fsw_schema.ranges import Range
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
 _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
@@ -75,7 +70,7 @@ class Switch(Action):
 class ChangeMode(Action):
     """Another mode; force and speed are for ``manual``."""
 
-    mode: Literal["auto", BuiltInSource]
+    mode: OperatorMode
     force_kn: Annotated[float, COMMAND_FORCE_KN] | None = None
     speed_rpm: Annotated[float, COMMAND_SPEED_RPM] | None = None
 
@@ -105,6 +100,32 @@ class Acknowledge(Action):
 
     def __str__(self) -> str:
         return f"acknowledge {', '.join(self.ids[:3])}{' ...' if len(self.ids) > 3 else ''}"
+
+
+class Shelve(Action):
+    """An alarm put aside for some minutes, and why."""
+
+    alarm: _AlarmId
+    minutes: Annotated[float, Range(1.0, 60.0, "min")]
+    reason: Annotated[str, Field(min_length=1, max_length=100)]
+
+    @model_validator(mode="after")
+    def _check_reason(self) -> Shelve:
+        if not self.reason.strip() or not self.reason.isprintable():
+            raise ValueError("say why in words")
+        return self
+
+    def __str__(self) -> str:
+        return f"shelve {self.alarm} for {self.minutes:g} min: {self.reason}"
+
+
+class Unshelve(Action):
+    """An alarm taken back from the shelf."""
+
+    alarm: _AlarmId
+
+    def __str__(self) -> str:
+        return f"unshelve {self.alarm}"
 
 
 class Disturb(Action):
@@ -155,6 +176,8 @@ ACTIONS: dict[Any, type[Action]] = {
     "mode": ChangeMode,
     "weld": Programme,
     "acknowledge": Acknowledge,
+    "shelve": Shelve,
+    "unshelve": Unshelve,
     "disturb": Disturb,
     "fault": Fail,
 }
@@ -165,7 +188,7 @@ def read(do: str, message: Mapping[str, Any]) -> Action:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         When there is none of this name, or a value is missing, of the wrong type or out of range.
     """
     if do not in ACTIONS:

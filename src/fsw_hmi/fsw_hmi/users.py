@@ -18,7 +18,7 @@ import yaml
 from pydantic import AfterValidator
 
 from fsw_control.private_file import read_private
-from fsw_control.schema import InputError, Model, content_of, validate
+from fsw_schema.models import InputError, Model, content_of, validate
 
 #: each may what those before it may
 ROLES = ("view", "operate", "engineer")

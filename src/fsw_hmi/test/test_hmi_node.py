@@ -1,15 +1,19 @@
 """The node with a real page, among nodes that stand in for the graph."""
 
 import threading
-import time
 from functools import partial
+from itertools import count
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
@@ -18,6 +22,7 @@ from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import hmi_node, main
 from fsw_hmi.hmi_node import HmiNode
 from fsw_msgs.msg import (
+    AlarmEvent,
     ControllerHealth,
     DriveFeedback,
     OperatorAction,
@@ -29,18 +34,16 @@ from fsw_msgs.msg import (
     WeldReference,
 )
 from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
-from fsw_test_support.page_client import PATIENCE_S, Page
+from fsw_test_support.page_client import Page
+from fsw_test_support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 TOKEN = "a token of some length"
 START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
 
 
-def wait(condition, what="the condition"):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, f"waited in vain for {what}"
-        time.sleep(0.01)
+def states(frame):
+    return [(one["id"], one["state"]) for one in frame["alarms"]]
 
 
 class Graph:
@@ -52,10 +55,12 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = rclpy.create_node("others", context=self.context)
         given = {"port": 0, "token_file": str(token_file), "request_timeout_s": 1.0}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        given["state_folder"] = str(token_file.with_name("state"))
+        self.overrides = [Parameter(name, value=value) for name, value in given.items()]
+        self.capsys = capsys
         monkeypatch.setattr(hmi_node, "PageFiles", partial(hmi_node.PageFiles, folder=folder))
-        self.hmi = HmiNode(context=self.context, parameter_overrides=overrides)
-        self.url = capsys.readouterr().out.split()[-1]
+        self.hmi = None
+        self.start_page()
         self.actions = []
         node = self.node
         node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
@@ -66,9 +71,17 @@ class Graph:
         self.progress = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self.stated = node.create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
         self.executor.add_node(self.node)
-        self.executor.add_node(self.hmi)
         self.thread = threading.Thread(target=self.executor.spin)
         self.thread.start()
+
+    def start_page(self):
+        """Start the page's server, again where one runs; in the executor's thread once that spins."""
+        if self.hmi is not None:
+            self.executor.remove_node(self.hmi)
+            self.hmi.destroy_node()
+        self.hmi = HmiNode(context=self.context, parameter_overrides=self.overrides)
+        self.executor.add_node(self.hmi)
+        self.url = self.capsys.readouterr().out.split()[-1]
 
     def serve(self, kind, name, answer):
         self.node.create_service(kind, name, answer)
@@ -80,13 +93,12 @@ class Graph:
         self.torques.publish(convert.torque_message(1000.0, stamp_ns))
 
     def tick_until(self, condition, what):
-        end_s = time.monotonic() + PATIENCE_S
-        number = 0
-        while not condition():
-            assert time.monotonic() < end_s, f"waited in vain for {what}"
-            self.tick(number)
-            number += 1
-            time.sleep(0.02)
+        numbers = count()
+
+        def holds():
+            return condition() or self.tick(next(numbers))
+
+        wait_until(holds, what)
 
     def close(self):
         self.executor.shutdown()
@@ -113,14 +125,27 @@ def page(graph):
         yield one
 
 
+def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+    page.ask("mode", mode="hold")
+    page.seen("alarms", lambda frame: ("measurements", "active") in states(frame))
+    assert page.ask("acknowledge", ids=["measurements"])["outcome"] == "done"
+    wait_until(graph.executor.create_task(graph.start_page).done, "the page's server")
+    with Page(graph.url) as again:
+        rows = again.until("history")["rows"]
+        assert len(rows) >= 1
+        assert [one["action"] for one in again.seen("actions")["actions"]][-1] == "acknowledge measurements"
+        assert states(again.seen("alarms")) == [("measurements", "acknowledged")]
+
+
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
     names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")]
     assert [name for name in names if graph.node.count_publishers(name)] == []
-    wait(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
-    wait(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1)
+    wait_until(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
+    wait_until(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1, "the page at the supervisor")
     assert graph.depths.get_subscription_count() == 0
     graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors")
-    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
     graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors of the next plant")
 
 
@@ -133,12 +158,16 @@ def test_ticks_reach_the_page(graph, page):
 
 def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
-    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
     page.seen("alarms", lambda frame: frame["alarms"])
     graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
     page.until("hello")
-    (alarm,) = page.until("alarms", lambda frame: frame["alarms"][0]["state"] == "cleared")["alarms"]
-    assert alarm["id"] == "measurements"
+
+    def is_cleared():
+        frame = page.receive()
+        return frame["t"] == "alarms" and ("measurements", "cleared") in states(frame)
+
+    graph.tick_until(is_cleared, "the end of the alarm")
 
 
 def test_state_prediction_and_alarms_reach_the_page(graph, page):
@@ -150,14 +179,13 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page):
     shown = page.until("state")
     assert (shown["known"], shown["actual_mode"], shown["controllers"][0]["ready"]) == (True, "auto", True)
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
-    wait(predictions.get_subscription_count, "the page at the predictions")
+    wait_until(predictions.get_subscription_count, "the page at the predictions")
     predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
     plan = page.until("prediction")
     assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
-    listed = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
-    assert [(one["id"], one["state"]) for one in listed] == [("interlock:depth_high", "active")]
+    page.seen("alarms", lambda frame: states(frame) == [("interlock:depth_high", "active")])
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
-    page.seen("alarms", lambda frame: frame["alarms"][0]["state"] == "acknowledged")
+    page.seen("alarms", lambda frame: states(frame) == [("interlock:depth_high", "acknowledged")])
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
@@ -199,7 +227,7 @@ def test_answers_of_services(graph, page):
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait(lambda: len(graph.actions) == 9, "the record of all actions")
+    wait_until(lambda: len(graph.actions) == 9, "the record of all actions")
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
@@ -238,8 +266,8 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
         return response
 
     graph.serve(SetMode, "fsw/set_mode", on_mode)
-    wait(lambda: asked, "the safe stop")
-    wait(lambda: len(graph.actions) == 3, "the record of what became of it")
+    wait_until(lambda: asked, "the safe stop")
+    wait_until(lambda: len(graph.actions) == 3, "the record of what became of it")
     assert [one.outcome for one in graph.actions] == ["done", "timed_out", "done"]  # the first: control taken
     assert asked[0] == "safe_stop"
 
@@ -254,7 +282,7 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
         return response
 
     graph.serve(SetReference, "fsw/set_reference", on_set_points)
-    wait(graph.hmi._orders._set_reference.service_is_ready, "the service")
+    wait_until(graph.hmi._orders._set_reference.service_is_ready, "the service")
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
     assert (refused["outcome"], refused["message"]) == ("refused", "as a test")
     assert page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
@@ -269,13 +297,91 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
     assert told is None or (told["left"], told["way_back_s"], told["depth_mm"]) == (True, 31.5, 2.66)
 
 
-def test_part_with_an_error_is_an_alarm(graph, page):
+@pytest.mark.requirement("S17")
+def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_journal(graph, page):
+    told = []
+    graph.node.create_subscription(AlarmEvent, "fsw/alarms", told.append, LATCHED)
     diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-    wait(diagnostics.get_subscription_count)
-    status = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
-    diagnostics.publish(DiagnosticArray(status=[status]))
-    (alarm,) = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
+    wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
+
+    def report(level, message):
+        status = DiagnosticStatus(name="fsw_recorder: recording", level=level, message=message)
+        diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def now(state):
+        return lambda frame: [one["state"] for one in frame["alarms"]] == [state]
+
+    report(DiagnosticStatus.ERROR, "disk full")
+    (alarm,) = page.seen("alarms", now("active"))["alarms"]
     assert alarm["text"] == "fsw_recorder: recording: disk full"
+    shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "disk is being changed"}
+    assert page.ask("shelve", **shelve | {"reason": " "})["message"] == "shelve: say why in words"
+    assert page.ask("shelve", **shelve | {"alarm": "other"})["outcome"] == "refused"
+    assert page.ask("shelve", **shelve)["outcome"] == "done"
+    page.seen("alarms", now("shelved"))
+    assert page.ask("unshelve", alarm=alarm["id"])["outcome"] == "done"
+    page.seen("alarms", now("active"))
+    report(DiagnosticStatus.OK, "")
+    page.seen("alarms", now("cleared"))
+    report(DiagnosticStatus.ERROR, "disk full")
+    (again,) = page.seen("alarms", now("active"))["alarms"]
+    assert (again["count"], again["raised_s"] > alarm["raised_s"]) == (2, True)
+    assert page.ask("acknowledge", ids=[alarm["id"]])["outcome"] == "done"
+    wait_until(lambda: len(told) == 6, "the journal")
+    assert [one.event for one in told] == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
+    assert (told[1].reason, told[1].who.startswith("anna (")) == ("20 min: disk is being changed", True)
+    assert {(one.id, one.priority) for one in told} == {("part:fsw_recorder", "medium")}
+
+
+def test_odd_names_and_floods_leave_the_page_alive(graph, page):
+    diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+    wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
+    odd = ["näme/x", "a b", "1st", "x" * 300, "ends_", "", "{why}", "tab\t"]
+    health = [ControllerHealth(name=name, reason=f"{name} is inhibited", latched_out=True) for name in odd * 10]
+    graph.states.publish(
+        SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
+    )
+    page.seen("state", lambda frame: len(frame["controllers"]) == 20)
+    broken = serialize_message(SupervisorState(reason="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
+    graph.states.publish(broken)
+    flood = [
+        DiagnosticStatus(name=f"rogue{i}: {name}", level=DiagnosticStatus.ERROR, message=name)
+        for i in range(200)
+        for name in odd
+    ]
+    diagnostics.publish(DiagnosticArray(status=flood))
+    own = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
+    diagnostics.publish(DiagnosticArray(status=[own]))
+    shown = page.seen("alarms", lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)})
+    page.seen("state", lambda frame: len(frame["parts"]) == 200)
+    assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+
+
+def test_set_points_beyond_a_trip_are_refused_before_they_are_sent(graph, page):
+    asked = []
+
+    def on_set_points(request, response):
+        asked.append(request.depth)
+        response.ok = True
+        return response
+
+    def on_parameters(request, response):
+        trips = {"interlocks.depth_high.trip": 3.0}
+        response.values = [
+            ParameterValue(type=3, double_value=trips[name]) if name in trips else ParameterValue()
+            for name in request.names
+        ]
+        return response
+
+    graph.serve(SetReference, "fsw/set_reference", on_set_points)
+    graph.serve(GetParameters, "fsw_supervisor/get_parameters", on_parameters)
+    graph.states.publish(SupervisorState(header=Header(frame_id="1.leader")))
+    page.seen("hello", lambda frame: frame["limits"]["depth_mm"].get("trip") == [None, 3.0])
+    refused = page.ask("set_reference", depth_mm=3.0, temperature_c=820)
+    assert (refused["outcome"], "would trip the interlock" in refused["message"]) == ("refused", True)
+    assert page.ask("set_reference", depth_mm=2.9, temperature_c=820)["outcome"] == "done"
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,9 @@
 import pytest
 import yaml
 
-from fsw_control.schema import InputError
 from fsw_hmi import users
 from fsw_hmi.users import Users, new_user
+from fsw_schema.models import InputError
 
 PASSWORD = "correct horse battery"
 #: names that are none, or might be taken for another's

@@ -84,7 +84,7 @@ def test_a_swap_that_was_made_in_time_is_not_told_to_be_too_late(rig):
     assert not request.done
     out = rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s + 0.03)
     assert [decision.source for decision in out] == ["nmpc"]
-    assert (request.ok, request.message) == (True, f"nmpc is applied from {rig.stamp_ns / 1e9:.3f} s on")
+    assert (request.ok, request.message) == (True, "nmpc is applied")
 
 
 def test_a_swap_to_a_controller_that_then_fails_is_told_as_such_though_its_time_is_over(rig):
@@ -131,7 +131,7 @@ def test_in_lockstep_a_request_ends_when_no_tick_comes_for_long(make_rig):
     for after_s, done in ((1.01, False), (2.49, False), (2.51, True)):
         rig.arbiter.on_time(rig.now_s + after_s)
         assert request.done == done
-    assert request.message == "timed out: no measurement came to swap at"
+    assert request.message == "timed out: no measurement has arrived for the swap"
 
 
 def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
@@ -172,7 +172,7 @@ def test_a_fallback_swap_to_the_controller_that_is_waited_for_answers_the_reques
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert request.ok
-    assert f"nmpc is applied from {rig.stamp_ns / 1e9:.3f} s on" == request.message
+    assert request.message == "nmpc is applied"
 
 
 def test_a_failure_of_the_active_one_does_not_end_a_request_for_another(rig):
@@ -297,7 +297,7 @@ def test_an_acknowledgement_is_answered_and_logged_once(rig):
     assert desk.acknowledge("anna") == (False, "refused: there is no safe stop to acknowledge")
     desk.ask_mode("safe_stop", None, "operator")
     for _ in range(2):
-        assert desk.acknowledge("anna") == (True, "acknowledged: ask for the mode to go on with")
+        assert desk.acknowledge("anna") == (True, "acknowledged; now request a mode")
     assert rig.events().count("anna has acknowledged the safe stop") == 1
     revision = machine.revision
     machine.renew()

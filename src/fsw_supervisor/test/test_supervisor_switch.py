@@ -18,7 +18,7 @@ def test_a_swap_happens_between_two_ticks_and_is_answered_when_it_is_applied(rig
     assert not request.done
     rig.run(1)
     assert (request.ok, rig.last.source) == (True, "nmpc")
-    assert "nmpc is applied from" in request.message
+    assert "nmpc is applied" in request.message
     assert rig.arbiter.machine.requested_by == "operator"
     assert len({tick[0].stamp_ns for tick in rig.ticks}) == len(rig.ticks)
 
@@ -87,7 +87,7 @@ def test_best_effort_times_out_with_the_reason(rig):
 def test_a_request_without_measurements_times_out(rig):
     request = ask(rig, "nmpc", timeout_s=0.5)
     rig.arbiter.on_time(rig.now_s + 0.6)
-    assert request.message == "timed out: no measurement came to swap at"
+    assert request.message == "timed out: no measurement has arrived for the swap"
 
 
 def test_a_later_request_supersedes(rig):

@@ -37,7 +37,7 @@ class LivePage {
     this.actions = new Actions();
     this.commands = new Commands(this, this.connection, this.actions);
     this.status = new Status(byId("status"), this.commands.safeStopButton);
-    this.alarms = new Alarms((ids) => this.commands.acknowledge(ids));
+    this.alarms = new Alarms((ids) => this.commands.acknowledge(ids), (...request) => this.commands.ask(...request));
     this.controllers = new Controllers();
     byId("side").append(this.alarms.root, this.commands.root, this.controllers.root, this.actions.root);
   }
@@ -63,9 +63,9 @@ class LivePage {
       this.status.progress.update(progress);
       this.commands.update();
     },
-    alarms: ({ alarms }) => {
+    alarms: ({ alarms, reach }) => {
       this.alarmList = alarms;
-      this.alarms.update(alarms);
+      this.alarms.update(alarms, reach);
       this.#judge();
     },
     control: (control) => {
