@@ -250,6 +250,7 @@ def command_line() -> dict[str, str]:
         "acknowledge",
         "weld",
         "param",
+        "hmi",
     )
     groups = {
         "command-line-weld": ("Command line: a running weld", running),

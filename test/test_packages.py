@@ -42,7 +42,7 @@ MAY_IMPORT = {
     "fsw": {
         *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
         *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign"),
-        "fsw_msgs",
+        *("fsw_msgs", "fsw_hmi"),  # of fsw_hmi: its named users
     },
     "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
 }

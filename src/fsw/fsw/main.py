@@ -11,7 +11,19 @@ from fsw.errors import exit_code
 
 #: modules of the commands, in the order of the help
 _COMMANDS = (
-    *("status", "reference", "disturb", "fault", "switch", "controllers", "mode", "acknowledge", "weld", "params"),
+    *(
+        "status",
+        "reference",
+        "disturb",
+        "fault",
+        "switch",
+        "controllers",
+        "mode",
+        "acknowledge",
+        "weld",
+        "params",
+        "hmi",
+    ),
     *("simulate", "campaign", "model", "export", "identify", "tune"),
 )
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "compare", "export", "verify", "shadow")

@@ -19,6 +19,7 @@ from fsw_control.parameters import defaults
 from fsw_control.parameters import load as load_parameters
 from fsw_hmi.bag_view import BagView, load
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.tls import context
 from fsw_hmi.web_server import address, application, listen, server
 from fsw_recorder.errors import BagError
 
@@ -56,12 +57,14 @@ class BagPage:
         return Response(self._bags[n], media_type="application/json")
 
 
-def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str]) -> int:
+def serve(
+    bags: Sequence[Path], host: str | None, port: int | None, allow_hosts: Sequence[str], tls: tuple[str, str]
+) -> int:
     """Serve the page over bags until Ctrl-C; None: as the live page by default. Returns the exit code."""
     standard = defaults(load_parameters("fsw_hmi", "hmi.yaml"))
     host, port = host or standard["host"], standard["port"] if port is None else port
     try:
-        files = PageFiles("bag")
+        files, encrypted = PageFiles("bag"), context(*tls)
         views = load(bags, lambda path: print(f"reading {path}", flush=True))
         listening = listen(host, port)
     except (BagError, ValueError) as error:
@@ -70,10 +73,10 @@ def serve(bags: Sequence[Path], host: str | None, port: int | None, allow_hosts:
     for view in views:
         for problem in view.summary["problems"]:
             print(f"note: {problem}", file=sys.stderr)
-    app = application(BagPage(files, views).routes(), [host, *allow_hosts])
-    print(f"operator's page: {address(listening)}", flush=True)
+    app = application(BagPage(files, views).routes(), [host, *allow_hosts], listening.gate)
+    print(f"operator's page: {address(listening, encrypted is not None)}", flush=True)
     # uvicorn ends well and then raises the signal again
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(server(app).serve(sockets=[listening]))
+        asyncio.run(server(app, listening.gate, encrypted).serve(sockets=[listening]))
     return 0

@@ -5,59 +5,26 @@ from __future__ import annotations
 import hmac
 import json
 import secrets
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from fsw_hmi import security, tokens
+from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
+from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 from fsw_schema.models import InputError
 
-DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
-#: requests of a session in a second; safe stops do not count
-_RATE_PER_S = 10.0
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-_LONGEST_NAME = 40
 _MAX_ID = 2**53
-
-
-class Bucket:
-    """Lets so many through in a second, as many at once."""
-
-    def __init__(self, per_s: float) -> None:
-        self._per_s = self._left = per_s
-        self._then_s = 0.0
-
-    def take(self, now_s: float) -> bool:
-        """Whether one more may pass."""
-        self._left = min(self._per_s, self._left + max(0.0, now_s - self._then_s) * self._per_s)
-        self._then_s = now_s
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
-
-
-@dataclass(slots=True)
-class Session:
-    """One open page."""
-
-    id: str
-    client: str = ""  #: that limits count
-    local_stop: bool = False  #: whether it may stop without login
-    name: str = ""  #: of the person, empty before the login
-    offences: int = 0
-    requests: Bucket = field(default_factory=lambda: Bucket(_RATE_PER_S))
-
-    @property
-    def who(self) -> str:
-        """Name and session, for the record."""
-        return f"{self.name or 'on this computer'} ({self.id})"
-
-    @property
-    def may_stop(self) -> bool:
-        """Whether a safe stop is accepted."""
-        return self.local_stop or bool(self.name)
+_CONTROL = {
+    "take_control": "take control",
+    "release_control": "release control",
+    "request_control": "ask for control",
+    "withdraw_request": "no longer ask for control",
+    "hand_over_control": "hand control over",
+    "keep_control": "keep control",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +36,7 @@ class Verdict:
     id : int or None
         Of the request; without one nothing is answered.
     outcome, message : str
-        The answer; the outcome is empty when ``action`` is to be carried out and answered first.
+        The answer; the outcome is empty when ``action`` is to be carried out or ``credentials`` to be checked first.
     action : Action or None
     asked : str
         What was asked for in words, when it has to be recorded; empty when not.
@@ -77,6 +44,8 @@ class Verdict:
         Whether sessions or control have changed.
     close : bool
         Whether the page is to be shut out.
+    credentials : tuple of str or None
+        Name and password to be checked; then :meth:`ControlRoom.on_checked` judges.
     """
 
     id: int | None = None
@@ -86,6 +55,26 @@ class Verdict:
     asked: str = ""
     control: bool = False
     close: bool = False
+    credentials: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How long what may last.
+
+    Attributes
+    ----------
+    local_stop : bool
+        Whether pages on this computer may stop without login.
+    idle_timeout_s : float
+        After which a page that nobody touches gives control back; 0: never.
+    handover_timeout_s : float
+        After which control that was asked for may be taken without an answer.
+    """
+
+    local_stop: bool = True
+    idle_timeout_s: float = 900.0
+    handover_timeout_s: float = 30.0
 
 
 class ControlRoom:
@@ -93,20 +82,26 @@ class ControlRoom:
 
     Parameters
     ----------
-    token : str
-        What a person must know to command.
-    local_stop : bool, optional
-        Whether pages on this computer may stop without login.
+    key : str or Users
+        The token that a person must know to command, or the named users.
+    rules : Rules, optional
     """
 
-    def __init__(self, token: str, local_stop: bool = True) -> None:
-        if not token:
+    def __init__(self, key: str | Users, rules: Rules | None = None) -> None:
+        if not key:
             raise ValueError("the token is empty")
-        self._token = token.encode()
+        self._users = key if isinstance(key, Users) else None
+        self._token = key.encode() if isinstance(key, str) else b""
+        self._rules = rules or Rules()
         self._sessions: dict[str, Session] = {}
-        self._holder = ""
-        self._local_stop = local_stop
-        self._wrong = tokens.WrongTokens()
+        self._control = Control(self._rules.handover_timeout_s)
+        self._wrong = tokens.WrongLogins()
+        self._takeable = False
+
+    @property
+    def login(self) -> str:
+        """What a person logs in with, ``token`` or ``password``."""
+        return "password" if self._users else "token"
 
     # ---------------------------------------------------------------- sessions
 
@@ -115,31 +110,49 @@ class ControlRoom:
         number = secrets.token_hex(3)
         while number in self._sessions:
             number = secrets.token_hex(3)
-        local_stop = self._local_stop and security.is_loopback(address)
+        local_stop = self._rules.local_stop and security.is_loopback(address)
         self._sessions[number] = session = Session(number, security.client_of(address), local_stop)
         return session
 
     def leave(self, session: Session) -> bool:
-        """A page was closed; returns whether control has become free with it."""
+        """A page was closed; returns whether control, or the request for it, has become free with it."""
         self._sessions.pop(session.id, None)
-        if self._holder != session.id:
-            return False
-        self._holder = ""
-        return True
+        return self._control.release(session)
+
+    def tick(self, now_s: float) -> tuple[bool, list[tuple[str, str, str]]]:
+        """Let time pass: whether control has changed, and what is to be recorded: who, what, and why."""
+        changed, records = self._control.lapse(now_s), []
+        limit_s = self._rules.idle_timeout_s
+        for session in self._sessions.values():
+            if limit_s and session.authenticated and not session.checking and now_s - session.active_s > limit_s:
+                session.idle = changed = True
+                why = f"nobody has touched the page for {limit_s / 60.0:g} min"
+                session.note = f"{why}: log in again to command"
+                if self.holder is session:
+                    records.append((session.who, "give control back", why))
+                self._control.release(session)
+        takeable = self._control.asker is not None and not self._control.left_s(now_s)
+        changed, self._takeable = changed or takeable != self._takeable, takeable
+        return changed, records
 
     @property
     def holder(self) -> Session | None:
         """Who has control."""
-        return self._sessions.get(self._holder)
+        return self._control.holder
 
-    def control(self, session: Session) -> dict[str, Any]:
+    def control(self, session: Session, now_s: float) -> dict[str, Any]:
         """Content of the frame ``control`` for a session."""
-        holder = self.holder
+        holder, asker = self.holder, self._control.asker
+        left_s = round(self._control.left_s(now_s), 1)
         return {
             "holder": holder and {"name": holder.name, "session": holder.id},
             "you": holder is session,
-            "authenticated": bool(session.name),
+            "request": asker and {"name": asker.name, "session": asker.id, "left_s": left_s, "you": asker is session},
+            "name": session.name,
+            "authenticated": session.authenticated,
+            "role": session.role,
             "may_stop": session.may_stop,
+            "note": session.note,
         }
 
     # ---------------------------------------------------------------- requests
@@ -159,57 +172,124 @@ class ControlRoom:
             return self._offence(session, number, "the message names no request")
         if do == "login":
             return self._login(session, number, message, now_s)
-        if not session.name:
-            return Verdict(number, REFUSED, "log in first")
-        if do == "take_control":
-            return self._take(session, number, message)
-        if do == "release_control":
-            return self._release(session, number)
+        if not session.authenticated:
+            return Verdict(number, REFUSED, "log in again" if session.idle else "log in first")
+        session.active_s = now_s
+        if do == "active":
+            return Verdict(number, DONE)
+        if do in _CONTROL:
+            return self._change_control(session, number, do, message, now_s)
         return self._command(session, number, do, message)
 
     def _offence(self, session: Session, number: int | None, why: str) -> Verdict:
         session.offences += 1
         return Verdict(number, REFUSED, why, close=session.offences > _MOST_OFFENCES)
 
+    # ---------------------------------------------------------------- login
+
     def _login(self, session: Session, number: int, message: dict[str, Any], now_s: float) -> Verdict:
-        token, name = message.get("token"), message.get("name")
-        given = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
-        if not hmac.compare_digest(given, self._token):
-            wait_s = self._wrong.add(session.client, given, now_s)
-            too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
-            return Verdict(number, REFUSED, f"wrong token{too_many}", close=bool(wait_s))
-        name = name.strip() if isinstance(name, str) else ""
-        if not (0 < len(name) <= _LONGEST_NAME and name.isprintable()):
-            return Verdict(number, REFUSED, f"name: give one of at most {_LONGEST_NAME} characters")
-        session.name = name
-        return Verdict(number, DONE, f"logged in as {name}", control=True)
+        name, given = message.get("name"), message.get(self.login)
+        try:
+            name = checked_name(name.strip() if isinstance(name, str) else "")
+        except ValueError as error:
+            return Verdict(number, REFUSED, str(error))
+        given = given if isinstance(given, str) else ""
+        if self._users is None:
+            if not hmac.compare_digest(_bytes(given), self._token):
+                return self._wrong_login(session, number, given, now_s)
+            others = [one.name for one in self._sessions.values() if one is not session]
+            if any(one.casefold() == name.casefold() and one != name for one in others):
+                return Verdict(number, REFUSED, "name: somebody is here whose name differs only in case; take another")
+            return self._logged_in(session, number, name, ROLES[-1], now_s)
+        user = self._users.remembered(name, given)
+        if user is not None:
+            return self._logged_in(session, number, user.name, user.role, now_s)
+        wait_s = self._wrong.left_s(session.client, now_s)
+        if wait_s:
+            text = f"too many wrong passwords from your address: wait {wait_s:.0f} s"
+            return Verdict(number, REFUSED, text, close=True)
+        if session.checking:
+            return Verdict(number, REFUSED, "your password is being checked")
+        if len(given) > LONGEST:
+            return Verdict(number, REFUSED, f"password: at most {LONGEST} characters")
+        session.checking = True
+        return Verdict(number, credentials=(name, given))
 
-    def _take(self, session: Session, number: int, message: dict[str, Any]) -> Verdict:
-        holder, asked = self.holder, "take control"
-        if holder is session:
+    def check(self, name: str, password: str) -> User | None:
+        """Whose name and password this is; takes long, for any thread."""
+        return self._users.check(name, password) if self._users else None
+
+    def on_checked(
+        self, session: Session, number: int, credentials: tuple[str, str], user: User | None, now_s: float
+    ) -> Verdict:
+        """Judge a login whose password has been checked; ``user`` is whose it is."""
+        session.checking = False
+        if user is None:
+            return self._wrong_login(session, number, "\0".join(credentials), now_s)
+        return self._logged_in(session, number, user.name, user.role, now_s)
+
+    def on_busy(self, session: Session, number: int) -> Verdict:
+        """Judge a login whose password cannot be checked now."""
+        session.checking = False
+        return Verdict(number, TIMED_OUT, "your password cannot be checked now: try again in some seconds")
+
+    def _wrong_login(self, session: Session, number: int, given: str, now_s: float) -> Verdict:
+        wait_s = self._wrong.add(session.client, _bytes(given), now_s)
+        what = "wrong token" if self._users is None else "wrong name or password"
+        too_many = f", one of too many from your address: wait {wait_s:.0f} s" if wait_s else ""
+        return Verdict(number, REFUSED, what + too_many, close=bool(wait_s))
+
+    def _logged_in(self, session: Session, number: int, name: str, role: str, now_s: float) -> Verdict:
+        if (session.name, session.role) != (name, role):
+            self._control.release(session)  # what one person has, another does not get by a login
+        session.name, session.role, session.idle, session.active_s, session.note = name, role, False, now_s, ""
+        return Verdict(number, DONE, f"logged in as {name}, role {role}", control=True)
+
+    # ---------------------------------------------------------------- control and commands
+
+    def _change_control(self, session: Session, number: int, do: str, message: dict[str, Any], now_s: float) -> Verdict:
+        if session.role == ROLES[0]:
+            return Verdict(number, REFUSED, _needs(session, "operate"), asked=_CONTROL[do])
+        if do == "take_control" and self.holder is session:
             return Verdict(number, DONE, "you have control already")
-        if message.get("from") != (holder and holder.id):
-            who = f"{holder.who} has control now" if holder else "control is free now"
-            return Verdict(number, REFUSED, f"{who}: look again", asked=asked)
-        self._holder = session.id
-        taken = f"control taken from {holder.who}" if holder else "control taken"
-        return Verdict(number, DONE, taken, asked=asked, control=True)
+        outcome, text = self._ask_control(session, do, message, now_s)
+        return Verdict(number, outcome, text, asked=_CONTROL[do], control=outcome == DONE)
 
-    def _release(self, session: Session, number: int) -> Verdict:
-        if self.holder is not session:
-            return Verdict(number, REFUSED, "you do not have control", asked="release control")
-        self._holder = ""
-        return Verdict(number, DONE, "control released", asked="release control", control=True)
+    def _ask_control(self, session: Session, do: str, message: dict[str, Any], now_s: float) -> Answer:
+        control, holder = self._control, self.holder
+        if do == "take_control":
+            same = self._users is not None and holder is not None and holder.name == session.name
+            return control.take(session, message.get("from"), now_s, same)
+        if do == "request_control":
+            return control.request(session, now_s)
+        if do == "withdraw_request":
+            return control.withdraw(session)
+        if do == "release_control":
+            if holder is not session:
+                return REFUSED, "you do not have control"
+            control.release(session)
+            return DONE, "control released"
+        return control.answer(session, message.get("to"), do == "hand_over_control")
 
     def _command(self, session: Session, number: int, do: str, message: dict[str, Any]) -> Verdict:
+        known = ACTIONS.get(do)
+        if known is not None and ROLES.index(session.role) < ROLES.index(known.role):
+            return Verdict(number, REFUSED, _needs(session, known.role), asked=do)
         try:
             action = read(do, message)
         except InputError as error:
-            asked = do if do in ACTIONS else "unknown request"
-            return Verdict(number, REFUSED, str(error)[:200], asked=asked)
+            return Verdict(number, REFUSED, str(error)[:200], asked=do if known else "unknown request")
         if self.holder is not session:
             return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
         return Verdict(number, action=action, asked=str(action))
+
+
+def _needs(session: Session, role: str) -> str:
+    return f"your role is {session.role}: this needs the role {role}"
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode("utf-8", "surrogatepass")
 
 
 def _parse(text: str | None) -> dict[str, Any] | None:

@@ -23,10 +23,11 @@ from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
-from fsw_hmi import tokens
+from fsw_hmi import tls, tokens, users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
-from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
+from fsw_hmi.control import DONE, REFUSED
+from fsw_hmi.control_room import ControlRoom, Rules
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
 from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits
@@ -64,7 +65,8 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         super().__init__("fsw_hmi", **arguments)
         self._settings = declare(self, "fsw_hmi", "hmi.yaml")
         values = self._settings.values
-        token = tokens.read(Path(values["token_file"]).expanduser()) if values["token_file"] else tokens.new()
+        key, told = _key(values["users_file"], values["token_file"])
+        encrypted = tls.context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
         self._received: deque[Order] = deque()
@@ -81,28 +83,31 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._wake = self.create_guard_condition(self._on_orders)
         self._page = LivePage(
             files,
-            ControlRoom(token, values["local_stop"]),
+            ControlRoom(
+                key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
+            ),
             self._deliver,
             request_timeout_s=values["request_timeout_s"],
             patience_s=values["patience_s"],
             max_pages=values["max_pages"],
+            know=listening.gate.know,
         )
         self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
-        self._web = WebThread(
-            self._page, application(self._page.routes(), [values["host"], *values["allow_hosts"]]), listening
-        )
+        app = application(self._page.routes(), [values["host"], *values["allow_hosts"]], listening.gate)
+        self._web = WebThread(self._page, app, listening, encrypted)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
         self._say_hello()
         self._web.start()
-        if not is_local(listening):
+        if encrypted is None and not is_local(listening):
             self.get_logger().warning("the page can be reached from other computers, and nothing is encrypted")
         # The token must not get into the log, which is recorded.
-        print(f"operator's page: {address(listening)}", flush=True)
-        write_status(url=address(listening))
-        if not values["token_file"]:
-            print(f"token: {token}", flush=True)
+        url = address(listening, encrypted is not None)
+        print(f"operator's page: {url}", flush=True)
+        write_status(url=url)
+        if told:
+            print(f"token: {key}", flush=True)
 
     def _setting(self, name: str) -> float:
         value: float = self._settings[name]
@@ -289,3 +294,17 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
                 message=message,
             )
         )
+
+
+def _key(users_file: str, token_file: str) -> tuple[str | users.Users, bool]:
+    """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
+    if users_file and token_file:
+        raise ValueError("users_file, token_file: give one of them")
+    if token_file:
+        return tokens.read(Path(token_file).expanduser()), False
+    if not users_file:
+        return tokens.new(), True
+    listed = users.read(Path(users_file).expanduser())
+    if not listed:
+        raise ValueError(f"users_file: {users_file} has no user: add one with 'fsw.py hmi user add'")
+    return users.Users(listed), False

@@ -26,6 +26,13 @@ def parser() -> argparse.ArgumentParser:
         "--token-file", type=Path, metavar="FILE", help="holds the token for commands (default: a new one is printed)"
     )
     whole.add_argument(
+        "--users-file", type=Path, metavar="FILE", help="named users who may command; made by 'fsw.py hmi user'"
+    )
+    whole.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate (PEM): encrypt; needs --tls-key")
+    whole.add_argument(
+        "--tls-key", type=Path, metavar="FILE", help="its private key (PEM), which its owner alone may read"
+    )
+    whole.add_argument(
         "--allow-host",
         action="append",
         metavar="NAME",
@@ -49,7 +56,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if parsed.bag:
         from fsw_hmi.bag_app import serve
 
-        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [])
+        tls = str(parsed.tls_cert or ""), str(parsed.tls_key or "")
+        return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_host or [], tls)
     from fsw_control.node_main_ros import run
     from fsw_hmi.hmi_node import HmiNode
 
@@ -58,12 +66,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
-    given = {
-        "host": parsed.host,
-        "port": parsed.port,
-        "token_file": None if parsed.token_file is None else str(parsed.token_file.absolute()),
-        "allow_hosts": parsed.allow_host,
-    }
+    given = {"host": parsed.host, "port": parsed.port, "allow_hosts": parsed.allow_host}
+    for name in ("token_file", "users_file", "tls_cert", "tls_key"):
+        path = getattr(parsed, name)
+        given[name] = None if path is None else str(path.absolute())
     words = ["--ros-args"]
     for name, value in given.items():
         if value is not None:

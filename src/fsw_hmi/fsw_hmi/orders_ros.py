@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from fsw_control import units
 from fsw_control.contract import SAFE_STOP
-from fsw_hmi.control_room import DONE, REFUSED, TIMED_OUT
+from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,

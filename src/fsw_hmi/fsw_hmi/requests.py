@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from fsw_control.contract import OperatorMode
 from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
+from fsw_hmi.users import Role
 from fsw_plant.event_schema import disturbance, fault
 from fsw_schema.models import InputError, Many, Model, validate
 from fsw_schema.ranges import Range
@@ -18,11 +19,21 @@ _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
 
 
 class Action(Model):
-    """Something to be carried out in the graph."""
+    """Something to be carried out in the graph.
+
+    Attributes
+    ----------
+    role : str
+        That it needs at least.
+    """
+
+    role: ClassVar[Role] = "operate"
 
 
 class SafeStop(Action):
     """The safe state, at once."""
+
+    role = "view"
 
     def __str__(self) -> str:
         return "safe stop"
@@ -120,6 +131,8 @@ class Unshelve(Action):
 class Disturb(Action):
     """A disturbance of the emulated plant; the amplitude in the paper's unit of the channel."""
 
+    role = "engineer"
+
     channel: str
     shape: str
     amplitude: float = 0.0
@@ -137,6 +150,8 @@ class Disturb(Action):
 
 class Fail(Action):
     """A fault of a sensor of the emulated plant."""
+
+    role = "engineer"
 
     sensor: str
     kind: str

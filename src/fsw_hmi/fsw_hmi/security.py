@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
+from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
@@ -18,6 +21,10 @@ HEADERS = {
 }
 
 
+#: counts a request of a client, by its address and port, for as long as it lasts
+Counter = Callable[[Any], AbstractContextManager[None]]
+
+
 class Security:
     """Middleware: refuses requests from other pages, and adds the headers to every answer.
 
@@ -25,15 +32,18 @@ class Security:
     sends one.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, counted: Counter = lambda _: nullcontext()) -> None:
+        self._app, self._counted = app, counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or pass it on."""
-        if scope["type"] not in ("http", "websocket"):
+        if scope["type"] in ("http", "websocket"):
+            with self._counted(scope.get("client")):
+                await self._answer(scope, receive, send)
+        else:
             await self._app(scope, receive, send)
-            return
 
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).update(HEADERS)

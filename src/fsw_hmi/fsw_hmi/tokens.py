@@ -1,4 +1,4 @@
-"""The token that a person must know to command."""
+"""The token that a person must know to command where there are no named users; who tries tokens and passwords."""
 
 from __future__ import annotations
 
@@ -11,27 +11,32 @@ from fsw_control.private_file import read_private
 #: 12 random digits last 15 years at 1000 trials a second
 _SHORTEST = 12
 _LONGEST_BYTES = 4096
-#: different wrong tokens of a client within the window after which each further one costs it a connection (chosen)
+#: different wrong tokens or passwords of a client within the window after which each costs it a connection (chosen)
 _MOST_WRONG, _WINDOW_S = 5, 60.0
 #: clients that are remembered, the latest
 _MOST_CLIENTS = 1000
 
 
-class WrongTokens:
-    """Tells which clients try tokens, each for itself.
+class WrongLogins:
+    """Tells which clients try tokens or passwords, each for itself.
 
-    The same wrong token counts once, so that pages that log in again with an old one do not lock their user out.
+    The same wrong one counts once, so that pages that log in again with an old one do not lock their user out.
     """
 
     def __init__(self) -> None:
         self._given_s: dict[str, dict[bytes, float]] = {}
 
-    def add(self, client: str, token: bytes, now_s: float) -> float:
-        """Take note of a wrong token; returns for how long the client is shut out already [s], 0 when it is not."""
+    def left_s(self, client: str, now_s: float) -> float:
+        """For how long a client is shut out [s], 0 when it is not."""
         recent = self._recent(client, now_s)
-        if len(recent) >= _MOST_WRONG:
-            return _WINDOW_S - now_s + min(recent.values())
-        recent |= {hashlib.sha256(token).digest(): now_s}
+        return _WINDOW_S - now_s + min(recent.values()) if len(recent) >= _MOST_WRONG else 0.0
+
+    def add(self, client: str, token: bytes, now_s: float) -> float:
+        """Take note of a wrong one; returns for how long the client is shut out already [s], 0 when it is not."""
+        left_s = self.left_s(client, now_s)
+        if left_s:
+            return left_s
+        recent = self._recent(client, now_s) | {hashlib.sha256(token).digest(): now_s}
         self._given_s.pop(client, None)
         self._given_s[client] = recent
         if len(self._given_s) > _MOST_CLIENTS:

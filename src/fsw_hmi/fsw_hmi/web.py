@@ -14,12 +14,15 @@ from typing import Any
 from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from fsw_hmi.control_room import REFUSED, TIMED_OUT, ControlRoom, Session, Verdict
+from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Session
+from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import Client, Hub
+from fsw_hmi.logins import LoginChecks
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import Action, SafeStop, Switch
 from fsw_hmi.security import client_of
+from fsw_hmi.users import User
 
 BEAT_S = 0.25
 #: how much longer than the graph may take an answer is waited for, should the node itself be stuck
@@ -68,7 +71,10 @@ class _Pending:
 class _Page:
     session: Session
     client: Client
+    opened: int = 0
+    peer: Any = None
     pending: int = 0
+    evicted: bool = False
 
 
 class LivePage:
@@ -86,6 +92,8 @@ class LivePage:
         After which a page that takes nothing is given up.
     max_pages : int
         Of one client.
+    know : callable, optional
+        Told address and port of a connection by which somebody has logged in.
     """
 
     def __init__(
@@ -96,14 +104,16 @@ class LivePage:
         request_timeout_s: float,
         patience_s: float,
         max_pages: int,
+        know: Callable[[Any], None] = lambda _: None,
     ) -> None:
-        self._files, self._room, self._deliver = files, room, deliver
+        self._files, self._room, self._deliver, self._know = files, room, deliver, know
+        self._logins = LoginChecks()
         self._request_timeout_s, self._patience_s, self._max_pages = request_timeout_s, patience_s, max_pages
         self._hub = Hub()
         self._pages: set[_Page] = set()
         self._hello: dict[str, Any] = {}
         self._pending: dict[int, _Pending] = {}
-        self._orders = 0
+        self._orders = self._opened = 0
         self._actions: deque[dict[str, Any]] = deque(maxlen=_KEPT_ACTIONS)
         self._tick_s: float | None = None
 
@@ -154,6 +164,11 @@ class LivePage:
     async def beat(self) -> None:
         """Tell all pages four times a second that the server is alive, for as long as it is."""
         while True:
+            changed, records = self._room.tick(time.monotonic())
+            for who, what, why in records:
+                self._report(who, what, DONE, why)
+            if changed:
+                self._show_control()
             age_s = None if self._tick_s is None else round(time.monotonic() - self._tick_s, 3)
             self._hub.show("beat", frame("beat", {"server_s": _now_s(), "tick_age_s": age_s}), keep=False)
             for page in self._pages:
@@ -171,12 +186,24 @@ class LivePage:
             else:
                 await self._serve(socket, socket.client.host if socket.client else "")
 
+    def _make_room(self, client: str) -> bool:
+        """Close the oldest page of a client that nobody has logged in at, if it has too many; whether there is room."""
+        pages = [page for page in self._pages if page.session.client == client and not page.evicted]
+        if len(pages) < self._max_pages:
+            return True
+        strangers = [page for page in pages if not page.session.name]
+        for page in sorted(strangers, key=lambda one: one.opened)[:1]:
+            page.evicted = True
+            page.client.given_up.set()
+        return bool(strangers)
+
     async def _serve(self, socket: WebSocket, address: str) -> None:
-        client = client_of(address)
-        if sum(page.session.client == client for page in self._pages) >= self._max_pages:
-            await socket.close(_TRY_LATER, f"{self._max_pages} pages are open already on this computer")
+        too_many = f"{self._max_pages} pages are open already on this computer"
+        if not self._make_room(client_of(address)):
+            await socket.close(_TRY_LATER, too_many)
             return
-        page = _Page(self._room.join(address), Client())
+        self._opened += 1
+        page = _Page(self._room.join(address), Client(), self._opened, socket.client)
         self._pages.add(page)
         self._hub.clients.add(page.client)
         self._begin(page)
@@ -194,6 +221,8 @@ class LivePage:
             await asyncio.gather(*jobs, return_exceptions=True)
             if self._room.leave(page.session):
                 self._show_control()
+            if page.evicted:
+                await socket.close(_TRY_LATER, too_many)
 
     def _begin(self, page: _Page) -> None:
         hello = {
@@ -201,11 +230,12 @@ class LivePage:
             "source": "live",
             "server_s": _now_s(),
             "session": page.session.id,
+            "login": self._room.login,
             "columns": COLUMNS,
             **self._hello,
         }
         latest = self._hub.latest() | {
-            "control": frame("control", self._room.control(page.session)),
+            "control": self._control(page),
             "actions": frame("actions", {"actions": list(self._actions)}),
         }
         page.client.begin(frame("hello", hello), latest, self._hub.history.frames())
@@ -221,10 +251,35 @@ class LivePage:
                     await socket.send_text(_answer(verdict.id, verdict.outcome, verdict.message))
                 await socket.close(_POLICY, "too many bad requests")
                 return
-            self._carry_out(page, verdict)
+            if verdict.credentials is not None and verdict.id is not None:
+                self._check(page, verdict.id, verdict.credentials)
+            else:
+                self._carry_out(page, verdict)
+
+    def _check(self, page: _Page, request: int, credentials: tuple[str, str]) -> None:
+        """Have a password checked; meanwhile the page's other requests, a safe stop above all, go on."""
+        room, session = self._room, page.session
+
+        def done(user: User | None) -> None:
+            if page in self._pages:
+                verdict = room.on_checked(session, request, credentials, user, time.monotonic())
+                self._carry_out(page, verdict)
+                if verdict.close:
+                    page.client.given_up.set()
+
+        def busy() -> None:
+            self._carry_out(page, room.on_busy(session, request))
+
+        self._logins.submit(session.client, partial(room.check, *credentials), done, busy)
+
+    def close(self) -> None:
+        """Check no more passwords."""
+        self._logins.close()
 
     def _carry_out(self, page: _Page, verdict: Verdict) -> None:
         session = page.session
+        if session.name:
+            self._know(page.peer)
         if verdict.control:
             self._show_control()
         if verdict.action is not None and verdict.id is not None:
@@ -233,8 +288,12 @@ class LivePage:
         if verdict.id is not None:
             self._answer(page, verdict.id, verdict.outcome, verdict.message)
         if verdict.asked:
-            self._record(session.who, verdict.asked, verdict.outcome, verdict.message)
-            self._deliver(Order(0, session.who, verdict.asked, outcome=verdict.outcome, message=verdict.message))
+            self._report(session.who, verdict.asked, verdict.outcome, verdict.message)
+
+    def _report(self, who: str, asked: str, outcome: str, message: str) -> None:
+        """Record what never gets to the graph."""
+        self._record(who, asked, outcome, message)
+        self._deliver(Order(0, who, asked, outcome=outcome, message=message))
 
     def _order(self, page: _Page, request: int, action: Action, asked: str) -> None:
         if isinstance(action, SafeStop):
@@ -266,7 +325,10 @@ class LivePage:
 
     def _show_control(self) -> None:
         for page in self._pages:
-            page.client.show("control", frame("control", self._room.control(page.session)))
+            page.client.show("control", self._control(page))
+
+    def _control(self, page: _Page) -> str:
+        return frame("control", self._room.control(page.session, time.monotonic()))
 
 
 async def _send(socket: WebSocket, client: Client) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
+import ssl
+import time
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -12,21 +14,31 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from fsw_hmi.security import Security, client_of, is_loopback
+from fsw_hmi.gate import Gate
+from fsw_hmi.security import Security, is_loopback
 
 #: hosts by which this computer calls itself
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
-#: connections of a client at a time; a page has one, and a few more while it loads
-_MAX_CONNECTIONS = 256
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
 _SEND_BUFFER_BYTES = 65536
 
 
-def listen(host: str, port: int, patience_s: float = 20.0) -> socket.socket:
+class Listening(socket.socket):
+    """The socket to listen on, with the gate through which every connection comes, before TLS and HTTP."""
+
+    gate: Gate
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept a connection; the gate may close it, or another one in its place."""
+        one, peer = super().accept()
+        self.gate.admit(peer[:2], one, time.monotonic())
+        return one, peer
+
+
+def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
     """Open the socket to listen on; port 0 is any free one.
 
     The kernel drops a connection whose client has taken nothing for ``patience_s``.
@@ -40,7 +52,8 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> socket.socket:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-        one = socket.socket(family, kind, protocol)
+        one = Listening(family, kind, protocol)
+        one.gate = Gate()
     except OSError as error:
         raise ValueError(f"cannot listen on {host!r}: {error.strerror}; give an address of this computer") from None
     try:
@@ -58,12 +71,12 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> socket.socket:
     return one
 
 
-def address(listening: socket.socket) -> str:
+def address(listening: socket.socket, encrypted: bool = False) -> str:
     """What to type into a browser on this computer."""
     host, port = listening.getsockname()[:2]
     if host in ("0.0.0.0", "::"):
         host = "localhost"
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    return f"http{'s' * encrypted}://{f'[{host}]' if ':' in host else host}:{port}/"
 
 
 def is_local(listening: socket.socket) -> bool:
@@ -71,7 +84,7 @@ def is_local(listening: socket.socket) -> bool:
     return is_loopback(listening.getsockname()[0])
 
 
-def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
+def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -> ASGIApp:
     """The application with these routes, behind the checks of host and origin.
 
     ``hosts`` are names and addresses under which the page may be asked for, without port, beside those of this
@@ -80,37 +93,38 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str]) -> ASGIApp:
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
     packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
-    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False))
+    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False), gate.request)
 
 
-class _Connection(H11Protocol):
-    """A connection; a client that has too many gets no more, and takes none from others."""
+class _Server(uvicorn.Server):
+    """Closes, ten times a second, connections that have sent no whole request in time; uvicorn waits for ever."""
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        peers = [getattr(one, "client", None) for one in self.connections]
-        clients = [client_of(peer[0]) for peer in peers if peer]
-        if self.client and clients.count(client_of(self.client[0])) > _MAX_CONNECTIONS:
-            transport.abort()
+    def __init__(self, config: uvicorn.Config, gate: Gate) -> None:
+        super().__init__(config)
+        self._gate = gate
+
+    async def on_tick(self, counter: int) -> bool:
+        self._gate.sweep(time.monotonic())
+        return await super().on_tick(counter)
 
 
-def server(app: ASGIApp) -> uvicorn.Server:
+def server(app: ASGIApp, gate: Gate, encrypted: ssl.SSLContext | None = None) -> uvicorn.Server:
     """Make the server; to be run with ``serve(sockets=[listen(...)])``."""
-    return uvicorn.Server(
-        uvicorn.Config(
-            app,
-            http=_Connection,
-            ws="websockets-sansio",
-            ws_max_size=MAX_FRAME_BYTES,
-            ws_per_message_deflate=False,
-            loop="asyncio",
-            lifespan="off",
-            interface="asgi3",
-            timeout_graceful_shutdown=1,
-            access_log=False,
-            log_config=None,
-            log_level="error",
-            proxy_headers=False,
-            server_header=False,
-        )
+    config = uvicorn.Config(
+        app,
+        http="h11",
+        ws="websockets-sansio",
+        ws_max_size=MAX_FRAME_BYTES,
+        ws_per_message_deflate=False,
+        loop="asyncio",
+        lifespan="off",
+        interface="asgi3",
+        timeout_graceful_shutdown=1,
+        access_log=False,
+        log_config=None,
+        log_level="error",
+        proxy_headers=False,
+        server_header=False,
+        ssl_context_factory=None if encrypted is None else lambda _config, _default: encrypted,
     )
+    return _Server(config, gate)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import socket
+import ssl
 import threading
 from collections.abc import Callable
 
 from starlette.types import ASGIApp
 
 from fsw_hmi.web import LivePage
-from fsw_hmi.web_server import server
+from fsw_hmi.web_server import Listening, server
 
 _PATIENCE_S = 5.0
 
@@ -23,12 +23,15 @@ class WebThread:
     page : LivePage
     app : ASGI application
         With the routes of the page.
-    listening : socket
+    listening : Listening
+    encrypted : ssl.SSLContext, optional
     """
 
-    def __init__(self, page: LivePage, app: ASGIApp, listening: socket.socket) -> None:
+    def __init__(
+        self, page: LivePage, app: ASGIApp, listening: Listening, encrypted: ssl.SSLContext | None = None
+    ) -> None:
         self._page = page
-        self._server = server(app)
+        self._server = server(app, listening.gate, encrypted)
         self._listening = listening
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
@@ -62,3 +65,4 @@ class WebThread:
             await self._server.serve(sockets=[self._listening])
         finally:
             beat.cancel()
+            self._page.close()

@@ -9,6 +9,7 @@ from functools import partial
 import pytest
 
 from fsw_hmi.control_room import ControlRoom
+from fsw_hmi.gate import Gate
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import address, application, listen
@@ -28,11 +29,16 @@ class Server:
         self.files = PageFiles("live", folder)
         self.orders = queue.Queue()
         settings = {"request_timeout_s": 30.0, "patience_s": 30.0, "max_pages": 100} | options
-        self.page = LivePage(self.files, ControlRoom(TOKEN), self.orders.put, **settings)
+        room = ControlRoom(settings.pop("key", TOKEN), settings.pop("rules", None))
+        encrypted, request_s = settings.pop("encrypted", None), settings.pop("request_s", 10.0)
         listening = listen("127.0.0.1", 0, settings["patience_s"])
-        self.url = address(listening)
+        self.gate = listening.gate = Gate(request_s=request_s)
+        self.page = LivePage(self.files, room, self.orders.put, know=self.gate.know, **settings)
+        self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
-        self.thread = WebThread(self.page, application(self.page.routes(), ["weld.example"]), listening)
+        self.thread = WebThread(
+            self.page, application(self.page.routes(), ["weld.example"], self.gate), listening, encrypted
+        )
         self.thread.start()
         self.call(self.page.set_hello, {"commands": True})
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
-from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
+from fsw_hmi.control import DONE, REFUSED
+from fsw_hmi.control_room import ControlRoom, Rules
 from fsw_hmi.requests import (
     Acknowledge,
     AcknowledgeStop,
@@ -22,6 +23,24 @@ from fsw_hmi.requests import (
 )
 
 TOKEN = "a token of some length"
+#: names that are none, or might be taken for another's
+CONFUSING = (
+    "",
+    " ",
+    "x" * 33,
+    "a\nb",
+    "\ud800",
+    None,
+    3,
+    "Ånna",
+    "аnna",
+    "anna b",
+    "anna\u200b",
+    "-anna",
+    ".",
+    "a/b",
+    "<b>",
+)
 HERE, THERE = "127.0.0.1", "192.0.2.4"
 GOOD = {
     "safe_stop": ({}, SafeStop()),
@@ -69,6 +88,9 @@ class Desk:
         holder = self.room.holder
         return self.ask("take_control", **{"from": holder and holder.id})
 
+    def control(self):
+        return self.room.control(self.session, Desk.now_s)
+
 
 @pytest.fixture
 def room():
@@ -79,14 +101,19 @@ def test_login_needs_token_and_name(room):
     desk = Desk(room)
     assert desk.ask("login", token="wrong", name="anna").message == "wrong token"
     assert desk.ask("login", token=None, name="anna").outcome == REFUSED
-    for name in ("", " ", "x" * 41, "a\nb", "\ud800", None, 3):
-        assert desk.ask("login", token=TOKEN, name=name).outcome == REFUSED
-        assert not room.control(desk.session)["authenticated"]
-        Desk.now_s += 100.0
-    verdict = desk.ask("login", token=TOKEN, name=" Ånna ")
+    for name in CONFUSING:
+        verdict = desk.ask("login", token=TOKEN, name=name)
+        assert (verdict.outcome, "not a user's name" in verdict.message) == (REFUSED, True)
+        assert not desk.control()["authenticated"]
+    verdict = desk.ask("login", token=TOKEN, name=" anna.b ")
     assert (verdict.outcome, verdict.control) == (DONE, True)
-    assert room.control(desk.session) == {"holder": None, "you": False, "authenticated": True, "may_stop": True}
-    assert desk.session.who == f"Ånna ({desk.session.id})"
+    assert desk.control() == {
+        **{"holder": None, "you": False, "request": None, "name": "anna.b"},
+        **{"authenticated": True, "role": "engineer", "may_stop": True, "note": ""},
+    }
+    assert desk.session.who == f"anna.b ({desk.session.id})"
+    assert "only in case" in Desk(room).ask("login", token=TOKEN, name="Anna.B").message
+    assert desk.ask("login", token=TOKEN, name="Anna.B").outcome == DONE  # nobody else is
 
 
 @pytest.mark.requirement("S30")
@@ -117,7 +144,7 @@ def test_pages_that_log_in_again_with_an_old_token_shut_nobody_out(room):
 def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
     assert Desk(room, address=HERE).ask("safe_stop").asked == "safe stop"
     assert Desk(room, address=THERE).ask("safe_stop").message == "log in first"
-    assert Desk(ControlRoom(TOKEN, local_stop=False), address=HERE).ask("safe_stop").message == "log in first"
+    assert Desk(ControlRoom(TOKEN, Rules(local_stop=False)), address=HERE).ask("safe_stop").message == "log in first"
 
 
 class Misuse(RuleBasedStateMachine):
@@ -189,13 +216,15 @@ def test_control_is_taken_only_explicitly(room):
     anna, bert = Desk(room, "anna"), Desk(room, "bert")
     assert anna.ask("mode", mode="hold").message == "you do not have control: take it first"
     assert anna.take().outcome == DONE
-    assert room.control(bert.session) == {
-        **{"holder": {"name": "anna", "session": anna.session.id}, "you": False, "authenticated": True},
-        "may_stop": True,
-    }
+    assert (bert.control()["holder"], bert.control()["you"]) == ({"name": "anna", "session": anna.session.id}, False)
     assert bert.ask("take_control", **{"from": None}).outcome == REFUSED  # he has not seen that she has it
     assert bert.ask("mode", mode="hold").action is None
-    assert bert.take().outcome == DONE
+    assert bert.take().message == f"{anna.session.who} has control: ask for it"
+    assert bert.ask("request_control").outcome == DONE
+    assert "s left to answer" in bert.take().message
+    Desk.now_s += 30.0
+    assert bert.take().message == f"control taken from {anna.session.who}, who did not answer for 30 s"
+    assert anna.control()["note"] == "bert has taken control: nobody answered for 30 s"
     assert anna.ask("mode", mode="hold").action is None
     assert anna.ask("release_control").outcome == REFUSED
     assert bert.ask("release_control").outcome == DONE

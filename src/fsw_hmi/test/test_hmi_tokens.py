@@ -39,7 +39,7 @@ def test_every_run_has_its_own_token():
 
 
 def test_different_wrong_tokens_of_one_client_within_a_minute_shut_it_out():
-    wrong = tokens.WrongTokens()
+    wrong = tokens.WrongLogins()
     for number in range(5):
         assert wrong.add("a", b"%d" % number, 10.0 * number) == 0.0
     for number in range(1000):
@@ -51,14 +51,14 @@ def test_different_wrong_tokens_of_one_client_within_a_minute_shut_it_out():
 
 
 def test_the_same_wrong_token_counts_once_and_a_wrong_one_now_and_then_not():
-    wrong = tokens.WrongTokens()
+    wrong = tokens.WrongLogins()
     for number in range(100):
         assert wrong.add("pages that are out of date", b"old", 0.1 * number) == 0.0
         assert wrong.add("a person", b"%d" % number, 20.0 * number) == 0.0
 
 
 def test_many_clients_take_no_more_memory_than_a_thousand():
-    wrong = tokens.WrongTokens()
+    wrong = tokens.WrongLogins()
     for number in range(3000):
         wrong.add(str(number), b"x", 0.0)
     assert len(wrong._given_s) == 1000

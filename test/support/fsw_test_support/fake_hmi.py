@@ -12,7 +12,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,13 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from fsw_hmi.control import DONE, REFUSED, Session
+from fsw_hmi.control_room import ControlRoom, Rules, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.limits import EMULATOR, REFERENCE, limits
 from fsw_hmi.page_files import UPLOT
 from fsw_hmi.security import Security
+from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until
 
@@ -63,20 +66,28 @@ def weld_row(time_s: float) -> list[float]:
 class FakeHmi:
     """Server in a thread. Tests change ``alarms`` and the like and call :meth:`push`; requests are in ``requests``."""
 
-    def __init__(self, source: str = "live", port: int | None = None, bags: list[dict[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        source: str = "live",
+        port: int | None = None,
+        bags: list[dict[str, Any]] | None = None,
+        key: str | Users = TOKEN,
+        handover_timeout_s: float = 30.0,
+    ) -> None:
         self.source, self.bags = source, bags or []
+        self._room = ControlRoom(key, Rules(local_stop=False, handover_timeout_s=handover_timeout_s))
         self.port = port or free_port()
         self.build = BUILD
         self.silent = False  #: no frames at all, though the connection stands
         self.measuring = True  #: whether ticks come
         self.emulator = True
         self.depth_offset_mm = self.temperature_offset_c = 0.0
-        self.holder: dict[str, str] | None = None
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
         self.actions: list[dict[str, Any]] = []
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.requests: list[dict[str, Any]] = []
+        self.touches = 0  #: how often a page has said that somebody is there
         self.state = _state()
         self.progress: dict[str, Any] | None = {
             "state": "running",
@@ -86,7 +97,7 @@ class FakeHmi:
             "time_left_s": 1660.0,
         }
         self.start_s = time.time() - 600.0
-        self._sessions: dict[str, tuple[WebSocket, dict[str, Any]]] = {}
+        self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
         app = Starlette(
@@ -121,19 +132,33 @@ class FakeHmi:
         self._server.should_exit = self._server.force_exit = True
         self._thread.join()
 
+    @property
+    def holder(self) -> Session | None:
+        """Who has control."""
+        return self._room.holder
+
+    def take_control(self, name: str) -> None:
+        """Somebody on another page takes control that is free."""
+        session = self._room.join()
+        session.name, session.role, session.active_s = name, "operate", time.monotonic()
+        self._room.handle(session, json.dumps({"id": 1, "do": "take_control", "from": None}), session.active_s)
+
+    def log_out(self) -> None:
+        """Let nobody have touched any page for a long time."""
+        self._room.tick(time.monotonic() + 10_000.0)
+        self.push()
+
     def push(self) -> None:
         """Send everybody the present state, progress, alarms, control and actions."""
         assert self._loop is not None
         asyncio.run_coroutine_threadsafe(self._push(), self._loop).result(5.0)
 
     async def _push(self) -> None:
-        for session, (socket, known) in list(self._sessions.items()):
-            await self._tell(socket, session, known)
+        for socket, session in list(self._sessions.values()):
+            await self._tell(socket, session)
 
-    async def _tell(self, socket: WebSocket, session: str, known: dict[str, Any]) -> None:
-        you = bool(self.holder and self.holder["session"] == session)
-        control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
-        control["may_stop"] = self.local_stop or bool(known)
+    async def _tell(self, socket: WebSocket, session: Session) -> None:
+        control = {"t": "control", **self._room.control(session, time.monotonic())}
         reach = {"ok": True, "text": "Commands reach the machine"}
         frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms, "reach": reach}, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
@@ -156,6 +181,8 @@ class FakeHmi:
             await asyncio.sleep(TICK_S)
             count += 1
             frames = []
+            if self._room.tick(time.monotonic())[0]:
+                await self._push()
             if self.measuring:
                 self._last_tick_s = time.time()
                 frames.append(
@@ -186,59 +213,55 @@ class FakeHmi:
             return
         while self.silent:
             await asyncio.sleep(TICK_S)
-        session = f"s{id(socket) % 10_000}"
-        known: dict[str, Any] = {}
-        await socket.send_text(json.dumps(self._hello(session)))
+        session = self._room.join()
+        session.local_stop = self.local_stop
+        await socket.send_text(json.dumps(self._hello(session.id)))
         now_s = time.time() - self.start_s
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
             rows = [[round(value, 4) for value in weld_row(time_s)] for time_s in times if time_s > 0.0]
             await socket.send_text(json.dumps({"t": "history", "rows": rows}))
-        await self._tell(socket, session, known)
-        self._sessions[session] = (socket, known)
+        await self._tell(socket, session)
+        self._sessions[session.id] = (socket, session)
         try:
             while True:
                 request = json.loads(await socket.receive_text())
-                self.requests.append(request)
-                outcome, message = self._answer(request, session, known)
+                if request["do"] == "active":
+                    self.touches += 1
+                else:
+                    self.requests.append(request)
+                outcome, message = self._answer(request, session)
                 answer = {"t": "answer", "id": request["id"], "outcome": outcome, "message": message}
                 await socket.send_text(json.dumps(answer))
                 await self._push()
         except WebSocketDisconnect:
             pass
         finally:
-            self._sessions.pop(session, None)
+            self._sessions.pop(session.id, None)
+            self._room.leave(session)
 
-    def _answer(self, request: dict[str, Any], session: str, known: dict[str, Any]) -> tuple[str, str]:
+    def _answer(self, request: dict[str, Any], session: Session) -> tuple[str, str]:
         what = request["do"]
         if what in self.refusals:
-            return "refused", self.refusals[what]
-        if what == "login":
-            if request["token"] != TOKEN:
-                return "refused", "wrong token"
-            known["name"] = request["name"]
-            return "done", ""
-        if not known and not (self.local_stop and what == "safe_stop"):
-            return "refused", "log in first"
-        act: Callable[[], None] = {
-            "take_control": lambda: setattr(self, "holder", {"name": known["name"], "session": session}),
-            "release_control": lambda: setattr(self, "holder", None),
-            "safe_stop": lambda: self.state.update(actual_mode="safe_stop", target_mode="safe_stop", reason="operator"),
-            "switch": lambda: self.state.update(
-                target_controller=request["controller"], actual_controller=request["controller"]
-            ),
-        }.get(what, lambda: None)
-        act()
-        self.actions.append(
-            {
-                "server_s": time.time(),
-                "who": known.get("name", "local"),
-                "action": what,
-                "outcome": "done",
-                "message": "",
-            }
-        )
-        return "done", ""
+            return REFUSED, self.refusals[what]
+        now_s = time.monotonic()
+        verdict = self._room.handle(session, json.dumps(request), now_s)
+        if verdict.credentials:
+            user = self._room.check(*verdict.credentials)
+            verdict = self._room.on_checked(session, request["id"], verdict.credentials, user, now_s)
+        if verdict.action:
+            self._act(what, request)
+            verdict = Verdict(request["id"], DONE, asked=verdict.asked)
+        if verdict.asked:
+            done = {"who": session.who, "action": verdict.asked, "outcome": verdict.outcome, "message": verdict.message}
+            self.actions.append({"server_s": time.time(), **done})
+        return verdict.outcome, verdict.message
+
+    def _act(self, what: str, request: dict[str, Any]) -> None:
+        if what == "safe_stop":
+            self.state.update(actual_mode="safe_stop", target_mode="safe_stop", reason="operator")
+        elif what == "switch":
+            self.state.update(target_controller=request["controller"], actual_controller=request["controller"])
 
     def _hello(self, session: str) -> dict[str, Any]:
         return {
@@ -247,6 +270,7 @@ class FakeHmi:
             "source": "live",
             "server_s": time.time(),
             "session": session,
+            "login": self._room.login,
             "commands": True,
             "emulator": self.emulator,
             "columns": COLUMNS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import ssl
 from collections.abc import Callable
 from typing import Any
 from urllib.request import urlopen
@@ -15,9 +16,14 @@ from fsw_test_support.waiting import PATIENCE_S
 Frame = dict[str, Any]
 
 
-def build_of(url: str) -> str:
+def _may_be_taken(control: Frame) -> bool:
+    request = control["request"]
+    return not control["holder"] or (request is not None and request["you"] and not request["left_s"])
+
+
+def build_of(url: str, trusting: ssl.SSLContext | None = None) -> str:
     """The build of the page that a server serves."""
-    with urlopen(url, timeout=PATIENCE_S) as response:
+    with urlopen(url, timeout=PATIENCE_S, context=trusting) as response:
         found = re.search(r'name="build" content="(\w+)"', response.read().decode())
     assert found is not None
     return found[1]
@@ -38,7 +44,9 @@ class Page:
 
     def __init__(self, url: str, build: str | None = None, **options: Any) -> None:
         given = {"origin": url.rstrip("/"), "max_size": None, "compression": None} | options
-        self._connection = connect(f"{url.replace('http', 'ws')}ws?build={build or build_of(url)}", **given)
+        self._connection = connect(
+            f"{url.replace('http', 'ws')}ws?build={build or build_of(url, options.get('ssl'))}", **given
+        )
         self.socket = self._connection.__enter__()
         self.frames: dict[str, Frame] = {}
         self._count = 0
@@ -79,11 +87,19 @@ class Page:
         number = self.send(do, **content)
         return self.until("answer", lambda frame: frame["id"] == number)
 
-    def command(self, token: str, name: str = "anna") -> Page:
-        """Log in and take control, whoever has it."""
-        assert self.ask("login", token=token, name=name)["outcome"] == "done"
-        holder = self.frames["control"]["holder"]
-        assert self.ask("take_control", **{"from": holder and holder["session"]})["outcome"] == "done"
+    def log_in(self, secret: str, name: str = "anna") -> Frame:
+        """Log in by the token or a password; returns the answer."""
+        login = self.seen("hello")["login"]
+        return self.ask("login", **{login: secret, "name": name})
+
+    def command(self, secret: str, name: str = "anna") -> Page:
+        """Log in and take control, whoever has it; when nobody gives it, after the time for an answer."""
+        assert self.log_in(secret, name)["outcome"] == "done"
+        holder = self.seen("control")["holder"]
+        if holder is not None and self.ask("request_control")["outcome"] == "done":
+            holder = self.seen("control", _may_be_taken)["holder"]
+        taken = self.ask("take_control", **{"from": holder and holder["session"]})
+        assert taken["outcome"] == "done", taken
         return self
 
     def value(self, column: str) -> float | None:

@@ -1,6 +1,6 @@
 // What an operator can do: log in, take control, command. Every request shows pending and then its answer.
 import { el, panel, setText } from "./dom.js";
-import { choiceField, closeForm, numberField, openForm, selectField, textField } from "./dialog.js";
+import { choiceField, closeForm, notice, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
 import { setPoints, wayBack } from "./set_points.js";
@@ -12,9 +12,16 @@ const MODES = [
   { value: "safe_stop", text: "safe stop", remark: "the defined safe command" },
 ];
 const SWITCH_WAITS_S = ["0", "2", "5", "10"];
+const NAME = "[A-Za-z0-9][A-Za-z0-9._\\-]*";
+/** How often the server is told that somebody is at the page, and when a login is tried again that could not be checked. */
+const TOUCH_MS = 20_000;
+const AGAIN_MS = 5000;
 
 export class Commands {
   #credentials = null; // only here, so that a reload forgets them
+  #control = null; // as last told
+  #due = 0; // until when control that is asked for must be answered
+  #touched = -Infinity;
 
   /** @param page what the page knows: hello, state, values, control, progress */
   constructor(page, connection, actions) {
@@ -24,8 +31,10 @@ export class Commands {
     this.access = el("div", { className: "buttons" });
     this.logInButton = this.#button("Log in", () => this.logIn());
     this.takeButton = this.#button("Take control", () => this.takeControl());
+    this.requestButton = this.#button("Ask for control", () => this.ask("Ask for control", "request_control"));
+    this.withdrawButton = this.#button("Withdraw request", () => this.ask("Withdraw request", "withdraw_request"));
     this.releaseButton = this.#button("Release control", () => this.ask("Release control", "release_control"));
-    this.access.append(this.logInButton, this.takeButton, this.releaseButton);
+    this.access.append(this.logInButton, this.takeButton, this.requestButton, this.withdrawButton, this.releaseButton);
     this.acknowledgeStopButton = this.#button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
     this.acting = [
       this.acknowledgeStopButton,
@@ -41,6 +50,7 @@ export class Commands {
       event.preventDefault();
       this.safeStop();
     });
+    for (const touch of ["pointerdown", "pointermove", "keydown"]) document.addEventListener(touch, () => this.#touch(), { passive: true });
     this.update();
   }
 
@@ -48,15 +58,8 @@ export class Commands {
   update() {
     const { hello, control, progress, state } = this.page;
     const live = this.connection.live;
-    const { holder, you, authenticated } = control;
-    const inForce = live && authenticated && you;
-    const has = holder ? `${holder.name}${you ? " (you)" : ""} has control.` : "Nobody has control.";
-    const why = hello?.commands === false ? " This server takes no commands." : !live ? " Not connected." : !authenticated ? " Log in to command." : inForce ? "" : " Take control to command.";
-    setText(this.control, has + why);
-    this.logInButton.hidden = authenticated || hello?.commands === false;
-    this.takeButton.hidden = !authenticated || you;
-    this.releaseButton.hidden = !you;
-    for (const button of [this.logInButton, this.takeButton, this.releaseButton]) button.disabled = !live;
+    const inForce = live && control.authenticated && control.you;
+    this.#showControl(live, inForce);
     for (const button of this.acting) button.disabled = !inForce;
     this.acknowledgeStopButton.hidden = state?.actual_mode !== "safe_stop" || state.acknowledged;
     for (const button of this.weldButtons) {
@@ -64,12 +67,59 @@ export class Commands {
       button.hidden = !progress;
     }
     for (const button of this.emulator) {
-      button.disabled = !inForce;
+      button.disabled = !inForce || control.role !== "engineer";
+      button.title = inForce && button.disabled ? "needs the role engineer" : "";
       button.hidden = !hello?.emulator;
     }
     this.safeStopButton.disabled = !live;
     setText(this.safeStopButton.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
     if (!live) closeForm();
+  }
+
+  /** Who has control, who asks for it, and what this page can do about it. */
+  #showControl(live, inForce) {
+    const { hello, control } = this.page;
+    const { holder, you, request, name, authenticated, role, note } = control;
+    if (control !== this.#control) {
+      if (this.#control?.you && !you) closeForm(); // what it would send is no longer this page's to send
+      if (role && !authenticated) this.#credentials = null; // idle: who comes back must say who that is
+      this.#control = control;
+      this.#due = performance.now() + 1000 * (request?.left_s ?? 0);
+    }
+    const leftS = request?.left_s ? Math.max(0, Math.ceil((this.#due - performance.now()) / 1000)) : 0;
+    const commands = authenticated && role !== "view";
+    const own = hello?.login === "password" && holder?.name === name; // on another page
+    const mayTake = commands && !you && (!holder || own || (request?.you && !request.left_s));
+    const has = holder ? `${holder.name}${you ? " (you)" : ""} has control.` : "Nobody has control.";
+    const why = hello?.commands === false ? " This server takes no commands." : !live ? " Not connected." : !authenticated ? " Log in to command." : !commands ? " Your role is view: you may look, and stop." : inForce ? "" : mayTake ? " Take control to command." : request?.you ? ` You have asked for it: ${leftS} s left to answer.` : " Ask for control to command.";
+    setText(this.control, has + why + (note ? ` ${note[0].toUpperCase()}${note.slice(1)}.` : ""));
+    this.logInButton.hidden = authenticated || hello?.commands === false;
+    this.takeButton.hidden = !mayTake;
+    this.requestButton.hidden = !commands || you || mayTake || Boolean(request?.you);
+    this.requestButton.disabled = !live || Boolean(request);
+    this.withdrawButton.hidden = !request?.you;
+    this.releaseButton.hidden = !you;
+    for (const button of [this.logInButton, this.takeButton, this.withdrawButton, this.releaseButton]) button.disabled = !live;
+    this.#showRequest(live && you ? request : null, leftS);
+  }
+
+  #showRequest(request, leftS) {
+    if (!request) return notice("");
+    const to = { to: request.session };
+    const when = leftS ? `and may take it in ${leftS} s` : "and may take it now";
+    notice(
+      request.session,
+      `${request.name} asks for control ${when}.`,
+      this.#button(`Hand over to ${request.name}`, () => this.ask(`Hand control over to ${request.name}`, "hand_over_control", to)),
+      this.#button("Keep control", () => this.ask("Keep control", "keep_control", to)),
+    );
+  }
+
+  /** Somebody is at this page. */
+  #touch() {
+    if (!this.connection.live || !this.page.control.authenticated || performance.now() - this.#touched < TOUCH_MS) return;
+    this.#touched = performance.now();
+    this.connection.request("active");
   }
 
   /** Send a request and show what becomes of it. */
@@ -84,20 +134,22 @@ export class Commands {
   async connected() {
     if (!this.#credentials) return;
     const answer = await this.ask("Log in again", "login", this.#credentials);
-    if (answer.outcome === "refused") this.#credentials = null; // a token that is out of date is not tried for ever
+    if (answer.outcome === "refused") this.#credentials = null; // one that is out of date is not tried for ever
+    else if (answer.outcome !== "done" && this.connection.live) setTimeout(() => this.page.control.authenticated || this.connected(), AGAIN_MS);
   }
 
   /** @param then what to do once logged in, and `purpose` its name */
   logIn(then = null, purpose = "") {
-    const name = textField("Name", { autocomplete: "off", maxLength: 40, value: this.#credentials?.name ?? "" });
-    const token = textField("Token", { type: "password", autocomplete: "off", maxLength: 200 });
+    const kind = this.page.hello?.login ?? "token";
+    const name = textField("Name", { autocomplete: "off", maxLength: 32, pattern: NAME, title: "letters a to z, digits and . _ -", value: this.#credentials?.name ?? this.page.control.name ?? "" });
+    const secret = textField(kind === "token" ? "Token" : "Password", { type: "password", autocomplete: "off", maxLength: 200 });
     openForm({
       title: purpose ? `Log in: ${purpose}` : "Log in",
-      fields: [name, token],
-      summary: () => (purpose ? `${purpose} is sent as soon as you are logged in.` : "The token is printed where the server was started."),
+      fields: [name, secret],
+      summary: () => (purpose ? `${purpose} is sent as soon as you are logged in.` : kind === "token" ? "The token is printed where the server was started." : ""),
       confirm: purpose ? `Log in and ${purpose.toLowerCase()}` : "Log in",
       run: async () => {
-        const credentials = { token: token.value, name: name.value };
+        const credentials = { [kind]: kind === "token" ? secret.value : secret.input.value, name: name.value };
         const answer = await this.ask("Log in", "login", credentials);
         if (answer.outcome !== "done") return answer;
         this.#credentials = credentials;
@@ -117,7 +169,7 @@ export class Commands {
     const { holder } = this.page.control;
     const take = () => this.ask("Take control", "take_control", { from: holder?.session ?? null });
     if (!holder) return take();
-    return openForm({ title: "Take control", summary: () => `${holder.name} has control and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
+    return openForm({ title: "Take control", summary: () => `${holder.name} has control, has not answered, and loses it.`, confirm: `Take control from ${holder.name}`, run: take });
   }
 
   acknowledge(ids) {

@@ -9,6 +9,9 @@ const BACK_OFF_MS = [250, 500, 1000, 2000, 4000];
 /** The server answers in time or says that it timed out; this is for an answer that is lost. */
 const ANSWER_MS = 15_000;
 const STALE_CODE = 4001;
+/** The server has no room for this page: to ask again at once would take it from another. */
+const NO_ROOM_CODE = 1013;
+const NO_ROOM_MS = 10_000;
 
 export class Connection {
   #build;
@@ -70,8 +73,9 @@ export class Connection {
       this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
     }
     if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
-    this.#become("lost", `Disconnected since ${this.#since()}`);
-    const wait = BACK_OFF_MS[Math.min(this.#attempts++, BACK_OFF_MS.length - 1)];
+    const noRoom = event.code === NO_ROOM_CODE;
+    this.#become("lost", noRoom ? `Not served: ${event.reason}` : `Disconnected since ${this.#since()}`);
+    const wait = noRoom ? NO_ROOM_MS : BACK_OFF_MS[Math.min(this.#attempts++, BACK_OFF_MS.length - 1)];
     this.#retry = setTimeout(() => this.#open(), wait * (0.8 + 0.4 * Math.random()));
   }
 

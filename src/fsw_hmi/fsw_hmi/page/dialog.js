@@ -33,7 +33,7 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run 
   dialog.addEventListener("keydown", (event) => {
     if (event.key === "Escape") closeForm();
   });
-  byId("dialogs").replaceChildren(dialog);
+  byId("dialogs").append(dialog);
   opened = { dialog, opener, send };
   renew();
   dialog.show();
@@ -45,6 +45,19 @@ export function closeForm() {
   opened = null;
   dialog.remove();
   opener?.focus?.();
+}
+
+/** Say something that wants an answer, beside a form that may be open, without taking the focus; null: no longer. */
+export function notice(key, text, ...buttons) {
+  const root = byId("dialogs");
+  const shown = root.querySelector(".notice");
+  if (shown?.dataset.key === key) return setText(shown.firstChild, text);
+  shown?.remove();
+  if (!key) return;
+  const dialog = el("dialog", { className: "notice", role: "alertdialog", "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));
+  dialog.dataset.key = key;
+  root.append(dialog);
+  dialog.setAttribute("open", ""); // show() would take the focus
 }
 
 function labelled(text, input, hint = "") {

@@ -12,7 +12,7 @@ import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { verdict } from "./verdict.js";
 
-const NOBODY = { holder: null, you: false, authenticated: false, may_stop: false };
+const NOBODY = { holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
 
 export function startLive() {
   new LivePage().connection.start();

@@ -1,0 +1,98 @@
+"""``fsw.py hmi user``: the file of named users, from stdin and from a terminal."""
+
+import io
+
+import pytest
+
+from fsw.main import main
+from fsw_hmi import users
+
+pytestmark = pytest.mark.slow
+PASSWORD = "correct horse battery"
+
+
+class Terminal(io.StringIO):
+    """A stdin at which a person sits."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "users.yaml"
+
+
+@pytest.fixture
+def run(file, monkeypatch, capsys):
+    def run(*arguments, stdin=""):
+        monkeypatch.setattr("sys.stdin", io.StringIO(stdin))
+        verb, *others = arguments
+        code = main(["hmi", "user", verb, *others, "--file", str(file)])
+        said = capsys.readouterr()
+        assert PASSWORD not in said.out + said.err
+        return code, said.out, said.err
+
+    return run
+
+
+def test_users_are_added_changed_listed_and_removed(run, file):
+    assert run("add", "anna", "--role", "operate", stdin=f"{PASSWORD}\n")[0] == 0
+    assert run("add", "Bert.2", "--role", "view", stdin=f"{PASSWORD} 2\n")[0] == 0
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert run("list")[1].split() == ["name", "role", "anna", "operate", "Bert.2", "view"]
+    assert users.Users(users.read(file)).check("anna", PASSWORD).role == "operate"
+    assert run("passwd", "ANNA", stdin=f"{PASSWORD} 3\n")[0] == 0
+    assert run("passwd", "bert.2", "--role", "engineer", stdin=f"{PASSWORD} 4\n")[0] == 0
+    known = users.Users(users.read(file))
+    assert known.check("anna", PASSWORD) is None
+    assert (known.check("anna", f"{PASSWORD} 3").role, known.check("Bert.2", f"{PASSWORD} 4").role) == (
+        "operate",
+        "engineer",
+    )
+    assert run("remove", "Anna")[0] == 0
+    assert [user.name for user in users.read(file)] == ["Bert.2"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "stdin", "text"),
+    [
+        (["add", "ANNA", "--role", "view"], PASSWORD, "has anna already"),
+        (["add", "\u0430nna", "--role", "view"], PASSWORD, "is not a user's name (ASCII letters"),
+        (["add", "anna b", "--role", "view"], PASSWORD, "is not a user's name"),
+        (["add", "bert", "--role", "view"], "short", "12 to 128 characters"),
+        (["add", "bert", "--role", "view"], "", "12 to 128 characters"),
+        (["passwd", "anna"], "x" * 200, "12 to 128 characters"),
+        (["passwd", "carl"], PASSWORD, "has no 'carl'; it has anna"),
+        (["remove", "carl"], "", "has no 'carl'; it has anna"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(run, file, arguments, stdin, text):
+    run("add", "anna", "--role", "operate", stdin=f"{PASSWORD}\n")
+    before = file.read_bytes()
+    code, out, err = run(*arguments, stdin=stdin)
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert text in err
+    assert file.read_bytes() == before
+
+
+def test_broken_or_open_file_is_told_and_not_touched(run, file):
+    assert "No such file" in run("list")[2]
+    file.write_text("- {name: anna}\n")
+    file.chmod(0o600)
+    assert run("add", "bert", "--role", "view", stdin=PASSWORD)[2] == (
+        f"error: users_file: {file}, line 1: lacks role; lacks password\n"
+    )
+    file.chmod(0o644)
+    assert f"chmod 600 {file}" in run("add", "bert", "--role", "view", stdin=PASSWORD)[2]
+    assert file.read_text() == "- {name: anna}\n"
+
+
+def test_password_is_asked_for_twice_at_a_terminal(run, file, monkeypatch):
+    answers = iter([PASSWORD, PASSWORD, PASSWORD, "another one than that"])
+    monkeypatch.setattr("getpass.getpass", lambda _: next(answers))
+    monkeypatch.setattr("io.StringIO", Terminal)
+    assert run("add", "anna", "--role", "operate")[0] == 0
+    assert run("add", "bert", "--role", "operate")[2] == "error: the two passwords differ; nothing is changed\n"
+    assert users.Users(users.read(file)).check("anna", PASSWORD) is not None
+    assert len(users.read(file)) == 1

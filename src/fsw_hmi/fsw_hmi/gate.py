@@ -1,0 +1,110 @@
+"""Lets connections in before anything of them is read, so that no stranger's keep others out."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from fsw_hmi.security import client_of
+
+#: connections of one client, and of all: a page has one, and a few more while it loads (chosen)
+_OF_CLIENT, _OF_ALL = 256, 600
+#: after which a connection must have sent a whole request, its TLS handshake included (chosen)
+_REQUEST_S = 10.0
+
+
+class Connection(Protocol):
+    """What is needed of a socket."""
+
+    def fileno(self) -> int:
+        """Negative when it is closed."""
+
+    def shutdown(self, how: int, /) -> None:
+        """End it; the server, which owns it, notices and closes it."""
+
+
+@dataclass(slots=True, eq=False)
+class _Peer:
+    connection: Connection
+    client: str
+    since_s: float  #: when it came, or when its last request ended
+    requests: int = 0  #: that it has under way; an open page is one
+    known: bool = False
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Who has to go first: who has asked for nothing yet, then who is here longest."""
+        return self.requests > 0, self.since_s
+
+
+class Gate:
+    """Counts connections. Where there are too many, the client with the most loses the oldest that only waits, then the
+    oldest page of a stranger. Pages of who has logged in stay; if there are no others, the new connection goes.
+
+    Parameters
+    ----------
+    of_client, of_all : int, optional
+        Most connections of one client and of all.
+    request_s : float, optional
+        How long a connection may take for a whole request.
+    """
+
+    def __init__(self, of_client: int = _OF_CLIENT, of_all: int = _OF_ALL, request_s: float = _REQUEST_S) -> None:
+        self._of_client, self._of_all, self._request_s = of_client, of_all, request_s
+        self._peers: dict[Any, _Peer] = {}
+
+    def admit(self, address: tuple[str, int], connection: Connection, now_s: float) -> None:
+        """Let a connection in."""
+        self._peers[address] = _Peer(connection, client_of(address[0]), now_s)
+        counts = Counter(peer.client for peer in self._peers.values())
+        client = client_of(address[0])
+        if counts[client] > self._of_client:
+            self._make_room(client, address)
+        elif len(self._peers) > self._of_all:
+            self._make_room(counts.most_common(1)[0][0], address)
+
+    @contextlib.contextmanager
+    def request(self, address: Any) -> Iterator[None]:
+        """Note that a whole request has come, and when it has been answered."""
+        peer = self._peers.get(address and tuple(address))
+        if peer is None:
+            yield
+            return
+        peer.requests += 1
+        try:
+            yield
+        finally:
+            peer.requests -= 1
+            peer.since_s = time.monotonic()
+
+    def know(self, address: Any) -> None:
+        """Note that somebody has logged in by this connection."""
+        peer = self._peers.get(address and tuple(address))
+        if peer is not None:
+            peer.known = True
+
+    def sweep(self, now_s: float) -> None:
+        """Forget connections that are closed, and close those that have waited too long."""
+        for address, peer in [*self._peers.items()]:
+            late = not peer.requests and now_s - peer.since_s > self._request_s
+            if late or peer.connection.fileno() < 0:
+                self._close(address)
+
+    def _make_room(self, client: str, newest: Any) -> None:
+        self._forget_closed()
+        of_client = {key: peer for key, peer in self._peers.items() if peer.client == client and not peer.known}
+        of_client.pop(newest, None)
+        self._close(min(of_client, key=lambda key: of_client[key].rank, default=newest))
+
+    def _forget_closed(self) -> None:
+        self._peers = {key: peer for key, peer in self._peers.items() if peer.connection.fileno() >= 0}
+
+    def _close(self, address: Any) -> None:
+        peer = self._peers.pop(address)
+        with contextlib.suppress(OSError):  # it is gone already
+            peer.connection.shutdown(socket.SHUT_RDWR)

@@ -1,0 +1,176 @@
+"""Named users: their file with salted hashes of their passwords, and the check of a password."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import hmac
+import os
+import re
+import secrets
+import tempfile
+import unicodedata
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import AfterValidator
+
+from fsw_control.private_file import read_private
+from fsw_schema.models import InputError, Model, content_of, validate
+
+#: each may what those before it may
+ROLES = ("view", "operate", "engineer")
+Role = Literal["view", "operate", "engineer"]
+#: Only what looks different is different: no letters of other alphabets, no spaces; upper and lower case are the same.
+NAME_RULE = "ASCII letters, digits and . _ -, a letter or digit first, at most 32"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
+SHORTEST, LONGEST = 12, 128
+_LONGEST_BYTES = 1_000_000
+#: cost of scrypt as OWASP recommends it for 16 MiB: 2^14 blocks of 8 * 128 bytes, five times
+_LOG2_N, _R, _P = 14, 8, 5
+_MOST_MEMORY, _MOST_P = 256 * 2**20, 16
+_HASH = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/]{22})\$([A-Za-z0-9+/]{43})")
+
+
+def checked_name(name: str) -> str:
+    """The name, if it is one that cannot be taken for another; raises ValueError."""
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{name[:40]!r} is not a user's name ({NAME_RULE})")
+    return name
+
+
+def _checked_hash(text: str) -> str:
+    found = _HASH.fullmatch(text)
+    log2_n, r, p = (int(one) for one in found.group(1, 2, 3)) if found else (0, 0, 0)
+    if not log2_n or not 0 < 2**log2_n * r * 128 <= _MOST_MEMORY or not 0 < p <= _MOST_P:
+        raise ValueError("is no hash of scrypt as 'fsw.py hmi user' writes it")
+    return text
+
+
+class User(Model):
+    """One user in the file."""
+
+    name: Annotated[str, AfterValidator(checked_name)]
+    role: Role
+    password: Annotated[str, AfterValidator(_checked_hash)]
+    """salted hash"""
+
+
+class Users:
+    """All users. A password that was right once is known again without hashing, as long as this object lives."""
+
+    def __init__(self, users: Iterable[User]) -> None:
+        self._users = {user.name.casefold(): user for user in users}
+        self._key = secrets.token_bytes(32)
+        self._known: dict[str, bytes] = {}
+
+    def remembered(self, name: str, password: str) -> User | None:
+        """Who has given this name and password before; takes no time."""
+        known = self._known.get(name.casefold())
+        right = known is not None and hmac.compare_digest(known, self._mark(name, password))
+        return self._users.get(name.casefold()) if right else None
+
+    def check(self, name: str, password: str) -> User | None:
+        """Whose name and password this is. Takes long, as long for a name that there is not; for any thread."""
+        user = self.remembered(name, password)
+        if user is not None:
+            return user
+        user = self._users.get(name.casefold())
+        if not _fits(user.password if user else _NOBODY, password) or user is None:
+            return None
+        self._known[name.casefold()] = self._mark(name, password)
+        return user
+
+    def _mark(self, name: str, password: str) -> bytes:
+        return hmac.digest(self._key, name.casefold().encode() + b"\0" + _bytes(password), "sha256")
+
+
+def new_user(name: str, role: Role, password: str, log2_n: int = _LOG2_N) -> User:
+    """A user with a password.
+
+    Raises
+    ------
+    InputError
+        When the name may be confused with another, or the password is too short, too long or the name.
+    """
+    if not SHORTEST <= len(password) <= LONGEST or not password.isprintable():
+        raise InputError(f"the password must have {SHORTEST} to {LONGEST} characters, none of them a control character")
+    if password.casefold() == name.casefold():
+        raise InputError("the password must not be the name")
+    salt = secrets.token_bytes(16)
+    digest = _scrypt(password, salt, log2_n, _R, _P)
+    hashed = f"$scrypt$ln={log2_n},r={_R},p={_P}${_b64(salt)}${_b64(digest)}"
+    return validate(User, {"name": name, "role": role, "password": hashed}, "user")
+
+
+def read(path: Path) -> list[User]:
+    """The users in a file.
+
+    Raises
+    ------
+    ValueError
+        When the file cannot be read, others may read or change it, or a line is wrong; the message says which and why.
+    """
+    where = f"users_file: {path}"
+    try:
+        text = read_private("users_file", path, _LONGEST_BYTES).decode()
+    except UnicodeDecodeError:
+        raise InputError(f"{where} is no text in UTF-8") from None
+    content = content_of(text, where)
+    if content is None:
+        return []
+    if not isinstance(content, list):
+        raise InputError(f"{where}: must be a list of users with name, role and password")
+    root = yaml.compose(text, yaml.SafeLoader)
+    lines = [node.start_mark.line + 1 for node in root.value] if root else []
+    found: dict[str, int] = {}
+    users = []
+    for entry, line in zip(content, lines, strict=True):
+        user = validate(User, entry, f"{where}, line {line}")
+        if user.name.casefold() in found:
+            before = found[user.name.casefold()]
+            raise InputError(f"{where}, line {line}: {user.name!r} is in line {before} already (case does not count)")
+        found[user.name.casefold()] = line
+        users.append(user)
+    return users
+
+
+def write(path: Path, users: Sequence[User]) -> None:
+    """Write the file, for its owner alone to read; it is the old one or the new one at any time."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with open(handle, "w", encoding="utf-8") as file:
+            for user in users:  # each in a line
+                yaml.safe_dump([user.model_dump()], file, sort_keys=False, default_flow_style=None, width=1000)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def _bytes(password: str) -> bytes:
+    """One of several ways to encode the same letters."""
+    return unicodedata.normalize("NFC", password).encode("utf-8", "surrogatepass")
+
+
+def _scrypt(password: str, salt: bytes, log2_n: int, r: int, p: int) -> bytes:
+    return hashlib.scrypt(_bytes(password), salt=salt, n=2**log2_n, r=r, p=p, maxmem=2 * _MOST_MEMORY, dklen=32)
+
+
+def _fits(hashed: str, password: str) -> bool:
+    found = _HASH.fullmatch(hashed)
+    assert found is not None
+    digest = _scrypt(password, base64.b64decode(found[4] + "=="), *(int(one) for one in found.group(1, 2, 3)))
+    return hmac.compare_digest(digest, base64.b64decode(found[5] + "="))
+
+
+def _b64(data: bytes) -> str:
+    return base64.b64encode(data).decode().rstrip("=")
+
+
+#: hash of no password, against which those of unknown names are checked
+_NOBODY = f"$scrypt$ln={_LOG2_N},r={_R},p={_P}${_b64(bytes(16))}${_b64(secrets.token_bytes(32))}"

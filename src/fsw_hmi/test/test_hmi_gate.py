@@ -1,0 +1,194 @@
+"""Connections of strangers do not keep others out: the gate by itself, and before the real server."""
+
+import contextlib
+import socket
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed
+
+from fsw_hmi.gate import Gate
+from fsw_test_support.page_client import PATIENCE_S
+
+TOKEN = "a token of some length"
+HERE, THERE = "127.0.0.1", "127.0.0.5"
+
+
+class Link:
+    """A connection that is open until it is shut down."""
+
+    def __init__(self):
+        self.open = True
+
+    def fileno(self):
+        return 5 if self.open else -1
+
+    def shutdown(self, _):
+        self.open = False
+
+
+class Door:
+    """A gate with connections by address and port."""
+
+    def __init__(self, **limits):
+        self.gate, self.links, self.requests, self.now_s = Gate(**limits), {}, contextlib.ExitStack(), 0.0
+
+    def come(self, host, port, asks=False, known=False):
+        self.now_s += 0.001
+        self.links[host, port] = Link()
+        self.gate.admit((host, port), self.links[host, port], self.now_s)
+        if asks:
+            self.requests.enter_context(self.gate.request((host, port)))
+        if known:
+            self.gate.know((host, port))
+
+    def open(self, host):
+        return [port for (one, port), link in self.links.items() if one == host and link.open]
+
+
+def test_client_with_too_many_loses_its_oldest_that_waits_then_its_oldest_page():
+    door = Door(of_client=3)
+    door.come(HERE, 1, asks=True)
+    door.come(HERE, 2)
+    door.come(HERE, 3)
+    door.come(THERE, 1)
+    door.come(HERE, 4, asks=True)
+    assert (door.open(HERE), door.open(THERE)) == ([1, 3, 4], [1])
+    door.come(HERE, 5, asks=True)
+    assert door.open(HERE) == [1, 4, 5]
+    door.come(HERE, 6)
+    assert door.open(HERE) == [4, 5, 6]
+
+
+def test_who_has_logged_in_stays_and_without_strangers_the_newest_goes():
+    door = Door(of_client=2)
+    door.come(HERE, 1, asks=True, known=True)
+    door.come(HERE, 2, asks=True, known=True)
+    door.come(HERE, 3)
+    assert door.open(HERE) == [1, 2]
+
+
+def test_of_too_many_altogether_the_client_with_the_most_loses_one():
+    door = Door(of_client=10, of_all=6)
+    door.come(HERE, 1, asks=True)
+    for port in range(5):
+        door.come(THERE, port)
+    door.come(HERE, 2)
+    assert (door.open(HERE), door.open(THERE)) == ([1, 2], [1, 2, 3, 4])
+
+
+def test_connection_must_send_a_whole_request_in_time_each_time():
+    door = Door(request_s=10.0)
+    door.come(HERE, 1)
+    door.come(HERE, 2, asks=True)
+    door.gate.sweep(9.0)
+    assert door.open(HERE) == [1, 2]
+    door.gate.sweep(10.1)
+    assert door.open(HERE) == [2]
+    door.requests.close()  # answered: now it waits again
+    door.gate.sweep(time.monotonic() + 9.0)
+    assert door.open(HERE) == [2]
+    door.gate.sweep(time.monotonic() + 10.1)
+    assert door.open(HERE) == []
+
+
+def test_closed_connections_do_not_count_and_may_be_unknown():
+    door = Door(of_client=2)
+    for port in range(100):
+        door.come(HERE, port, asks=True)
+        door.links[HERE, port].open = False
+    door.come(HERE, 101)
+    assert door.open(HERE) == [101]
+    door.gate.know((HERE, 7))
+    with door.gate.request(None), door.gate.request(("stranger", 1)):
+        door.gate.know(None)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([HERE, THERE, "192.0.2.1"]), st.booleans(), st.booleans()), max_size=60),
+    st.integers(1, 8),
+    st.integers(1, 12),
+)
+def test_limits_hold_whoever_comes_and_no_client_loses_who_has_logged_in(comers, of_client, of_all):
+    door = Door(of_client=of_client, of_all=of_all)
+    known = set()
+    for port, (host, asks, knows) in enumerate(comers):
+        door.come(host, port, asks)
+        if knows and door.links[host, port].open:
+            door.gate.know((host, port))
+            known.add((host, port))
+        assert all(door.links[one].open for one in known)
+        assert sum(link.open for link in door.links.values()) <= of_all
+        assert all(len(door.open(host)) <= of_client for host in (HERE, THERE, "192.0.2.1"))
+
+
+def half_open(server, stack, count, host, content=b"GET / HTTP/1.1\r\nHost: "):
+    """Connections that have not sent a whole request."""
+    found = []
+    for _ in range(count):
+        one = stack.enter_context(socket.create_connection((HERE, server.port), PATIENCE_S, (host, 0)))
+        one.sendall(content)
+        found.append(one)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S30")
+@pytest.mark.parametrize("host", [HERE, THERE])
+def test_300_half_open_requests_shut_no_new_page_out(server, host):
+    with contextlib.ExitStack() as stack:
+        anna = stack.enter_context(server.open())
+        assert anna.log_in(TOKEN)["outcome"] == "done"
+        strangers = half_open(server, stack, 300, host)
+        strangers[0].settimeout(PATIENCE_S)
+        assert strangers[0].recv(1) == b""  # the oldest has gone
+        with server.open() as page:
+            assert page.log_in(TOKEN, "bert")["outcome"] == "done"
+        anna.send("safe_stop")
+        assert server.next_order().asked == "safe stop"
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S30")
+@pytest.mark.parametrize("host", [HERE, THERE])
+def test_idle_pages_of_strangers_shut_no_new_page_out(make_server, host):
+    server = make_server(max_pages=100)
+    with contextlib.ExitStack() as stack:
+        anna = stack.enter_context(server.open(source_address=(host, 0)))
+        assert anna.log_in(TOKEN)["outcome"] == "done"
+        strangers = [stack.enter_context(server.open(source_address=(host, 0))) for _ in range(100)]
+        with pytest.raises(ConnectionClosed) as closed:
+            strangers[0].until("never")
+        assert closed.value.rcvd.code == 1013
+        with server.open() as page:
+            assert page.receive()["t"] == "hello"
+        with server.open(source_address=(host, 0)) as page:
+            assert page.log_in(TOKEN, "bert")["outcome"] == "done"
+        assert anna.ask("active")["outcome"] == "done"
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S30")
+def test_strangers_at_many_addresses_shut_no_new_page_out(server):
+    with contextlib.ExitStack() as stack:
+        for host in range(2, 10):
+            half_open(server, stack, 100, f"127.0.0.{host}")
+        with server.open() as page:
+            assert page.receive()["t"] == "hello"
+        assert len(server.gate._peers) <= 601
+
+
+@pytest.mark.slow
+def test_server_closes_a_request_that_trickles_in_by_the_clock(make_server):
+    server = make_server(request_s=0.3)
+    with contextlib.ExitStack() as stack:
+        page = stack.enter_context(server.open())
+        (late,) = half_open(server, stack, 1, HERE)
+        end_s = time.monotonic() + PATIENCE_S
+        with pytest.raises(OSError):
+            while time.monotonic() < end_s:
+                late.sendall(b"x")  # each byte would wind up an idle timer
+                page.until("beat")
+        page.until("beat")  # an open page needs no request

@@ -1,0 +1,194 @@
+"""Passwords are checked beside everything else: a flood of logins delays nothing."""
+
+import asyncio
+import contextlib
+import os
+import threading
+from functools import partial
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from fsw_hmi.control_room import Rules
+from fsw_hmi.logins import LoginChecks
+from fsw_hmi.users import Users, new_user
+from fsw_test_support.page_client import PATIENCE_S
+
+PASSWORD = "correct horse battery"
+ROLES = {"vera": "view", "otto": "operate", "olga": "operate", "egon": "engineer"}
+
+
+class SlowUsers(Users):
+    """Users whose passwords take until the test says so."""
+
+    def __init__(self):
+        super().__init__(new_user(name, role, PASSWORD, log2_n=1) for name, role in ROLES.items())
+        self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
+        self.checked = 0
+
+    def check(self, name, password):
+        self.begun.release()
+        assert self.go_on.acquire(timeout=PATIENCE_S)
+        self.checked += 1
+        return super().check(name, password)
+
+
+@pytest.fixture
+def users():
+    return SlowUsers()
+
+
+def run(scenario):
+    asyncio.run(asyncio.wait_for(scenario(), PATIENCE_S))
+
+
+def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
+    async def scenario():
+        checks, order, running = LoginChecks(), [], []
+        gate, over = threading.Event(), asyncio.Event()
+
+        def check(label):
+            running.append(label)
+            assert gate.wait(PATIENCE_S) and len(running) == 1
+            running.remove(label)
+            return label, os.getpriority(os.PRIO_PROCESS, 0)
+
+        def done(result):
+            order.append(result)
+            if len(order) == 6:
+                over.set()
+
+        for label in ("a0", "a1", "a2", "a3", "b0", "c0"):
+            checks.submit(label[0], lambda label=label: check(label), done, order.clear)
+        assert order == []  # nobody waits for them
+        gate.set()
+        await over.wait()
+        assert [label for label, _ in order] == ["a0", "a1", "b0", "c0", "a2", "a3"]
+        own = os.getpriority(os.PRIO_PROCESS, 0)
+        assert {priority for _, priority in order} == {min(19, own + 10)}
+        checks.close()
+
+    run(scenario)
+
+
+def test_line_of_a_client_and_of_all_is_bounded():
+    async def scenario():
+        checks, gate, over = LoginChecks(), threading.Event(), asyncio.Event()
+        refused = []
+        for number in range(12):
+            checks.submit(
+                "a", lambda: gate.wait(PATIENCE_S) and None, lambda _: over.set(), partial(refused.append, number)
+            )
+        assert refused == [9, 10, 11]  # one is under way, eight wait
+        for number in range(100):
+            checks.submit(str(number), lambda: None, lambda _: None, partial(refused.append, number))
+        assert refused[3:] == [*range(56, 100)]
+        checks._lines.clear()
+        gate.set()
+        await over.wait()
+        checks.close()
+
+    run(scenario)
+
+
+def test_check_that_fails_ends_neither_the_line_nor_the_page():
+    async def scenario():
+        checks, over, told = LoginChecks(), asyncio.Event(), []
+        checks.submit("a", lambda: 1 / 0, told.append, lambda: told.append("busy"))
+        checks.submit("a", lambda: None, lambda _: over.set(), over.clear)
+        await over.wait()
+        assert told == ["busy"]
+        checks.close()
+
+    run(scenario)
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S30")
+def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
+    server = make_server(key=users, max_pages=100)
+    with contextlib.ExitStack() as stack:
+        otto = stack.enter_context(server.open())
+        number = otto.send("login", name="otto", password=PASSWORD)
+        assert users.begun.acquire(timeout=PATIENCE_S)
+        users.go_on.release()
+        assert otto.until("answer", lambda frame: frame["id"] == number)["message"] == "logged in as otto, role operate"
+        for host in range(2, 12):
+            stranger = stack.enter_context(server.open(source_address=(f"127.0.0.{host}", 0)))
+            stranger.send("login", name="egon", password=f"guess {host}")
+        assert users.begun.acquire(timeout=PATIENCE_S)  # and goes on until the test says so
+        otto.send("safe_stop")
+        assert server.next_order().who.startswith("otto (")
+        otto.until("beat")
+        again = stack.enter_context(server.open())
+        assert again.log_in(PASSWORD, "otto")["outcome"] == "done"  # known without another check
+        assert users.checked == 1
+        waiting = stack.enter_context(server.open())  # on this computer
+        waiting.send("login", name="olga", password=PASSWORD)
+        waiting.send("safe_stop")
+        assert "this computer" in server.next_order().who
+        users.go_on.release(100)
+
+
+@pytest.mark.slow
+def test_page_that_leaves_while_its_password_is_checked_is_forgotten(make_server, users):
+    server = make_server(key=users)
+    with server.open() as gone:
+        gone.send("login", name="otto", password=PASSWORD)
+        assert users.begun.acquire(timeout=PATIENCE_S)
+    users.go_on.release(100)
+    with server.open() as page:
+        assert page.log_in(PASSWORD, "olga")["outcome"] == "done"
+        assert page.ask("take_control", **{"from": None})["outcome"] == "done"
+
+
+@pytest.mark.slow
+def test_too_many_wrong_passwords_cost_the_connection_after_the_answer(make_server, users):
+    users.go_on.release(100)
+    server = make_server(key=users)
+    with server.open() as page:
+        assert page.seen("hello")["login"] == "password"
+        for number in range(5):
+            assert page.log_in(f"guess {number}", "egon")["message"] == "wrong name or password"
+        assert "wait" in page.log_in("one more", "egon")["message"]
+        with pytest.raises(ConnectionClosed):
+            page.until("never")
+
+
+@pytest.mark.slow
+@pytest.mark.requirement("S18")
+def test_control_is_handed_over_and_a_role_is_refused_on_real_pages(make_server, users):
+    users.go_on.release(100)
+    server = make_server(key=users, rules=Rules(handover_timeout_s=3600.0))
+    with server.open() as otto, server.open() as olga:
+        otto.command(PASSWORD, "otto")
+        assert server.next_order().asked == "take control"
+        refused = otto.ask("disturb", channel="depth", shape="step", amplitude=0.1)
+        assert refused["message"] == "your role is operate: this needs the role engineer"
+        assert (server.next_order().action, server.orders.empty()) == (None, True)
+        assert olga.log_in(PASSWORD, "olga")["outcome"] == "done"
+        assert olga.ask("request_control")["outcome"] == "done"
+        asked = otto.seen("control", lambda frame: frame["request"])["request"]
+        assert asked["name"] == "olga"
+        assert otto.ask("hand_over_control", to=asked["session"])["outcome"] == "done"
+        assert olga.seen("control", lambda frame: frame["you"])["note"] == "otto has handed control over to you"
+        recorded = [server.next_order() for _ in range(2)]
+        assert [(one.who.split()[0], one.asked) for one in recorded] == [
+            ("olga", "ask for control"),
+            ("otto", "hand control over"),
+        ]
+
+
+@pytest.mark.slow
+def test_idle_page_is_told_and_recorded(make_server, users):
+    users.go_on.release(100)
+    server = make_server(key=users, rules=Rules(idle_timeout_s=0.3))
+    with server.open() as otto:
+        otto.command(PASSWORD, "otto")
+        server.next_order()
+        told = otto.seen("control", lambda frame: frame["note"])
+        assert (told["holder"], told["authenticated"], told["may_stop"]) == (None, False, True)
+        order = server.next_order()
+        assert (order.asked, order.outcome) == ("give control back", "done")
+        otto.send("safe_stop")
+        assert server.next_order().asked == "safe stop"

@@ -1,0 +1,332 @@
+"""Named users at the page: roles, idle pages, and control that is asked for, handed over and taken."""
+
+import json
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, multiple, rule
+
+from fsw_hmi.control import DONE, REFUSED, TIMED_OUT
+from fsw_hmi.control_room import ControlRoom, Rules
+from fsw_hmi.requests import ACTIONS, SafeStop
+from fsw_hmi.users import ROLES, Users, new_user
+
+PASSWORD = "correct horse battery"
+THERE = "192.0.2.4"
+USERS = {"vera": "view", "otto": "operate", "olga": "operate", "egon": "engineer"}
+NEEDS = {
+    **dict.fromkeys(("set_reference", "switch", "mode", "weld", "acknowledge", "acknowledge_stop"), "operate"),
+    **dict.fromkeys(("disturb", "fault"), "engineer"),
+}
+CONTENT = {
+    "set_reference": {"depth_mm": 2.7, "temperature_c": 820},
+    "switch": {"controller": "nmpc"},
+    "mode": {"mode": "hold"},
+    "weld": {"action": "hold"},
+    "acknowledge": {"ids": ["x"]},
+    "disturb": {"channel": "depth", "shape": "step", "amplitude": 0.1},
+    "fault": {"sensor": "depth", "kind": "bias", "magnitude": 0.1, "duration_s": 5},
+}
+
+
+def named_users():
+    return Users(new_user(name, role, PASSWORD, log2_n=1) for name, role in USERS.items())
+
+
+class Place:
+    """A page whose clock is that of all."""
+
+    def __init__(self, hall, name="", address=THERE):
+        self.hall, self.session = hall, hall.room.join(address)
+        if name:
+            assert self.log_in(name).outcome == DONE
+
+    def ask(self, do, **content):
+        self.hall.now_s += 1.0
+        return self.send(do, **content)
+
+    def send(self, do, **content):
+        return self.hall.room.handle(self.session, json.dumps({"id": 7, "do": do, **content}), self.hall.now_s)
+
+    def log_in(self, name, password=PASSWORD):
+        verdict = self.ask("login", name=name, password=password)
+        if verdict.credentials is None:
+            return verdict
+        user = self.hall.room.check(*verdict.credentials)
+        return self.hall.room.on_checked(self.session, verdict.id, verdict.credentials, user, self.hall.now_s)
+
+    def take(self):
+        holder = self.hall.room.holder
+        return self.ask("take_control", **{"from": holder and holder.id})
+
+    @property
+    def control(self):
+        return self.hall.room.control(self.session, self.hall.now_s)
+
+
+class Hall:
+    def __init__(self, **rules):
+        self.now_s = 1000.0
+        self.room = ControlRoom(named_users(), Rules(**rules))
+
+
+@pytest.fixture
+def hall():
+    return Hall()
+
+
+def test_every_request_has_the_role_that_it_needs():
+    assert {do: action.role for do, action in ACTIONS.items() if do in NEEDS} == NEEDS
+    assert ACTIONS["safe_stop"].role == "view"
+    assert set(ACTIONS) >= {"safe_stop", *NEEDS}
+
+
+@pytest.mark.requirement("S18")
+@pytest.mark.parametrize("do", NEEDS)
+@pytest.mark.parametrize("name", USERS)
+def test_role_that_may_not_is_refused_in_a_line_and_nothing_moves(hall, name, do):
+    place = Place(hall, name)
+    place.take()
+    verdict = place.ask(do, **CONTENT.get(do, {}))
+    if ROLES.index(USERS[name]) >= ROLES.index(NEEDS[do]):
+        assert verdict.action is not None
+    else:
+        text = f"your role is {USERS[name]}: this needs the role {NEEDS[do]}"
+        assert (verdict.action, verdict.outcome, verdict.message, verdict.asked) == (None, REFUSED, text, do)
+    assert place.ask("safe_stop").action == SafeStop()
+
+
+def test_view_gets_no_control(hall):
+    vera, otto = Place(hall, "vera"), Place(hall, "otto")
+    assert vera.take().message == "your role is view: this needs the role operate"
+    otto.take()
+    assert vera.ask("request_control").outcome == REFUSED
+    assert hall.room.holder is otto.session
+
+
+def test_login_is_told_with_its_role_and_as_the_file_spells_the_name(hall):
+    place = Place(hall)
+    assert place.log_in("EGON").message == "logged in as egon, role engineer"
+    assert (place.control["role"], place.session.who) == ("engineer", f"egon ({place.session.id})")
+    assert place.ask("login", name="egon", token=PASSWORD).credentials == ("egon", "")  # a token is none
+
+
+@pytest.mark.requirement("S30")
+def test_wrong_passwords_shut_their_sender_out_but_for_who_was_right_before(hall):
+    Place(hall, "otto")
+    stranger = Place(hall)
+    for number in range(5):
+        assert stranger.log_in("egon", f"guess {number}").message == "wrong name or password"
+    verdict = stranger.log_in("egon")
+    assert (verdict.outcome, verdict.close) == (REFUSED, True)
+    assert verdict.message.startswith("too many wrong passwords from your address: wait ")
+    assert stranger.log_in("otto").outcome == DONE  # without another hash
+    assert Place(hall, address="192.0.2.9").log_in("egon").outcome == DONE
+    assert Place(hall).log_in("egon").outcome == DONE  # known by now
+    hall.now_s += 60.0
+    assert not Place(hall).log_in("olga").close
+
+
+def test_only_one_password_of_a_page_is_checked_at_a_time_and_a_busy_check_is_no_refusal(hall):
+    place = Place(hall)
+    first = place.ask("login", name="otto", password=PASSWORD)
+    assert first.credentials == ("otto", PASSWORD)
+    assert place.ask("login", name="otto", password=PASSWORD).message == "your password is being checked"
+    assert hall.room.on_busy(place.session, 7).outcome == TIMED_OUT
+    assert place.log_in("otto").outcome == DONE
+    assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
+
+
+def test_another_person_does_not_get_control_by_logging_in_at_the_same_page(hall):
+    place = Place(hall, "otto")
+    place.take()
+    place.log_in("otto")
+    assert place.control["you"]
+    place.log_in("olga")
+    assert hall.room.holder is None
+
+
+def test_control_is_asked_for_and_handed_over(hall):
+    otto, olga, egon = Place(hall, "otto"), Place(hall, "olga"), Place(hall, "egon")
+    assert olga.ask("request_control").message == "control is free: take it"
+    otto.take()
+    assert otto.ask("request_control").message == "you have control already"
+    assert olga.ask("request_control").outcome == DONE
+    asked = {"name": "olga", "session": olga.session.id, "left_s": 30.0}
+    assert otto.control["request"] == {**asked, "you": False}
+    assert olga.control["request"] == {**asked, "you": True}
+    assert egon.ask("request_control").message == f"{olga.session.who} asks for control already"
+    assert olga.ask("hand_over_control", to=olga.session.id).message == "you do not have control"
+    assert otto.ask("hand_over_control", to=egon.session.id).message == f"{olga.session.who} asks now: look again"
+    verdict = otto.ask("hand_over_control", to=olga.session.id)
+    assert (verdict.asked, verdict.message) == ("hand control over", f"control handed over to {olga.session.who}")
+    assert hall.room.holder is olga.session
+    assert otto.ask("mode", mode="hold").action is None
+    assert (otto.control["note"], olga.control["note"]) == (
+        "you have handed control over to olga",
+        "otto has handed control over to you",
+    )
+
+
+def test_request_is_refused_withdrawn_or_lapses(hall):
+    otto, olga = Place(hall, "otto"), Place(hall, "olga")
+    otto.take()
+    olga.ask("request_control")
+    assert otto.ask("keep_control", to=olga.session.id).outcome == DONE
+    assert (olga.control["note"], olga.control["request"]) == ("otto keeps control", None)
+    hall.now_s += 1000.0
+    assert olga.take().outcome == REFUSED
+    assert olga.ask("withdraw_request").message == "you do not ask for control"
+    olga.ask("request_control")
+    assert olga.ask("withdraw_request").outcome == DONE
+    assert otto.ask("keep_control", to=olga.session.id).message == "nobody asks for control now"
+    olga.ask("request_control")
+    hall.now_s += 31.0
+    assert hall.room.tick(hall.now_s) == (True, [])  # that it may be taken
+    assert hall.room.tick(hall.now_s) == (False, [])
+    hall.now_s += 60.0
+    assert hall.room.tick(hall.now_s) == (True, [])
+    assert olga.take().message == f"{otto.session.who} has control: ask for it"
+    assert hall.room.holder is otto.session
+
+
+def test_asking_again_does_not_wind_the_clock_up(hall):
+    otto, olga = Place(hall, "otto"), Place(hall, "olga")
+    otto.take()
+    olga.ask("request_control")
+    hall.now_s += 20.0
+    olga.ask("request_control")
+    assert olga.take().message == f"{otto.session.who} has 8 s left to answer"
+    hall.now_s += 7.0
+    verdict = olga.take()
+    assert (verdict.outcome, verdict.asked) == (DONE, "take control")
+    assert verdict.message == f"control taken from {otto.session.who}, who did not answer for 30 s"
+
+
+def test_who_asks_is_told_when_control_becomes_free(hall):
+    otto, olga = Place(hall, "otto"), Place(hall, "olga")
+    otto.take()
+    olga.ask("request_control")
+    assert hall.room.leave(otto.session)
+    assert (olga.control["note"], olga.control["request"], hall.room.holder) == ("control is free", None, None)
+
+
+def test_same_person_takes_control_along_to_another_page(hall):
+    first, second, stranger = Place(hall, "otto"), Place(hall, "otto"), Place(hall, "olga")
+    first.take()
+    assert stranger.take().outcome == REFUSED
+    assert second.take().message == f"control taken from {first.session.who}, the same person"
+    token = ControlRoom("a token of some length", Rules())
+    pages = [token.join(THERE) for _ in range(2)]
+    for page in pages:  # with a token a name proves nothing
+        token.handle(page, json.dumps({"id": 1, "do": "login", "name": "otto", "token": "a token of some length"}), 0.0)
+    token.handle(pages[0], json.dumps({"id": 2, "do": "take_control", "from": None}), 0.0)
+    again = token.handle(pages[1], json.dumps({"id": 2, "do": "take_control", "from": pages[0].id}), 0.0)
+    assert again.outcome == REFUSED
+
+
+def test_idle_page_gives_control_back_and_still_stops():
+    hall = Hall(idle_timeout_s=600.0)
+    otto, olga = Place(hall, "otto"), Place(hall, "olga")
+    otto.take()
+    hall.now_s += 599.0
+    assert olga.ask("active").outcome == DONE
+    hall.now_s += 10.0
+    changed, records = hall.room.tick(hall.now_s)
+    why = "nobody has touched the page for 10 min"
+    assert (changed, records) == (True, [(otto.session.who, "give control back", why)])
+    assert hall.room.tick(hall.now_s) == (False, [])
+    assert (hall.room.holder, otto.control["authenticated"], otto.control["may_stop"]) == (None, False, True)
+    assert otto.control["note"] == f"{why}: log in again to command"
+    assert otto.ask("mode", mode="hold").message == "log in again"
+    assert otto.ask("safe_stop").action == SafeStop()
+    assert olga.control["authenticated"]
+    assert otto.log_in("otto").outcome == DONE
+    assert otto.take().outcome == DONE
+
+
+def test_idle_timeout_of_zero_is_none():
+    hall = Hall(idle_timeout_s=0.0)
+    otto = Place(hall, "otto")
+    hall.now_s += 1e6
+    assert hall.room.tick(hall.now_s) == (False, [])
+    assert otto.control["authenticated"]
+
+
+class Passing(RuleBasedStateMachine):
+    """Whatever anybody does, at most one has control, has a right to it, and everybody who has logged in can stop."""
+
+    places = Bundle("places")
+
+    @initialize(target=places)
+    def begin(self):
+        self.hall = Hall(idle_timeout_s=600.0)
+        self.all = [Place(self.hall, name) for name in USERS]
+        self.logged_in = set(self.all)
+        self.all[1].take()
+        return multiple(*self.all)
+
+    @rule(target=places)
+    def open_page(self):
+        self.all.append(place := Place(self.hall))
+        return place
+
+    @rule(place=places, name=st.sampled_from(sorted(USERS)), right=st.booleans())
+    def log_in(self, place, name, right):
+        if place.log_in(name, PASSWORD if right else "wrong").outcome == DONE:
+            self.logged_in.add(place)
+
+    @rule(place=places, do=st.sampled_from(["request_control", "withdraw_request", "release_control", "active"]))
+    def ask(self, place, do):
+        place.ask(do)
+
+    @rule(place=places)
+    def takes(self, place):
+        before, asked = self.hall.room.holder, place.control["request"]
+        took = place.take().outcome == DONE
+        if took and before not in (None, place.session) and before.name != place.session.name:
+            assert asked["you"] and asked["left_s"] <= 1.0  # a second passes with the request
+
+    @rule(place=places, passed_s=st.floats(0.0, 100.0))
+    def asks_and_takes(self, place, passed_s):
+        place.ask("request_control")
+        self.hall.now_s += passed_s
+        self.takes(place)
+
+    @rule(place=places, other=places, do=st.sampled_from(["hand_over_control", "keep_control"]))
+    def answers(self, place, other, do):
+        place.ask(do, to=other.session.id)
+
+    @rule(place=places, do=st.sampled_from(sorted(NEEDS)))
+    def commands(self, place, do):
+        allowed = place.control["you"] and ROLES.index(place.session.role) >= ROLES.index(NEEDS[do])
+        assert (place.ask(do, **CONTENT.get(do, {})).action is not None) == allowed
+
+    @rule(place=places)
+    def leaves(self, place):
+        self.hall.room.leave(place.session)
+        self.logged_in.discard(place)
+        self.all = [one for one in self.all if one is not place]
+
+    @rule(passed_s=st.floats(0.0, 700.0))
+    def time_passes(self, passed_s):
+        self.hall.now_s += passed_s
+        self.hall.room.tick(self.hall.now_s)
+
+    @invariant()
+    def at_most_one_has_control_and_has_a_right_to_it(self):
+        controls = [place.control for place in self.all]
+        assert sum(one["you"] for one in controls) <= 1
+        assert all(one["authenticated"] and one["role"] != "view" for one in controls if one["you"])
+        assert not any(one["you"] and one["request"] and one["request"]["you"] for one in controls)
+        assert all(one["holder"] for one in controls if one["request"])
+
+    @invariant()
+    def whoever_has_logged_in_can_stop_at_once(self):
+        for place in self.logged_in:
+            assert all(place.send("safe_stop").action == SafeStop() for _ in range(3))
+
+
+TestPassing = Passing.TestCase
+TestPassing.settings = settings(max_examples=150, stateful_step_count=30, deadline=None)

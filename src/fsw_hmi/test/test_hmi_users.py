@@ -1,0 +1,141 @@
+"""The file of named users, and the check of their passwords."""
+
+import pytest
+import yaml
+
+from fsw_hmi import users
+from fsw_hmi.users import Users, new_user
+from fsw_schema.models import InputError
+
+PASSWORD = "correct horse battery"
+#: names that are none, or might be taken for another's
+CONFUSING = ("", "x" * 33, "a\nb", "Ånna", "\u0430nna", "anna b", "anna\u200b", "-anna", ".", "a/b", "<b>", "anna\x00")
+
+
+def user(name="anna", role="operate", password=PASSWORD):
+    """A user whose hash costs nothing."""
+    return new_user(name, role, password, log2_n=1)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "users.yaml"
+    users.write(path, [user("anna"), user("Bert.2", "engineer")])
+    return path
+
+
+def test_file_is_private_holds_no_password_and_is_read_as_written(file):
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert PASSWORD not in file.read_text()
+    assert [(one.name, one.role) for one in users.read(file)] == [("anna", "operate"), ("Bert.2", "engineer")]
+    assert len({one.password for one in users.read(file)}) == 2  # each has its own salt
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o602])
+def test_file_that_others_may_read_is_refused(file, mode):
+    file.chmod(mode)
+    with pytest.raises(ValueError, match=f"others may read {file} .*chmod 600"):
+        users.read(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda entries: entries[1].update(role="boss"), "line 4: role is 'boss'; one of view, operate or engineer"),
+        (lambda entries: entries[1].pop("role"), "line 4: lacks role"),
+        (lambda entries: entries[1].update(rank=1), "line 4: rank is an unknown key; known: name, role, password"),
+        (lambda entries: entries[0].update(password="secret"), "line 1: password is no hash of scrypt"),
+        (lambda entries: entries[0].update(password="$scrypt$ln=60,r=8,p=5$" + "A" * 22 + "$" + "A" * 43), "no hash"),
+        (lambda entries: entries[0].update(password="$scrypt$ln=0,r=8,p=0$" + "A" * 22 + "$" + "A" * 43), "no hash"),
+        (lambda entries: entries[1].update(name=7), "line 4: name is 7, not text"),
+        (lambda entries: entries[1].update(name="ANNA"), "line 4: 'ANNA' is in line 1 already"),
+        (lambda entries: entries.append("carl"), "line 7: is 'carl', not a mapping"),
+        *((lambda entries, one=name: entries[0].update(name=one), "is not a user's name") for name in CONFUSING),
+    ],
+)
+def test_broken_line_is_told_with_its_number_and_why(file, change, text):
+    entries = yaml.safe_load(file.read_text())
+    change(entries)
+    file.write_text(yaml.safe_dump(entries, sort_keys=False))
+    with pytest.raises(InputError) as error:
+        users.read(file)
+    assert text in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "$scrypt$ln=1," not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"\xff\xfe", "is no text in UTF-8"),
+        (b"anna: operate", "must be a list of users"),
+        (b"- name: anna\n role: [", "line 2, column"),
+        (b"- {name: a, name: b}", "line 1, column 13: not valid YAML: key 'name' is given twice"),
+        (b"[" * 5000, "not valid YAML"),
+    ],
+)
+def test_file_that_is_no_list_of_users_is_told_in_a_line(file, content, text):
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match="users_file") as error:
+        users.read(file)
+    assert text in str(error.value) and "\n" not in str(error.value)
+
+
+def test_two_users_of_the_same_name_in_one_line_are_told(file):
+    file.write_text(
+        yaml.safe_dump([user("a").model_dump(), user("A").model_dump()], default_flow_style=True, width=999)
+    )
+    with pytest.raises(InputError, match="line 1: 'A' is in line 1 already"):
+        users.read(file)
+
+
+@pytest.mark.parametrize(
+    ("password", "text"),
+    [
+        ("eleven char", "12 to 128"),
+        ("x" * 129, "12 to 128"),
+        ("line\nbreak and more", "control"),
+        ("ANNA-maria-1", "name"),
+    ],
+)
+def test_password_has_rules(password, text):
+    with pytest.raises(InputError, match=text):
+        new_user("anna-MARIA-1", "view", password, log2_n=1)
+
+
+def test_password_is_checked_and_remembered(monkeypatch):
+    known = Users([user("Anna")])
+    assert known.remembered("Anna", PASSWORD) is None
+    for name, password in (("Anna", "wrong"), ("Anna", ""), ("Bert", PASSWORD), ("Anna", PASSWORD + "\ud800")):
+        assert known.check(name, password) is None
+        assert known.remembered(name, password) is None
+    assert known.check("aNNa", PASSWORD).name == "Anna"
+    monkeypatch.setattr(users, "_scrypt", None)  # no hashing from now on
+    assert known.remembered("anna", PASSWORD).name == "Anna"
+    assert known.remembered("anna", "wrong") is None
+
+
+def test_same_letters_in_another_encoding_are_the_same_password():
+    known = Users([user(password="stra\u00dfe nach \u00c5rhus")])
+    assert known.check("anna", "stra\u00dfe nach A\u030arhus") is not None
+
+
+def test_unknown_name_takes_as_long_as_a_known_one(monkeypatch):
+    costs = []
+    genuine = users._scrypt
+    monkeypatch.setattr(
+        users, "_scrypt", lambda *given: costs.append(given[2:]) or genuine(given[0], given[1], 1, 1, 1)
+    )
+    known = Users([new_user("anna", "view", PASSWORD)])
+    costs.clear()
+    known.check("anna", "wrong")
+    known.check("nobody", "wrong")
+    assert costs == [(14, 8, 5)] * 2
+
+
+def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
+    before = file.read_bytes()
+    monkeypatch.setattr(users.os, "replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        users.write(file, [])
+    assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (before, ["users.yaml"])
