@@ -24,6 +24,7 @@ COLUMNS = (
     "command_speed_rpm",
     "latency_ms",
     "solve_ms",
+    "angle_deg",
 )
 
 

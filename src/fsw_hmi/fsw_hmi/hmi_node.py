@@ -28,7 +28,7 @@ from fsw_hmi.alarm_rules import NO_REPORT_S, AlarmRules, Situation
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
 from fsw_hmi.frames import COLUMNS, frame, row
-from fsw_hmi.limits import EMULATOR, PARAMETERS, REFERENCE, limits
+from fsw_hmi.limits import EMULATOR, PARAMETERS, REFERENCE, limits, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.reports_ros import NO_STATE
@@ -149,6 +149,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             "emulator": self._emulator,
             "limits": limits(self._interlocks),
             "reference": REFERENCE,
+            "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
         self._web.call(partial(self._page.set_hello, hello))

@@ -54,7 +54,7 @@ def weld_row(time_s: float) -> list[float]:
     power = torque * speed * 2.0 * math.pi / 60_000.0
     return [
         *(time_s, depth, temperature, torque, force, speed, power, aim, 816.4, force + 0.1, speed + 0.3),
-        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0)),
+        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0), 143.0 * min(time_s / 600.0, 1.0)),
     ]
 
 
@@ -69,6 +69,7 @@ class FakeHmi:
         self.measuring = True  #: whether ticks come
         self.emulator = True
         self.depth_offset_mm = 0.0
+        self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.holder: dict[str, str] | None = None
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
@@ -82,6 +83,10 @@ class FakeHmi:
             "angle_deg": 143.0,
             "length_mm": 1310.0,
             "time_left_s": 1660.0,
+            "depth_mm": 2.66,
+            "temperature_c": 816.4,
+            "left": False,
+            "way_back_s": 0.0,
         }
         self.start_s = time.time() - 600.0
         self._sessions: dict[str, tuple[WebSocket, dict[str, Any]]] = {}
@@ -173,6 +178,7 @@ class FakeHmi:
     def _row(self, time_s: float) -> list[float]:
         row = weld_row(time_s)
         row[1] += self.depth_offset_mm
+        row[4] = row[4] if self.force_kn is None else self.force_kn
         return row
 
     async def _socket(self, socket: WebSocket) -> None:
@@ -249,6 +255,7 @@ class FakeHmi:
             "columns": COLUMNS,
             "limits": LIMITS,
             "reference": REFERENCE,
+            "safe": {"force_kn": 65.0, "rate_kn_per_s": 2.0},
             **EMULATOR,
         }
 

@@ -27,9 +27,9 @@ export class Alarms {
     this.waiting = ordered.filter(needsAcknowledging).map((alarm) => alarm.id);
     setText(this.count, ordered.length ? `${ordered.length}, ${this.waiting.length} to acknowledge` : "none");
     this.all.hidden = this.waiting.length === 0;
-    const focused = document.activeElement?.dataset.alarm;
+    const focused = /** @type {HTMLElement?} */ (document.activeElement)?.dataset.alarm;
     renew(this.list, JSON.stringify(ordered), () => ordered.map((alarm) => this.#entry(alarm)));
-    if (focused) this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`)?.focus();
+    if (focused) /** @type {HTMLElement?} */ (this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`))?.focus();
     this.#announce(ordered);
   }
 

@@ -3,7 +3,7 @@ import { el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
-import { setPoints, wayBack } from "./set_points.js";
+import { resume, setPoints } from "./set_points.js";
 
 const MODES = [
   { value: "auto", text: "auto", remark: "the controller commands" },
@@ -14,11 +14,18 @@ const MODES = [
 const SWITCH_WAITS_S = ["0", "2", "5", "10"];
 
 export class Commands {
+  /** @type {{token: string, name: string}?} */
   #credentials = null; // only here, so that a reload forgets them
 
-  /** @param page what the page knows: hello, state, values, control, progress */
+  /**
+   * @param {import("./live.js").LivePage} page what the page knows: hello, state, values, control, progress
+   * @param {import("./connection.js").Connection} connection
+   * @param {import("./actions.js").Actions} actions
+   */
   constructor(page, connection, actions) {
-    Object.assign(this, { page, connection, actions });
+    this.page = page;
+    this.connection = connection;
+    this.actions = actions;
     this.safeStopButton = el("button", { type: "button", id: "safe-stop", "aria-keyshortcuts": "Control+.", onclick: () => this.safeStop() }, el("strong", {}, "SAFE STOP"), el("span", {}, "Ctrl + ."));
     this.control = el("p", { className: "control" });
     this.access = el("div", { className: "buttons" });
@@ -87,7 +94,7 @@ export class Commands {
     if (answer.outcome === "refused") this.#credentials = null; // a token that is out of date is not tried for ever
   }
 
-  /** @param then what to do once logged in, and `purpose` its name */
+  /** @param {(() => Promise<Answer>)?} then what to do once logged in, and `purpose` its name */
   logIn(then = null, purpose = "") {
     const name = textField("Name", { autocomplete: "off", maxLength: 40, value: this.#credentials?.name ?? "" });
     const token = textField("Token", { type: "password", autocomplete: "off", maxLength: 200 });
@@ -142,7 +149,7 @@ export class Commands {
   changeMode() {
     const { hello, values, state } = this.page;
     const drive = (key, name, unit, step) => {
-      const [low, high] = hello.limits[key].range;
+      const [low, high] = hello?.limits[key].range ?? [];
       return numberField(`${name} in manual`, unit, values[`command_${key}`]?.toFixed(1), low, high, step);
     };
     const force = drive("force_kn", "Force", "kN", "any");
@@ -167,7 +174,7 @@ export class Commands {
   weld(action) {
     const send = () => this.ask(`${action} weld`, "weld", { action });
     if (action === "hold") return send();
-    if (action === "resume") return openForm({ title: "Resume the weld", summary: () => wayBack(this.page), confirm: "Resume the weld", run: send });
+    if (action === "resume") return resume(this, send);
     return openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: send });
   }
 

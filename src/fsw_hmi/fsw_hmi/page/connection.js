@@ -13,6 +13,7 @@ const STALE_CODE = 4001;
 export class Connection {
   #build;
   #on;
+  /** @type {WebSocket?} */
   #socket = null;
   #pending = new Map();
   #nextId = 1;
@@ -49,7 +50,7 @@ export class Connection {
     return new Promise((resolve) => {
       const timer = setTimeout(() => this.#answer({ id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
       this.#pending.set(id, { resolve, timer });
-      this.#socket.send(JSON.stringify({ id, do: what, ...fields }));
+      this.#socket?.send(JSON.stringify({ id, do: what, ...fields }));
     });
   }
 
