@@ -104,12 +104,9 @@ interface Spec {
   step?: any;
   span?: any;
 }
-/** A time outside the limits. */
-interface Exceedance {
-  key: string;
-  level: string;
-  text: string;
-  deg: number;
-  timeS: number;
-  endS: number;
+/** Part of the way around the canister. */
+interface Stretch {
+  from: number;
+  to: number;
+  worst: { rank: number; text: string; timeS: number };
 }

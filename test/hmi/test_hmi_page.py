@@ -309,7 +309,7 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     expect(page.locator("#value-depth_mm .flag")).to_have_text("▲ outside quality, high")
     fake.push()
     mark = page.locator(".exceedances button")
-    told = re.compile(r"Depth: outside quality, high from 143°, \d\d:\d\d:\d\d")
+    told = re.compile(r"Depth: outside quality, high, 143° to 144°, \d\d:\d\d:\d\d")
     expect(mark).to_have_attribute("aria-label", told)
     assert page.locator(".way .medium").get_attribute("d")
     shot(page, "exceedance")

@@ -3,6 +3,7 @@ import { Bars } from "./bars.js";
 import { byId, el, panel, setText } from "./dom.js";
 import { clock, fixed, NONE, span, words } from "./format.js";
 import { Player } from "./player.js";
+import { countBefore } from "./store.js";
 import { drawTime, LINES, liveLines, Trends, withQuality } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
 
@@ -127,7 +128,7 @@ class BagPage {
 
   #show(timeS) {
     this.timeS = timeS;
-    const row = this.first.rows[indexAt(this.times, timeS)] ?? [];
+    const row = this.first.rows[Math.max(0, countBefore(this.times, timeS + 1e-6) - 1)] ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values);
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
@@ -152,17 +153,6 @@ function overlaid(welds, limits) {
   const joined = uPlot.join(tables.map((table) => Object.values(table)));
   const names = ["time_s", ...tables.flatMap((table) => Object.keys(table).slice(1))];
   return Object.fromEntries(names.map((name, i) => [name, joined[i]]));
-}
-
-/** Index of the last time that is not after `timeS`. */
-function indexAt(times, timeS) {
-  let [low, high] = [0, times.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= timeS + 1e-6) low = middle + 1;
-    else high = middle;
-  }
-  return Math.max(0, low - 1);
 }
 
 function splits(min, max) {

@@ -13,13 +13,17 @@ export function rampSeconds(from, to, reference) {
   );
 }
 
+function changes(from, to) {
+  const change = (name, unit, key, digits) => `${name} ${fixed(from[key], digits)} → ${fixed(to[key], digits)} ${unit} (${signed(to[key] - from[key], digits)})`;
+  return `${change("Depth", "mm", "depth_mm", 2)}; ${change("temperature", "°C", "temperature_c", 1)}`;
+}
+
 /** What a resume does to the set-points, in words. */
-function wayBack({ progress, values }) {
+function wayBack(page) {
+  const { progress } = page;
   if (!progress?.left) return "The programme's set-points are in force.";
-  const change = (name, unit, from, to, digits) => `${name} ${fixed(from, digits)} → ${fixed(to, digits)} ${unit} (${signed(to - from, digits)})`;
-  const depth = change("Depth", "mm", values.reference_depth_mm, progress.depth_mm, 2);
-  const temperature = change("temperature", "°C", values.reference_temperature_c, progress.temperature_c, 1);
-  return progress.way_back_s ? `${depth}; ${temperature}; back to the programme by a ramp of ${span(progress.way_back_s)}` : `${depth}; ${temperature}: the programme goes on where it is`;
+  const how = progress.way_back_s ? `; back to the programme by a ramp of ${span(progress.way_back_s)}` : ": the programme goes on where it is";
+  return changes(inForce(page), progress) + how;
 }
 
 /** A ramp as it would be drawn in the trends; `together`: both arrive at the same time, else each as soon as it can. */
@@ -60,14 +64,13 @@ export function setPoints(commands) {
   const temperature = numberField("Temperature", "°C", start(from.temperature_c, 1), ...reference.temperature_c, 0.1);
   const asRamp = checkField("as a ramp", true);
   const wanted = () => ({ depth_mm: depth.value, temperature_c: temperature.value });
-  const change = (name, unit, key, digits) => `${name} ${fixed(from[key], digits)} → ${fixed(wanted()[key], digits)} ${unit} (${signed(wanted()[key] - from[key], digits)})`;
   openForm({
     title: "Change the set-points",
     fields: [depth, temperature, asRamp],
     summary: () => {
       page.trends?.preview(asRamp.value ? ramp(page, from, wanted(), true) : null);
       const time = asRamp.value ? `ramp of ${span(rampSeconds(from, wanted(), reference))}` : "at once, as a step";
-      return `${change("Depth", "mm", "depth_mm", 2)}; ${change("temperature", "°C", "temperature_c", 1)}; ${time}`;
+      return `${changes(from, wanted())}; ${time}`;
     },
     confirm: "Apply set-points",
     run: () => commands.ask(`Set-points ${depth.input.value} mm, ${temperature.input.value} °C`, "set_reference", { ...wanted(), ramp: asRamp.value }),

@@ -1,27 +1,26 @@
-// The canister unrolled: the way welded so far by its quality, and where it was left, with the moment of each.
+// The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
 import { el, setText, svg } from "./dom.js";
 import { fixed, span } from "./format.js";
 import { judge, quantity } from "./quantities.js";
 
 const WAY_DEG = 420; // a turn, the overlap, and the way out
-const STEP_DEG = 0.5;
 const TURN_DEG = 360;
-const SIGN = { high: "■", medium: "▲" };
-const RANK = { good: 1, medium: 2, high: 3 };
+const STEP_DEG = 0.5;
+const LEVELS = ["good", "medium", "high"];
+const SIGNS = ["", "▲", "■"];
 /** Marks are for fingers: those that are nearer become one. */
 const MARK_PX = 48;
-const SAME_S = 5;
 
 export class WeldMap {
-  #levels = new Uint8Array(WAY_DEG / STEP_DEG); // of each step the worst; 0: not welded
-  #exceedances = /** @type {Exceedance[]} */ ([]);
-  #furthest = 0;
+  /** Of each step of the way the worst row, as `{rank, text, timeS}`. @type {({rank: number, text: string, timeS: number} | undefined)[]} */
+  #steps = new Array(WAY_DEG / STEP_DEG).fill(undefined);
+  #drawn = "";
 
   /**
    * @param {HTMLElement} root
    * @param {string[]} names columns of a row
    * @param {Limits} limits
-   * @param {(timeS: number) => void} onMoment called with the moment of an exceedance that is chosen
+   * @param {(timeS: number) => void} onMoment called with the moment of a mark that is chosen
    * @param {(timeS: number) => string} told a moment in words
    */
   constructor(root, names, limits, onMoment, told = span) {
@@ -31,7 +30,7 @@ export class WeldMap {
     this.told = told;
     this.columns = ["depth_mm", "temperature_c"].map((key) => ({ key, value: names.indexOf(key), aim: names.indexOf(quantity(key).aim) }));
     this.angle = names.indexOf("angle_deg");
-    this.paths = Object.keys(RANK).map((level) => svg("path", { class: level }));
+    this.paths = LEVELS.map((level) => svg("path", { class: level }));
     this.tool = svg("path", { class: "tool" });
     this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.tool);
     this.detail = el("span", { className: "detail" });
@@ -43,85 +42,68 @@ export class WeldMap {
     this.resizer.observe(root);
   }
 
-  /** Take rows, in order of time; blocks of them may come in any order. */
+  /** Take rows, in whatever order. */
   add(rows) {
-    const open = new Map();
     for (const row of rows) {
       const deg = row[this.angle];
       if (deg === null || deg === undefined) continue;
-      this.#furthest = Math.min(Math.max(this.#furthest, deg), WAY_DEG);
-      let worst = "good";
-      for (const { key, value, aim } of this.columns) {
-        const { level, text } = judge(key, this.limits, row[value], row[aim]);
-        if (level) this.#exceed(open, key, { level, deg, text: `${quantity(key).name}: ${text}`, timeS: row[0], endS: row[0] });
-        if (level && RANK[level] > RANK[worst]) worst = level;
-      }
-      const step = Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#levels.length - 1);
-      this.#levels[step] = Math.max(this.#levels[step], RANK[worst]);
+      const verdicts = this.columns.map(({ key, value, aim }) => ({ key, ...judge(key, this.limits, row[value], row[aim]) }));
+      const found = verdicts.find(({ level }) => level === "high") ?? verdicts.find(({ level }) => level);
+      const rank = LEVELS.indexOf(found?.level ?? "good");
+      const step = Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#steps.length - 1);
+      const before = this.#steps[step];
+      if (before && (before.rank > rank || (before.rank === rank && before.timeS <= row[0]))) continue;
+      this.#steps[step] = { rank, text: found ? `${quantity(found.key).name}: ${found.text}` : "", timeS: row[0] };
     }
-  }
-
-  /** One exceedance goes on as long as no more than a few seconds are between its rows. */
-  #exceed(open, key, now) {
-    const same = open.get(key) ?? this.#exceedances.find((one) => one.key === key && now.timeS > one.timeS - SAME_S && now.timeS < one.endS + SAME_S);
-    if (same && now.timeS < same.endS + SAME_S) {
-      if (now.timeS < same.timeS) Object.assign(same, { timeS: now.timeS, deg: now.deg });
-      same.endS = Math.max(same.endS, now.endS);
-      if (RANK[now.level] > RANK[same.level]) Object.assign(same, { level: now.level, text: now.text });
-      return open.set(key, same);
-    }
-    const begun = { key, ...now };
-    this.#exceedances.push(begun);
-    return open.set(key, begun);
   }
 
   draw() {
-    const known = this.#levels.some(Boolean);
-    this.root.hidden = !known;
-    if (!known) return;
-    const count = this.#exceedances.length;
-    setText(this.detail, `${fixed(this.#furthest, 0)}° welded, ${count ? `${count} times` : "nowhere"} outside the limits`);
+    const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
+    this.root.hidden = welded < 0;
+    const outside = this.#stretches((rank) => rank > 0);
+    setText(this.detail, `${fixed(welded, 0)}° welded, ${outside.length ? `${outside.length} times` : "nowhere"} outside the limits`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
-    this.tool.setAttribute("d", `M${this.#furthest} 0v10`);
-    this.paths.forEach((path, i) => path.setAttribute("d", this.#stretches(i + 1)));
-    this.#mark();
+    this.tool.setAttribute("d", `M${welded} 0v10`);
+    this.paths.forEach((path, level) => path.setAttribute("d", this.#stretches((rank) => rank === level).map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
+    this.#mark(outside);
   }
 
-  /** Rectangles of all steps of a level, one for each stretch. */
-  #stretches(rank) {
-    let drawn = "";
-    for (let from = 0; from < this.#levels.length; from++) {
-      if (this.#levels[from] !== rank) continue;
-      let to = from;
-      while (this.#levels[to] === rank) to++;
-      drawn += `M${from * STEP_DEG} 0H${to * STEP_DEG}V10H${from * STEP_DEG}z`;
-      from = to;
-    }
-    return drawn;
+  /** Neighbouring steps whose rank is wanted, as `{from, to, worst}`. @param {(rank: number) => boolean} wanted */
+  #stretches(wanted) {
+    const found = /** @type {Stretch[]} */ ([]);
+    this.#steps.forEach((step, i) => {
+      if (!step || !wanted(step.rank)) return;
+      const last = found[found.length - 1];
+      if (last?.to !== i * STEP_DEG) found.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG, worst: step });
+      else Object.assign(last, { to: (i + 1) * STEP_DEG, worst: step.rank > last.worst.rank ? step : last.worst });
+    });
+    return found;
   }
 
-  #mark() {
+  /** @param {Stretch[]} outside */
+  #mark(outside) {
     const width = WAY_DEG / Math.max(1, Math.floor(this.marks.clientWidth / MARK_PX));
+    const key = JSON.stringify([width, outside]);
+    if (key === this.#drawn) return;
+    this.#drawn = key;
     const places = new Map();
-    for (const one of this.#exceedances.sort((a, b) => a.timeS - b.timeS)) {
-      const place = Math.floor(Math.min(one.deg, WAY_DEG - 1) / width);
+    for (const one of outside) {
+      const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
       places.set(place, [...(places.get(place) ?? []), one]);
     }
-    const key = JSON.stringify([width, [...places]]);
-    if (key === this.drawn) return;
-    this.drawn = key;
     const focused = [...this.marks.children].indexOf(/** @type {Element} */ (document.activeElement));
     this.marks.replaceChildren(...[...places].map(([place, group]) => this.#button((place + 0.5) * width, group)));
     /** @type {HTMLElement?} */ (this.marks.children[focused])?.focus();
   }
 
-  /** A mark for one exceedance, or for several, which it shows one after the other. */
+  /** A mark for one stretch, or for several, which it shows one after the other. @param {Stretch[]} group */
   #button(deg, group) {
-    const worst = group.some((one) => one.level === "high") ? "high" : "medium";
-    const texts = group.map((one) => `${one.text} from ${fixed(one.deg, 0)}°, ${this.told(one.timeS)}, for ${span(one.endS - one.timeS)}`);
+    const rank = Math.max(...group.map(({ worst }) => worst.rank));
+    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
     let next = 0;
-    const button = at(el("button", { type: "button", title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].timeS) }, el("span", {}, SIGN[worst], group.length > 1 ? group.length : "")), deg);
-    button.dataset.level = worst;
+    const sign = el("span", {}, SIGNS[rank], group.length > 1 ? String(group.length) : "");
+    const button = at(el("button", { type: "button", title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].worst.timeS) }, sign), deg);
+    button.dataset.level = LEVELS[rank];
     return button;
   }
 
