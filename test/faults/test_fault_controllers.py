@@ -51,8 +51,8 @@ def test_swaps_in_both_directions_during_a_depth_step(launch, table, lockstep):
 def test_the_active_controller_is_killed_or_stopped(launch, table, active, other, number, lockstep):
     weld = launch(lockstep=True) if lockstep else launch(standby=True)
     weld.restore()
-    weld.switch(active)
-    first, told = len(weld.truths), len(weld.states)
+    told = len(weld.states)
+    first = weld.switch(active)
     weld.ticks(5)
     weld.signal(active, number)
     weld.until(lambda: weld.source() == other, what="the fallback")
@@ -120,8 +120,7 @@ def too_fast(weld):
 def test_a_controller_lies(steps, table, behaviour, fault, detected):
     weld = steps
     weld.restore()
-    weld.switch("rogue")
-    first = len(weld.truths)
+    first = weld.switch("rogue")
     weld.ticks(5)
     weld.misbehave = behaviour(weld)
     weld.until(lambda: weld.source() == "decentral", what="the fallback")
@@ -135,8 +134,7 @@ def test_a_controller_lies(steps, table, behaviour, fault, detected):
 def test_two_controllers_of_one_name(steps, table):
     weld = steps
     weld.restore()
-    weld.switch("rogue")
-    first = len(weld.truths)
+    first = weld.switch("rogue")
 
     def twice(proposal):
         weld.proposals.publish(proposal)

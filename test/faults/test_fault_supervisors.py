@@ -44,8 +44,8 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_supervisor_falls_silent_and_the_standby_takes_over(weld, table, number):
     weld.restore()
-    weld.switch("nmpc")
-    first, told = len(weld.truths), len(weld.states)
+    told = len(weld.states)
+    first = weld.switch("nmpc")
     weld.ticks(5)
     silent = weld.leader
     other = next(name for name in weld.supervisors if name != silent)
@@ -86,10 +86,11 @@ def test_the_standby_falls_silent(weld, table, number):
 
 @pytest.mark.requirement("S24")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_recorder_falls_silent(weld, table, number):
+def test_the_recorder_falls_silent(steps, table, number):
+    weld = steps
     weld.restore()
     weld.record()
-    first = len(weld.truths)
+    first = weld.switch("decentral")
     weld.ticks(3)
     weld.signal("recorder", number)
     weld.ticks(15)
@@ -108,8 +109,7 @@ def test_the_recorder_falls_silent(weld, table, number):
 def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     weld = behind_relay
     weld.restore()
-    weld.switch("nmpc")
-    first = len(weld.truths)
+    first = weld.switch("nmpc")
     weld.ticks(5)
     before = max(weld.commands)
     weld.signal("supervisor", number)

@@ -111,13 +111,12 @@ def test_supervisor_and_recorder_die_on_the_joint_line(weld, table):
 
 @pytest.mark.full
 def test_the_controller_is_swapped_and_swapped_back_on_the_joint_line(weld):
-    weld.restore()
-    first = len(weld.truths)
+    first = weld.restore()
     player = Player(weld, SWAPS)
     angles = {}
     for controller in ("nmpc", "decentral"):
         player.until("joint_line")
-        weld.until(lambda name=controller: weld.states[-1].actual_controller == name, f"{controller} to command")
+        weld.until(lambda name=controller: weld.states[-1].target_controller == name, f"{controller} to be chosen")
         angles[controller] = degrees(player.reports[-1].angle)
         assert (player.reports[-1].phase, weld.states[-1].actual_mode) == ("joint_line", "auto")
     assert 0.6 < angles["nmpc"] < 1.0 and 1.0 < angles["decentral"] < 1.4, angles  # told once a second: 0.16 deg

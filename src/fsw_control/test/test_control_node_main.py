@@ -193,3 +193,34 @@ def test_second_interrupt_breaks_a_callback_that_does_not_return(domain_id):
         again.join()
     assert text == "closing\nclosed\n"
     assert process.returncode == 0
+
+
+LATE = """
+import os
+from rclpy.node import Node
+from fsw_control.node_main_ros import run
+
+class Late:
+    def __del__(self):  # while the interpreter ends: Python has put the signals' default actions back
+        os.write(1, b"ending\\n")
+        os.read(0, 1)
+
+def node():
+    raise ValueError("refused")
+
+late = Late()
+run(node)
+"""
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_interpreter_ends_leaves_the_exit_code(domain_id, sent):
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", LATE], text=True, **pipes) as process:
+        try:
+            assert process.stdout.readline() == "ending\n"
+            process.send_signal(sent)
+            last_words(process)
+        finally:
+            process.kill()
+    assert process.returncode == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 from weakref import WeakSet
@@ -88,6 +89,8 @@ class Session(Handle):
         self._lock = threading.RLock()
         self._ids = 0
         self._closed = False
+        self._endpoints: WeakSet[Reader | Writer] = WeakSet()
+        self._left: list[Reader | Writer] = []
         self.is_shut_down = False
         _acquire_domain(domain_id)
         self.participant = DomainParticipant(domain_id, Qos(Policy.Userdata(f"enclave={enclave};".encode())))
@@ -109,7 +112,9 @@ class Session(Handle):
         qos = qos_to_dds(profile, f"{prefix}typehash={support.type_hash};", writer=kind is Writer)
         with _topics_lock, hidden(Topic(self.participant, dds_topic, raw_type(support.dds_name))) as topic:
             parent: Any = self.publisher if kind is Writer else self.subscriber
-            return kind(parent, topic, qos)
+            endpoint = kind(parent, topic, qos)
+        self._endpoints.add(endpoint)
+        return endpoint
 
     def check(self, complaint: str) -> None:
         """Raise an RCLError with `complaint` if the context was shut down."""
@@ -148,8 +153,11 @@ class Session(Handle):
             for endpoint in endpoints:
                 node.gids(endpoint).remove(_gid(endpoint))
             self._announce()
-            for endpoint in endpoints:
-                delete(endpoint)
+            if self.is_shut_down:  # close() follows and deletes them all at once
+                self._left.extend(endpoints)
+            else:
+                for endpoint in endpoints:
+                    delete(endpoint)
 
     def _announce(self) -> None:
         self._info_writer.write(self._info_writer.data_type(self.info_support.serialize(self._info)))
@@ -159,8 +167,23 @@ class Session(Handle):
             if not self._closed:
                 self._closed = True
                 _sessions.discard(self)
+                _delete_all([*self._endpoints])
+                self._left.clear()
                 delete(self.participant)
                 _release_domain(self.domain_id)
+
+
+def _delete_all(endpoints: Sequence[Reader | Writer]) -> None:
+    """Delete endpoints side by side: each writer waits up to a second for readers that may have died."""
+    threads = [threading.Thread(target=delete, args=(endpoint,)) for endpoint in endpoints]
+    try:
+        for thread in threads:
+            thread.start()
+    except RuntimeError:  # the interpreter ends and starts no threads; the participant deletes the rest
+        pass
+    for thread in threads:
+        if thread.ident is not None:
+            thread.join()
 
 
 def _acquire_domain(domain_id: int) -> None:
