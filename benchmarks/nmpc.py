@@ -23,7 +23,7 @@ import tempfile
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -163,80 +163,99 @@ def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any,
     return found
 
 
+class Comparison:
+    """The library and its rivals on the same problems, with 54 moves of both inputs."""
+
+    def __init__(self, controller: NmpcController) -> None:
+        self._library = controller.library
+        self._tuning, self._horizon = self._library.state.tuning, self._library.horizon
+        self._exact = self._tuning.tolerance
+        self._cold = np.zeros(2 * self._horizon.n_blocks)
+        solvers = rivals(controller.settings.model, self._library)
+        self.names, self._here = list(solvers), {name: solve for name, solve in solvers.items() if solve}
+        self._series: dict[str, list[float]] = defaultdict(list)
+        self._unsolved = dict.fromkeys(self._here, 0)
+
+    def compare(self, problem: Any, start: Vector, left_out: Collection[str]) -> str:
+        """Solve one problem by all solvers but those left out; the costs in words."""
+        own, tick = self._by_library(problem, self._cold, COLD_TOLERANCES), self._by_library(problem, start)
+        answers = {"rti108": own, "tick": tick}
+        for name in (one for one in self._here if one not in left_out):
+            answers[name] = self._here[name](problem)
+            self._unsolved[name] += answers[name].moves is None
+        moves = {name: answer.moves for name, answer in answers.items() if answer.moves is not None}
+        costs = {name: self._cost_of(problem, its) for name, its in moves.items()}
+        best = min(
+            *costs.values(), self._cost_of(problem, self._by_library(problem, self._cold, (self._exact,) * 8).moves)
+        )
+        for name, cost in costs.items():
+            for key, value in {
+                "solve_{}_ms": 1e3 * answers[name].cpu_s,
+                "cost_excess_{}": cost / best - 1.0,
+                "limit_excess_{}": self._beyond(problem, moves[name]),
+                "cost_error_{}": answers[name].cost / cost - 1.0,
+                "ratio_{}": answers[name].cpu_s / own.cpu_s,
+                "ratio_{}_to_tick": answers[name].cpu_s / tick.cpu_s,
+            }.items():
+                self._series[key.format(name)].append(value)
+        return f"cost {best:.4g}; " + ", ".join(f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items())
+
+    def figures(self) -> Figures:
+        """Medians of times, and the largest excesses."""
+        series, figures = self._series, Figures()
+        for key in (one for name in self.names for one in (f"ratio_{name}", f"ratio_{name}_to_tick")):
+            figures[key] = self._middle(key)
+        for name in ("rti108", "tick", *self._here):
+            figures[f"solve_{name}_ms"] = self._middle(f"solve_{name}_ms")
+            figures[f"limit_excess_{name}"] = max(series[f"limit_excess_{name}"], default=None)
+        for name in ("rti108", *self._here):
+            figures[f"cost_excess_{name}"] = max(series[f"cost_excess_{name}"], default=None)
+        figures["tick_cost_excess_p50"] = self._middle("cost_excess_tick")
+        figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
+        for name in self._here:
+            figures[f"cost_error_{name}"] = max(series[f"cost_error_{name}"], key=abs, default=None)
+            figures[f"unsolved_{name}"] = self._unsolved[name]
+        return figures
+
+    def _middle(self, key: str) -> float | None:
+        return statistics.median(self._series[key]) if self._series[key] else None
+
+    def _by_library(self, problem: Any, start: Vector, tolerances: tuple[float, ...] = ()) -> Answer:
+        times = []
+        for _ in range(10):
+            began, moves = time.thread_time(), start
+            for tolerance in tolerances or (self._exact,):
+                self._tuning.tolerance = tolerance
+                status, moves, _, _ = self._library.solve(problem, moves)
+            times.append(time.thread_time() - began)
+            if status not in (SolveStatus.OK, SolveStatus.ITERATION_CAP):
+                raise RuntimeError(f"the library cannot solve a problem of the weld: {status.name}")
+        self._tuning.tolerance = self._exact
+        return Answer(statistics.median(times), moves)
+
+    def _cost_of(self, problem: Any, moves: Vector | None) -> float:
+        outputs = self._library.predict(KERNEL.ffi.addressof(problem, "start"), moves)[:2]
+        return objective(problem, self._tuning, self._horizon, moves, *outputs)
+
+    def _beyond(self, problem: Any, moves: Vector) -> float:
+        """By how much moves are beyond the limits, in largest moves."""
+        largest = np.outer(self._horizon.block_reach, list(self._tuning.move_max)).ravel()
+        low, high = input_bounds(problem, self._tuning, self._horizon)
+        reached = cumulation(self._horizon) @ moves
+        return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
+
+
 def ratios(quick: bool) -> Figures:
     """The same problems by other solvers, with 54 moves of both inputs"""
     warnings.simplefilter("ignore")  # do-mpc tells on import what else could be installed
     controller = make(preset="paper")
     problems = problems_of_weld(controller, quick)
-    library, parameters = controller.library, controller.settings.model
-    horizon, tuning = library.horizon, library.state.tuning
-    exact, cold = tuning.tolerance, np.zeros(2 * horizon.n_blocks)
-
-    def by_library(problem: Any, start: Vector, tolerances: tuple[float, ...]) -> Answer:
-        times = []
-        for _ in range(10):
-            began, moves = time.thread_time(), start
-            for tuning.tolerance in tolerances:
-                status, moves, _, _ = library.solve(problem, moves)
-            times.append(time.thread_time() - began)
-            if status not in (SolveStatus.OK, SolveStatus.ITERATION_CAP):
-                raise RuntimeError(f"the library cannot solve a problem of the weld: {status.name}")
-        tuning.tolerance = exact
-        return Answer(statistics.median(times), moves)
-
-    def cost_of(problem: Any, moves: Vector) -> float:
-        return objective(
-            problem, tuning, horizon, moves, *library.predict(KERNEL.ffi.addressof(problem, "start"), moves)[:2]
-        )
-
-    def beyond(problem: Any, moves: Vector) -> float:
-        """By how much moves are beyond the limits, in largest moves."""
-        largest = np.outer(horizon.block_reach, list(tuning.move_max)).ravel()
-        low, high = input_bounds(problem, tuning, horizon)
-        reached = cumulation(horizon) @ moves
-        return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
-
-    solvers = rivals(parameters, library)
-    here = {name: solve for name, solve in solvers.items() if solve}
-    series: dict[str, list[float]] = defaultdict(list)
-    unsolved = dict.fromkeys(here, 0)
+    comparison = Comparison(controller)
     for i, (problem, start) in enumerate(problems):
-        own, tick = by_library(problem, cold, COLD_TOLERANCES), by_library(problem, start, (exact,))
-        answers = {"rti108": own, "tick": tick}
-        for name, solve in here.items():
-            if i % -(-len(problems) // MOST_PROBLEMS.get(name, len(problems))) == 0:
-                answers[name] = solve(problem)
-                unsolved[name] += answers[name].moves is None
-        moves = {name: answer.moves for name, answer in answers.items() if answer.moves is not None}
-        costs = {name: cost_of(problem, its) for name, its in moves.items()}
-        best = min(*costs.values(), cost_of(problem, by_library(problem, cold, (exact,) * 8).moves))
-        for name, cost in costs.items():
-            series[f"solve_{name}_ms"].append(1e3 * answers[name].cpu_s)
-            series[f"cost_excess_{name}"].append(cost / best - 1.0)
-            series[f"limit_excess_{name}"].append(beyond(problem, moves[name]))
-            series[f"cost_error_{name}"].append(answers[name].cost / cost - 1.0)
-            series[f"ratio_{name}"].append(answers[name].cpu_s / own.cpu_s)
-            series[f"ratio_{name}_to_tick"].append(answers[name].cpu_s / tick.cpu_s)
-        told = ", ".join(f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items())
-        print(f"  problem {i + 1} of {len(problems)}: cost {best:.4g}; {told}", file=sys.stderr, flush=True)
-
-    def middle(key: str) -> float | None:
-        return statistics.median(series[key]) if series[key] else None
-
-    figures: Figures = {"ratio_problems": len(problems)}
-    for name in solvers:
-        figures |= {key: middle(key) for key in (f"ratio_{name}", f"ratio_{name}_to_tick")}
-    for name in ("rti108", "tick", *here):
-        figures[f"solve_{name}_ms"] = middle(f"solve_{name}_ms")
-        figures[f"limit_excess_{name}"] = max(series[f"limit_excess_{name}"], default=None)
-    for name in ("rti108", *here):
-        figures[f"cost_excess_{name}"] = max(series[f"cost_excess_{name}"], default=None)
-    figures["tick_cost_excess_p50"] = middle("cost_excess_tick")
-    figures["tick_cost_excess_max"] = max(series["cost_excess_tick"])
-    for name in here:
-        figures[f"cost_error_{name}"] = max(series[f"cost_error_{name}"], key=abs, default=None)
-        figures[f"unsolved_{name}"] = unsolved[name]
-    return figures
+        left_out = {name for name, most in MOST_PROBLEMS.items() if i % -(-len(problems) // most)}
+        costs = comparison.compare(problem, start, left_out)
+        print(f"  problem {i + 1} of {len(problems)}: {costs}", file=sys.stderr, flush=True)
+    return {"ratio_problems": len(problems)} | comparison.figures()
 
 
 def against_converged(quick: bool) -> Figures:

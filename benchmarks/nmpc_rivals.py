@@ -45,7 +45,7 @@ def rivals(parameters: ModelParameters, library: Library) -> dict[str, Solve | N
     return {
         "ipopt": ipopt(parameters, library),
         "gekko_apopt": gekko_apopt(parameters, h, t) if find_spec("gekko") else None,
-        "do_mpc": do_mpc(parameters, h, t) if find_spec("do_mpc") else None,
+        "do_mpc": DoMpc(parameters, h, t) if find_spec("do_mpc") else None,
     }
 
 
@@ -195,96 +195,117 @@ def gekko_apopt(p: ModelParameters, h: Horizon, t: Any) -> Solve:
     return solve
 
 
-def do_mpc(p: ModelParameters, h: Horizon, t: Any) -> Solve:
+class DoMpc:
     """A discrete model of do-mpc whose tables change with the step; moves are zero where no interval begins."""
-    import casadi as ca
-    import do_mpc as toolbox
 
-    n_steps, n_line = len(h.step_length_s), h.n_history
-    begins = np.diff(h.step_interval, prepend=-1) > 0
-    tables = np.zeros((n_steps, 10 + 6 * n_line))
-    tables[:, :10] = h.modes
-    for k in range(n_steps):
-        for e in range(h.weight_start[k], h.weight_start[k + 1]):
-            place = h.weight_segment[e] - k  # in the line, which has moved on by one segment with every step
-            if not 0 <= place < n_line:
-                raise ValueError("a step looks back further than the line of states is long")
-            tables[k, 10 + 6 * place : 16 + 6 * place] += h.weight[e]
+    _STATES, _INPUTS = ("creep", "slow", "copper", "tool", "motor"), ("force", "speed")
+    _MOVES, _SIZES, _OVERS = ("by_force", "by_speed"), ("force_size", "speed_size"), ("over_z", "over_t")
 
-    model = toolbox.model.Model("discrete")
-    states = ("creep", "slow", "copper", "tool", "motor")
-    x = [model.set_variable("_x", name) for name in states]
-    before = [model.set_variable("_x", name) for name in ("force", "speed")]
-    line = model.set_variable("_x", "line", (n_line, 3))
-    move_names, size_names, over_names = ("by_force", "by_speed"), ("force_size", "speed_size"), ("over_z", "over_t")
-    move = [model.set_variable("_u", name) for name in move_names]
-    for name in (*size_names, *over_names):
-        model.set_variable("_u", name)
-    table = model.set_variable("_tvp", "table", (tables.shape[1], 1))
-    model.set_variable("_tvp", "band", (4, 1))
-    disturbance = model.set_variable("_tvp", "disturbance", (4, 1))
-    inputs = [before[q] + move[q] for q in range(2)]
-    weight = ca.reshape(table[10:], 6, n_line).T
-    arriving = [ca.sum1(ca.sum2(weight[:, 3 * i : 3 * i + 3] * line)) for i in range(2)]
-    mode, disturbances = ca.vertsplit(table[:10]), ca.vertsplit(disturbance)
-    after, power, depth = one_step(p, mode, x, inputs, disturbances, arriving)
-    for name, value in zip((*states, "force", "speed"), (*after, *inputs), strict=True):
-        model.set_rhs(name, value)
-    model.set_rhs("line", ca.vertcat(line[1:, :], ca.horzcat(*power)))
-    for name, value in (("depth", depth), ("tool_end", after[3])):
-        model.set_expression(name, value)
-    model.setup()
-    move, size, over = ([model.u[name] for name in names] for names in (move_names, size_names, over_names))
-    band, outputs = model.tvp["band"], (model.aux["depth"], model.aux["tool_end"])
+    def __init__(self, p: ModelParameters, h: Horizon, t: Any) -> None:
+        self._p, self._h, self._t = p, h, t
+        self._n_steps = len(h.step_length_s)
+        self._begins = np.diff(h.step_interval, prepend=-1) > 0
+        self._reached = np.column_stack([h.depth_width, h.temperature_width]) > 0
+        self._bands, self._disturbance = np.zeros((self._n_steps, 4)), np.zeros(4)
+        tables = self._tables()
+        self._mpc = self._controller(self._model(tables.shape[1]), tables)
+        for k in range(self._n_steps):
+            held = [] if self._begins[k] else [*self._MOVES, *self._SIZES]
+            is_out = k in h.out_step
+            held += [self._OVERS[q] for q in range(2) if not (is_out and self._reached[h.step_interval[k], q])]
+            for name in held:
+                self._mpc.lb_opt_x["_u", k, 0, name] = self._mpc.ub_opt_x["_u", k, 0, name] = 0.0
 
-    mpc = toolbox.controller.MPC(model)
-    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = n_steps, STEP_S, False
-    mpc.settings.supress_ipopt_output()
-    cost = sum(t.move_weight[q] * size[q] + t.weight[q] * over[q] for q in range(2))
-    mpc.set_objective(mterm=ca.DM(0), lterm=cost)
-    mpc.set_rterm(**dict.fromkeys(move_names, 0.0))
-    for q, output in enumerate(outputs):
-        for name, expression in {
-            "low": band[2 * q] - output - over[q],
-            "high": output - band[2 * q + 1] - over[q],
-            "up": move[q] - size[q],
-            "down": -move[q] - size[q],
-        }.items():
-            mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
-        mpc.bounds["lower", "_u", move_names[q]] = -t.move_max[q]
-        mpc.bounds["upper", "_u", move_names[q]] = t.move_max[q]
-        mpc.bounds["lower", "_u", size_names[q]] = mpc.bounds["lower", "_u", over_names[q]] = 0.0
-        name = ("force", "speed")[q]
-        mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]
-    template, given = mpc.get_tvp_template(), {"bands": np.zeros((n_steps, 4)), "disturbance": np.zeros(4)}
+    def _tables(self) -> Vector:
+        """What changes from step to step, a row each: the modes, and the weights of the powers under way."""
+        h = self._h
+        tables = np.zeros((self._n_steps, 10 + 6 * h.n_history))
+        tables[:, :10] = h.modes
+        for k in range(self._n_steps):
+            for e in range(h.weight_start[k], h.weight_start[k + 1]):
+                place = h.weight_segment[e] - k  # in the line, which has moved on by one segment with every step
+                if not 0 <= place < h.n_history:
+                    raise ValueError("a step looks back further than the line of states is long")
+                tables[k, 10 + 6 * place : 16 + 6 * place] += h.weight[e]
+        return tables
 
-    def at(_: float) -> Any:
-        for k in range(n_steps + 1):
-            step = min(k, n_steps - 1)
-            template["_tvp", k, "table"], template["_tvp", k, "band"] = tables[step], given["bands"][step]
-            template["_tvp", k, "disturbance"] = given["disturbance"]
-        return template
+    def _model(self, width: int) -> Any:
+        import casadi as ca
+        import do_mpc as toolbox
 
-    mpc.set_tvp_fun(at)
-    mpc.setup()
-    reached = np.column_stack([h.depth_width, h.temperature_width]) > 0
-    for k in range(n_steps):
-        held = [] if begins[k] else [*move_names, *size_names]
-        is_out = k in h.out_step
-        held += [over_names[q] for q in range(2) if not (is_out and reached[h.step_interval[k], q])]
-        for name in held:
-            mpc.lb_opt_x["_u", k, 0, name] = mpc.ub_opt_x["_u", k, 0, name] = 0.0
+        n_line = self._h.n_history
+        model = toolbox.model.Model("discrete")
+        x = [model.set_variable("_x", name) for name in self._STATES]
+        before = [model.set_variable("_x", name) for name in self._INPUTS]
+        line = model.set_variable("_x", "line", (n_line, 3))
+        move = [model.set_variable("_u", name) for name in self._MOVES]
+        for name in (*self._SIZES, *self._OVERS):
+            model.set_variable("_u", name)
+        table = model.set_variable("_tvp", "table", (width, 1))
+        model.set_variable("_tvp", "band", (4, 1))
+        disturbance = model.set_variable("_tvp", "disturbance", (4, 1))
+        inputs = [before[q] + move[q] for q in range(2)]
+        weight = ca.reshape(table[10:], 6, n_line).T
+        arriving = [ca.sum1(ca.sum2(weight[:, 3 * i : 3 * i + 3] * line)) for i in range(2)]
+        mode, disturbances = ca.vertsplit(table[:10]), ca.vertsplit(disturbance)
+        after, power, depth = one_step(self._p, mode, x, inputs, disturbances, arriving)
+        for name, value in zip((*self._STATES, *self._INPUTS), (*after, *inputs), strict=True):
+            model.set_rhs(name, value)
+        model.set_rhs("line", ca.vertcat(line[1:, :], ca.horzcat(*power)))
+        for name, value in (("depth", depth), ("tool_end", after[3])):
+            model.set_expression(name, value)
+        model.setup()
+        return model
 
-    def solve(problem: Any) -> Answer:
+    def _controller(self, model: Any, tables: Vector) -> Any:
+        import casadi as ca
+        import do_mpc as toolbox
+
+        t, mpc = self._t, toolbox.controller.MPC(model)
+        move, size, over = ([model.u[name] for name in names] for names in (self._MOVES, self._SIZES, self._OVERS))
+        band, outputs = model.tvp["band"], (model.aux["depth"], model.aux["tool_end"])
+        mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.store_full_solution = self._n_steps, STEP_S, False
+        mpc.settings.supress_ipopt_output()
+        cost = sum(t.move_weight[q] * size[q] + t.weight[q] * over[q] for q in range(2))
+        mpc.set_objective(mterm=ca.DM(0), lterm=cost)
+        mpc.set_rterm(**dict.fromkeys(self._MOVES, 0.0))
+        for q, output in enumerate(outputs):
+            for name, expression in {
+                "low": band[2 * q] - output - over[q],
+                "high": output - band[2 * q + 1] - over[q],
+                "up": move[q] - size[q],
+                "down": -move[q] - size[q],
+            }.items():
+                mpc.set_nl_cons(f"{name}{q}", expression, 0.0)
+            mpc.bounds["lower", "_u", self._MOVES[q]] = -t.move_max[q]
+            mpc.bounds["upper", "_u", self._MOVES[q]] = t.move_max[q]
+            mpc.bounds["lower", "_u", self._SIZES[q]] = mpc.bounds["lower", "_u", self._OVERS[q]] = 0.0
+            name = self._INPUTS[q]
+            mpc.bounds["lower", "_x", name], mpc.bounds["upper", "_x", name] = t.input_min[q], t.input_max[q]
+        template = mpc.get_tvp_template()
+
+        def at(_: float) -> Any:
+            for k in range(self._n_steps + 1):
+                step = min(k, self._n_steps - 1)
+                template["_tvp", k, "table"], template["_tvp", k, "band"] = tables[step], self._bands[step]
+                template["_tvp", k, "disturbance"] = self._disturbance
+            return template
+
+        mpc.set_tvp_fun(at)
+        mpc.setup()
+        return mpc
+
+    def __call__(self, problem: Any) -> Answer:
+        h, t, mpc = self._h, self._t, self._mpc
         start = start_vector(problem.start)
-        bands = np.tile([-np.inf, np.inf] * 2, (n_steps, 1))
-        shown = 0.0, p.operating_temperature_c  # where the outputs that the constraints are on are zero
+        bands = np.tile([-np.inf, np.inf] * 2, (self._n_steps, 1))
+        shown = 0.0, self._p.operating_temperature_c  # where the outputs that the constraints are on are zero
         for q in range(2):
-            offset, used = start[10 + q] + shown[q], h.out_step[reached[:, q]]
+            offset, used = start[10 + q] + shown[q], h.out_step[self._reached[:, q]]
             for column, values in enumerate((problem.low[q], problem.high[q])):
-                bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[reached[:, q]] - offset
-        given["bands"], given["disturbance"] = np.clip(bands, -1e4, 1e4), disturbances_of(start)
-        history = np.array(list(problem.start.history[0 : 3 * n_line])).reshape(-1, 3)
+                bands[used, 2 * q + column] = np.array(list(values[0 : h.n_out]))[self._reached[:, q]] - offset
+        self._bands, self._disturbance = np.clip(bands, -1e4, 1e4), np.array(disturbances_of(start))
+        history = np.array(list(problem.start.history[0 : 3 * h.n_history])).reshape(-1, 3)
         first = np.concatenate([start[:7], history.ravel(order="F")])
         mpc.reset_history()
         mpc.x0 = first
@@ -296,10 +317,8 @@ def do_mpc(p: ModelParameters, h: Horizon, t: Any) -> Solve:
             return Answer(cpu_s)
 
         def found(name: str) -> Vector:
-            return np.array([float(mpc.opt_x_num["_u", k, 0, name]) for k in range(n_steps)])
+            return np.array([float(mpc.opt_x_num["_u", k, 0, name]) for k in range(self._n_steps)])
 
-        told = [t.move_weight[q] * found(size_names[q]) + t.weight[q] * found(over_names[q]) for q in range(2)]
-        moves = np.column_stack([found(name)[begins] for name in move_names])
-        return Answer(cpu_s, moves.ravel(), float(np.sum(told)))
-
-    return solve
+        costs = [t.move_weight[q] * found(self._SIZES[q]) + t.weight[q] * found(self._OVERS[q]) for q in range(2)]
+        moves = np.column_stack([found(name)[self._begins] for name in self._MOVES])
+        return Answer(cpu_s, moves.ravel(), float(np.sum(costs)))

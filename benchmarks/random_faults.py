@@ -113,8 +113,8 @@ def table(rows: list[Row]) -> str:
     """One line per kind of fault and part, as Markdown."""
     lines = [
         "| fault | trials | recovered | recovery, median and largest [s] | ticks without command, median and largest "
-        "| longest time without a tick [s] | largest distance of a command from what acts [moves] "
-        "| largest change of what acts [moves] | safe stops |",
+        "| longest time without a tick [s] | largest distance of a command from the actual values [moves] "
+        "| largest change of the actual values [moves] | safe stops |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for fault in sorted({row["fault"] for row in rows}):
@@ -141,7 +141,7 @@ def result(results: dict[str, tuple[list[Row], Row]], figures: Figures) -> str:
         )
         total += f"command {numbers['ticks_without_command']}. Bags: {bags['bags']}, readable {bags['bags_readable']}."
         if "largest_move_taken" in bags:
-            total += f" Largest move of the set-points that the machine has taken: {bags['largest_move_taken']:.2f}."
+            total += f" Largest move of the set-points that the machine accepted: {bags['largest_move_taken']:.2f}."
         lines += [f"## {TITLES[name]}", "", total, "", table(rows), ""]
     return "\n".join(lines)
 

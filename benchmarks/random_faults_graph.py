@@ -59,6 +59,43 @@ _TICK_NS = round(weld.TICK_S * NANOSECONDS)
 _FLOOD_PER_SPIN = 40
 
 
+def bags_in(folder: Path) -> dict[str, int]:
+    """How many bags are in a folder, how many of them can be read to their end, and commands in them."""
+    readable, recorded = 0, 0
+    folders = sorted(path for path in folder.glob("bag*") if path.is_dir())
+    for bag in folders:
+        try:
+            with BagReader(bag) as reader:
+                recorded += sum(record.topic == "/fsw/command" for record in reader.records())
+            readable += 1
+        except BagError as error:
+            print(f"{bag.name}: {error}", flush=True)
+    return {"bags": len(folders), "bags_readable": readable, "commands_recorded": recorded}
+
+
+class PageProbe:
+    """Whether the operator's page answers, asked at most twice a second."""
+
+    def __init__(self, launcher: Launcher) -> None:
+        self._launcher, self._looked_s, self.is_there = launcher, 0.0, False
+
+    def answers(self, now_s: float) -> bool:
+        """Whether it did when it was last asked."""
+        if now_s > self._looked_s + 0.5:
+            self._looked_s = now_s
+            self.look()
+        return self.is_there
+
+    def look(self) -> None:
+        """Ask it now."""
+        found = re.search(r"http://\S+", self._launcher.children["page"].text())
+        try:
+            with urlopen(found[0] if found else "", timeout=0.5) as response:
+                self.is_there = response.status == 200
+        except (URLError, OSError, ValueError):
+            self.is_there = False
+
+
 class FaultyGraph(Spinner):
     """The processes of a weld and one observer; a context.
 
@@ -80,7 +117,7 @@ class FaultyGraph(Spinner):
         rclpy.init(args=[], context=self._context, domain_id=domain)
         super().__init__(self._context)
         self._died_s: dict[str, float] = {}
-        self._page_there, self._page_looked_s, self._operator_s = False, 0.0, 0.0
+        self._page, self._operator_s = PageProbe(self._launcher), 0.0
         self._pending: list[Any] = []
         self.healthy_since_s = 0.0
         self._proxy: Proxy | None = None
@@ -156,22 +193,13 @@ class FaultyGraph(Spinner):
         return self.spin_until(self.healthy, patience_s)
 
     def largest_move_taken(self) -> float:
-        """Largest move of the set-points that the machine has taken from what it had in force."""
+        """Largest move of the set-points that the machine accepted from what it had in force."""
         log = self._launcher.children["machine"].log.read_text(encoding="utf-8")
         return max((float(one) for one in re.findall(r"largest move so far: ([\d.]+)", log)), default=1.0)
 
-    def bags(self) -> dict[str, Any]:
+    def bags(self) -> dict[str, int]:
         """How many bags there are, how many can be read to their end, and commands in them against those seen."""
-        readable, recorded = 0, 0
-        folders = sorted(path for path in self._folder.glob("bag*") if path.is_dir())
-        for folder in folders:
-            try:
-                with BagReader(folder) as reader:
-                    recorded += sum(record.topic == "/fsw/command" for record in reader.records())
-                readable += 1
-            except BagError as error:
-                print(f"{folder.name}: {error}", flush=True)
-        return {"bags": len(folders), "bags_readable": readable, "commands_recorded": recorded, "commands": self._seen}
+        return bags_in(self._folder) | {"commands": self._seen}
 
     # ---------------------------------------------------------------- what is seen
 
@@ -243,25 +271,11 @@ class FaultyGraph(Spinner):
             and all(self._answered.get(stamp_ns) in ("nmpc", "decentral") for stamp_ns, _ in last)
             and now_s - self._ticks[-1][1] < 0.5
             and all(child.running for child in self._launcher.children.values())
-            and self._page_answers(now_s)
+            and self._page.answers(now_s)
         )
         if good:
             self.healthy_since_s = now_s - HEALTHY_TICKS * weld.TICK_S
         return good
-
-    def _page_answers(self, now_s: float) -> bool:
-        if now_s > self._page_looked_s + 0.5:
-            self._page_looked_s = now_s
-            try:
-                with urlopen(self._page_url(), timeout=0.5) as response:
-                    self._page_there = response.status == 200
-            except (URLError, OSError, ValueError):
-                self._page_there = False
-        return self._page_there
-
-    def _page_url(self) -> str:
-        found = re.search(r"http://\S+", self._launcher.children["page"].text())
-        return found[0] if found else ""
 
     def describe(self) -> str:
         """What an engineer would want to see when nothing recovers."""
@@ -270,7 +284,7 @@ class FaultyGraph(Spinner):
         away = [name for name, child in self._launcher.children.items() if not child.running]
         age_s = time.monotonic() - self._ticks[-1][1] if self._ticks else inf
         newest = [self._answered.get(stamp_ns, "-") for stamp_ns, _ in list(self._ticks)[-5:]]
-        return f"{text}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; page {self._page_there}"
+        return f"{text}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; page {self._page.is_there}"
 
     # ---------------------------------------------------------------- a trial
 
@@ -326,8 +340,7 @@ class FaultyGraph(Spinner):
         end_s = time.monotonic() + lasting_s
         if target == "page":
             while time.monotonic() < end_s:
-                self._page_looked_s = 0.0
-                self._page_answers(time.monotonic())
+                self._page.look()
                 self.spin_until(lambda: False, 0.005)
             return
         kind, topic, make = nonsense(self._ticks[-1][0])[target]

@@ -38,8 +38,6 @@ from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
-from fsw_control.ranges import Range
-from fsw_control.schema import Model, json_schema
 from fsw_hmi.main import parser as hmi_parser
 from fsw_machine.machine_file import MachineFile
 from fsw_model import ModelParameters, nominal
@@ -48,9 +46,12 @@ from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
+from fsw_schema.models import Model, json_schema
+from fsw_schema.ranges import Range
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 REFERENCE = WORKSPACE / "docs" / "reference"
+LONGEST_PAGE = 1500  # words
 NOTE = "<!-- Written by scripts/build_docs.py. Change the source, not this page. -->"
 RESULTS = "results/README.md"
 CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
@@ -98,8 +99,17 @@ def parameters() -> dict[str, str]:
             specs = parse(text, str(path))
             name = f"parameters-{path.stem.replace('_', '-')}"
             title = f"Parameters: {path.name} ({path.parent.name})"
-            pages[name] = page(title, *comment, *([""] if comment else []), *markdown(specs).splitlines())
+            intro = [*comment, *([""] if comment else [])]
+            pages[name] = page(title, *intro, *markdown(specs).splitlines())
             rows.append((f"[{path.name}]({name}.md)", path.parent.name, len(specs), " ".join(comment).split(". ")[0]))
+            if len(pages[name].split()) > LONGEST_PAGE:  # groups, as limits.*, on a page of their own
+                groups = {key: spec for key, spec in specs.items() if "." in key}
+                names = ", ".join(f"`{one}`" for one in dict.fromkeys(key.partition(".")[0] for key in groups))
+                more = [f"The groups {names} are [on a page of their own]({name}-groups.md).", ""]
+                single = {key: spec for key, spec in specs.items() if key not in groups}
+                pages[name] = page(title, *intro, *more, *markdown(single).splitlines())
+                back = [f"The groups {names}; [the other parameters]({name}.md).", ""]
+                pages[f"{name}-groups"] = page(f"{title}: groups", *back, *markdown(groups).splitlines())
     pages["parameters-tuning"] = tuning_file()
     return pages | {
         "parameters": page(
@@ -137,14 +147,15 @@ def meanings(model: type[Model]) -> dict[str, str]:
     return {name: (field.description or summary).replace("``", "`") for name, field in model.model_fields.items()}
 
 
-def messages() -> str:
-    """Definitions of the messages and services."""
-    lines = ["The definitions of `fsw_msgs`, with their comments. Units are SI."]
-    for kind, title in (("msg", "Messages"), ("srv", "Services")):
-        lines += ["", f"## {title}"]
+def messages() -> dict[str, str]:
+    """A page of the definitions of the messages, and one of the services."""
+    pages = {}
+    for kind, name in (("msg", "messages"), ("srv", "services")):
+        lines = [f"The {name} of `fsw_msgs`, with their comments. Units are SI."]
         for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob(f"*.{kind}")):
-            lines += ["", f"### {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
-    return page("Messages and services", *lines)
+            lines += ["", f"## {path.stem}", "", "```", path.read_text(encoding="utf-8").strip(), "```"]
+        pages[name] = page(name.capitalize(), *lines)
+    return pages
 
 
 def model_tables(model: type[Model], heading: str = "##") -> list[str]:
@@ -183,8 +194,8 @@ def allowed(value: dict[str, Any]) -> str:
     return "letters, digits, `_`" if "pattern" in value else words.get(value["type"], value["type"])
 
 
-def scenarios() -> str:
-    """Keys and ranges of scenario files, and the shipped ones."""
+def scenarios() -> dict[str, str]:
+    """A page of the keys and ranges of scenario files, and one of the shipped scenarios."""
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
     shipped = [(f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split())) for one in loaded]
     changes = "; ".join(
@@ -199,8 +210,15 @@ def scenarios() -> str:
         f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
         f"{CANISTER_DIAMETER_MM:g} mm.",
     ]
-    lines += ["", "## Shipped scenarios", "", *table(("name", "duration [s]", "what it shows"), shipped)]
-    return page("Scenario files", *lines)
+    return {
+        "scenarios": page("Scenario files", *lines),
+        "scenarios-shipped": page(
+            "Shipped scenarios",
+            "They are in `src/fsw_scenario/fsw_scenario/scenarios`; commands take them by name.",
+            "",
+            *table(("name", "duration [s]", "what it shows"), shipped),
+        ),
+    }
 
 
 def json_schemas() -> dict[str, str]:
@@ -341,7 +359,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 def on_page_markdown(text: str, page: Any, config: Any, files: Any) -> str:
     """Leave out figures of results that are not there; draw what would need a script from the network."""
-    if page.file.src_uri == RESULTS:
+    if page.file.src_uri.startswith("results/"):
         there = {Path(file.src_uri).name for file in files if file.src_uri.startswith("results/")}
         text = re.sub(r"!\[([^]]*)\]\(([^)/]+)\)", lambda m: m[0] if m[2] in there else f"*{m[1]}: not made yet*", text)
     return re.sub(r"```mermaid\n.*?```\n", lambda _: f"{svg_diagram()}\n", text, flags=re.DOTALL)
@@ -362,22 +380,21 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
 
 def reference() -> dict[str, str]:
     """The generated files of the reference, by name."""
-    pages = {**parameters(), "messages": messages(), "scenarios": scenarios(), **command_line()}
+    pages = {**parameters(), **messages(), **scenarios(), **command_line()}
     return {f"{name}.md": text for name, text in pages.items()} | json_schemas()
 
 
 def main() -> int:
     """Run the script; returns the exit code."""
     cli = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    cli.add_argument("--check", action="store_true", help="only tell whether what is generated is up to date")
+    cli.add_argument("--check", action="store_true", help="only check whether the generated pages are up to date")
     check: bool = cli.parse_args().check
     requirements, tests = yaml.safe_load(safety_case.REQUIREMENTS.read_text("utf-8")), safety_case.marked()
-    case = safety_case.PAGE.read_text("utf-8")
     pages = {REFERENCE / name: text for name, text in reference().items()}
     pages[CONTRIBUTING] = with_packages(CONTRIBUTING.read_text("utf-8"))
     pages[VERDICT] = with_rows(VERDICT.read_text("utf-8"))
-    pages[safety_case.PAGE] = safety_case.renewed(case, requirements, tests)
-    faults = safety_case.faults(requirements, tests, case)
+    pages[safety_case.TABLE] = f"{NOTE}\n\n{safety_case.table(requirements, tests)}"
+    faults = safety_case.faults(requirements, tests, safety_case.PAGE.read_text("utf-8"))
     print(*(f"safety case: {fault}\n" for fault in faults), sep="", end="")
     stale = []
     for path, text in pages.items():

@@ -20,9 +20,9 @@ BEGIN = "<!-- generated from fsw_supervisor/state_machine.py: begin -->"
 END = "<!-- generated from fsw_supervisor/state_machine.py: end -->"
 
 _NOTES = {
-    Mode.START: "holds the force and speed that act until the applied controller is known",
+    Mode.START: "holds the actual force and speed until the applied controller is known",
     Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
-    Mode.MANUAL: "goes to the operator's values within the move limits",
+    Mode.MANUAL: "moves to the operator's values within the move limits",
     Mode.HOLD: "repeats the last command",
     Mode.SAFE_STOP: "ramps the force down with the spindle turning, left after an acknowledgement only",
 }
@@ -53,7 +53,7 @@ def svg_diagram() -> str:
     height, right = 40 + 26 * len(by_trigger()), max(x.values())
     lines = [
         f'<svg viewBox="0 0 {right + 60} {height}" font-family="sans-serif" '
-        'font-size="13" role="img"><title>Modes of the supervisor and what leads from one to another</title>'
+        'font-size="13" role="img"><title>Modes of the supervisor and their transitions</title>'
     ]
     for name, at in x.items():
         lines.append(f'<text x="{at}" y="16" text-anchor="middle" font-weight="bold">{name}</text>')

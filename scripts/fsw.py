@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The operator's command: steer and simulate welds, look at bags, identify, tune, export, run campaigns."""
+"""The command line: control and simulate welds, inspect bags, identify, tune, export, run campaigns."""
 
 import sys
 

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Mutation testing of what keeps a weld safe: which changes of the code do the tests not notice?
+"""Mutation testing of the safety-relevant code: which changes do the tests not notice?
 
 Python by mutmut: supervisor, command gate, validity, synchronizer and gateway, with their pure tests. C: the limits of
-both kernels, by the changes in test/mutants.yaml. Only what decides is changed, not the words of messages. The result
-goes to docs/results/mutation.md, all survivors to mutants.csv beside it; test/mutants.yaml says why one is tolerated.
+both kernels, by the changes in test/mutants.yaml. Message texts are not changed. The result goes to
+docs/results/mutation.md, all survivors to mutants.csv beside it; test/mutants.yaml says why one is tolerated.
 
-Verdicts are kept in out/mutation while the code is the same, so that a run goes on where one was interrupted and only
-survivors are run again; remove that folder to run all anew. Changes for which a run had no time are counted apart.
+Verdicts are kept in out/mutation while the code is the same, so that an interrupted run is continued and only
+survivors are run again; remove that folder to start over. Changes that were not tried are counted separately.
 
-A change in Python takes 0.7 s of processor time, one in C, which is compiled, 4 s (measured): about 20 minutes for all
-on two cores that have nothing else to do.
+A change in Python takes 0.7 to 1.7 s of processor time, one in C, which is compiled, 4 s (measured): some 30 minutes
+for all on two idle cores.
 
 usage: mutation_test.py [--only WORD] [--out FILE]
 """
@@ -228,13 +228,13 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     lines = [
         "# Mutation testing",
         "",
-        "Would the tests notice a mistake in the code that keeps a weld safe? `python3 scripts/mutation_test.py` makes",
-        "small changes to that code, one at a time, and runs its tests: a comparison turned round, a limit left out, a",
-        "number one larger. A change is noticed when a test fails, and it survives when all pass. The words of",
-        "messages are left as they are. The C kernels (`.c`, `.h`) are changed by hand, about once for each limit.",
+        "Would the tests notice a mistake in the safety-relevant code? `python3 scripts/mutation_test.py` makes small",
+        "changes to that code, one at a time, and runs its tests: a comparison reversed, a limit removed, a number",
+        "incremented. A change is noticed if a test fails or hangs, and survives if all tests pass. Message texts are",
+        "not changed. The changes of the C kernels (`.c`, `.h`) are listed by hand, about one for each limit.",
         "",
-        "Some changes make no difference that a user could meet, for example at exactly the one number at which `<`",
-        "and `<=` differ. These are tolerated, each for a reason, but they still count as not noticed.",
+        "Some changes make no difference in practice, for example at exactly the number at which `<` and `<=` differ.",
+        "These are tolerated, each for a stated reason, but still count as not noticed.",
         "",
         "| module | changes | not tried | noticed | tolerated | survived | noticed of those tried [%] |",
         "|---|---:|---:|---:|---:|---:|---:|",

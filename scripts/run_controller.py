@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Runs any controller as a node: NAME, or MODULE:CLASS or FILE.py:CLASS of one of your own."""
+"""Runs any controller as a node: NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller."""
 
 from _bootstrap import start
 

@@ -10,8 +10,14 @@ from pathlib import Path
 WORKSPACE = Path(__file__).resolve().parent.parent
 PAGE = WORKSPACE / "docs" / "concepts" / "safety.md"
 REQUIREMENTS = PAGE.with_suffix(".yaml")
+TABLE = PAGE.with_name("safety-requirements.md")
 TESTS = ("src/*/test", "test", "runtime/*/test")
-BEGIN, END = "<!-- requirements and their tests: begin -->", "<!-- requirements and their tests: end -->"
+HEAD = """# Safety requirements and their tests
+
+The requirements of [the safety case](safety.md), from `docs/concepts/safety.yaml`, each with the tests that are marked
+with it, for example by `@pytest.mark.requirement("S1")`. `scripts/test.py --lint` fails when a requirement has no test,
+when a mark names an unknown requirement, or when a requirement belongs to no hazard of the safety case.
+"""
 
 
 def marked(paths: Iterable[Path] | None = None) -> dict[str, list[tuple[Path, str]]]:
@@ -34,11 +40,11 @@ def test_files() -> list[Path]:
 
 
 def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]], page: str) -> list[str]:
-    """What is wrong with the safety case, one line each."""
-    told = set(re.findall(r"\bS\d+\b", page.partition(BEGIN)[0]))
+    """What is wrong with the safety case, whose hazards are on a page; one line each."""
+    named = set(re.findall(r"\bS\d+\b", page))
     found = [f"{one}: no test has @pytest.mark.requirement({one!r})" for one in requirements if one not in tests]
-    found += [f"{one}: in no hazard of {PAGE.name}" for one in requirements if one not in told]
-    found += [f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not" for one in sorted(told - set(requirements))]
+    found += [f"{one}: in no hazard of {PAGE.name}" for one in requirements if one not in named]
+    found += [f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not" for one in sorted(named - set(requirements))]
     for one in sorted(set(tests) - set(requirements)):
         places = ", ".join(f"{path.name}::{name}" for path, name in tests[one])
         found.append(f"{one}: the mark of {places} names no requirement of {REQUIREMENTS.name}")
@@ -46,18 +52,12 @@ def faults(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path,
 
 
 def table(requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]]) -> str:
-    """Requirements and their tests as Markdown, for between the marks of the page."""
-    lines = ["| | requirement | tests |", "|---|---|---|"]
+    """Requirements and their tests as Markdown."""
+    lines = [HEAD, "| | requirement | tests |", "|---|---|---|"]
     for one, text in requirements.items():
         files: dict[str, list[str]] = {}
         for path, name in sorted(tests.get(one, [])):
             files.setdefault(path.name, []).append(f"`{name}`")
         shown = "<br>".join(f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items())
         lines.append(f"| {one} | {' '.join(text.split())} | {shown} |")
-    return "\n".join(lines)
-
-
-def renewed(page: str, requirements: Mapping[str, str], tests: Mapping[str, list[tuple[Path, str]]]) -> str:
-    """The page with its table written anew."""
-    before, _, rest = page.partition(BEGIN)
-    return f"{before}{BEGIN}\n\n{table(requirements, tests)}\n\n{END}{rest.partition(END)[2]}"
+    return "\n".join([*lines, ""])

@@ -3,9 +3,10 @@
 
 usage: test.py [--full] [--lint] [--fast] [--oldest] [pytest arguments]
 
-Without arguments all tests run that need no minutes of computing, several at a time. ``--full`` runs these, too:
-sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out all tests marked as slow. ``--lint`` also
-runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the documentation. ``--oldest`` runs the unit
+Without arguments all tests run that need no minutes of computing, several at a time, and those against the clock after
+the others. ``--full`` runs these, too: sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out
+all tests marked as slow. ``--lint`` also runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the
+documentation. ``--oldest`` runs the unit
 tests of the packages that compute, draw and read bags in an environment of its own with the oldest supported versions
 of numpy, scipy, matplotlib, ... (Python 3.11). Where pytest gets arguments (paths, -k, -m), the tests that these choose
 run one after another.
@@ -23,6 +24,8 @@ OLDEST = "--oldest"
 #: Most tests of processes wait for each other, so that a core has room for two. The tests of a file stay together: they
 #: share fixtures, and those of a launch file come one after the other.
 PARALLEL = ["-n", str(min(8, 2 * (os.cpu_count() or 1))), "--dist", "loadfile"]
+#: Graphs against the clock: after all others, one for each core.
+REAL_TIME = ["-n", str(min(4, os.cpu_count() or 1)), "--dist", "loadfile"]
 OLDEST_PACKAGES = ["model", "control", "decentral", "plant", "recorder", "analysis", "identification", "scenario"]
 OLDEST_TESTS = [*(f"src/fsw_{name}/test" for name in (*OLDEST_PACKAGES, "campaign")), "src/fsw/test"]
 if sys.argv[1:2] in (["-h"], ["--help"]):  # nothing needs to be installed for this
@@ -55,13 +58,12 @@ def main() -> int:
         codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
     full, fast = "--full" in arguments, "--fast" in arguments
     arguments = [one for one in arguments if one not in ("--full", "--fast")]
-    if not arguments:
-        arguments = PARALLEL
-        if not full:
-            arguments = [*PARALLEL, "-m", "not slow" if fast else "not full"]
-    elif fast:
-        arguments = ["-m", "not slow", *arguments]
-    codes.append(run("pytest", "pytest", *arguments))
+    if arguments or fast:
+        codes.append(run("pytest", "pytest", *(["-m", "not slow"] if fast else []), *(arguments or PARALLEL)))
+    else:
+        chosen = "" if full else " and not full"
+        codes.append(run("pytest", "pytest", *PARALLEL, "-m", f"not real_time{chosen}"))
+        codes.append(run("pytest in real time", "pytest", *REAL_TIME, "-m", f"real_time{chosen}"))
     return next((code for code in codes if code), 0)
 
 

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -22,6 +21,7 @@ from fsw_campaign import dataset, definition, engine
 from fsw_campaign.dataset import TIMES, Dataset
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.welds import run_batch
+from fsw_test_support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 SCRIPT = Path(__file__).parents[1] / "scripts" / "fsw.py"
@@ -74,10 +74,11 @@ def command(log, *arguments):
 
 
 def wait_for_rows(folder, process):
-    deadline = time.monotonic() + 60.0
-    while not list((folder / "welds").glob("0*.parquet")):
-        assert process.poll() is None and time.monotonic() < deadline, "no rows were written"
-        time.sleep(0.01)
+    def are_written():
+        assert process.poll() is None, "it ended without rows"
+        return list((folder / "welds").glob("0*.parquet"))
+
+    wait_until(are_written, "rows")
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -140,10 +141,7 @@ def cluster(tmp_path):
     options = ["--scheduler-file", str(where), "--no-dashboard"]
     scheduler = subprocess.Popen([*module[:2], f"{module[2]}.dask_scheduler", "--port", "0", *options], **quiet)
     worker = subprocess.Popen([*module[:2], f"{module[2]}.dask_worker", "--nthreads", "1", *options], **quiet)
-    deadline = time.monotonic() + 60.0
-    while not where.exists() or not where.read_text():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: where.exists() and where.read_text(), "the scheduler's address")
     yield yaml.safe_load(where.read_text())["address"], scheduler
     for process in (worker, scheduler):
         process.terminate()

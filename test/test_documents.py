@@ -81,12 +81,12 @@ def refusal(text: str) -> str | None:
         ):
             return f"no file {word}"
     if script.name in PARSERS:
-        with redirect_stderr(io.StringIO()) as told:
+        with redirect_stderr(io.StringIO()) as printed:
             try:
                 PARSERS[script.name]().parse_args(given)
             except SystemExit as end:
-                only_named = words[0] == "fsw.py" and "are required" in told.getvalue()  # "`fsw.py export c` writes"
-                return None if end.code == 0 or only_named else told.getvalue().splitlines()[-1]
+                only_named = words[0] == "fsw.py" and "are required" in printed.getvalue()  # "`fsw.py export c` writes"
+                return None if end.code == 0 or only_named else printed.getvalue().splitlines()[-1]
         return None
     source = script.read_text(encoding="utf-8")
     for module in re.findall(r'(?<!\.)start\("([\w.]+)"', source):
@@ -152,23 +152,19 @@ def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Pat
     assert safety_case.marked([path]) == {"S1": [(path, "test_a")], "S2": [(path, "test_a"), (path, "Machine")]}
 
 
-def test_what_is_missing_in_the_safety_case_is_told(safety_case: ModuleType) -> None:
-    page = f"hazards: S1, S2, S9\n{safety_case.BEGIN}\n{safety_case.END}\nafter\n"
-    told = safety_case.faults(
+def test_gaps_in_the_safety_case_are_reported(safety_case: ModuleType) -> None:
+    gaps = safety_case.faults(
         {"S1": "good", "S2": "no test", "S3": "no hazard"},
         {"S1": [(Path("t.py"), "test_a")], "S3": [(Path("t.py"), "test_a")], "S4": [(Path("t.py"), "test_b")]},
-        page,
+        "hazards: S1, S2, S9",
     )
-    assert [line.partition(":")[0] for line in told] == ["S2", "S3", "S9", "S4"]
-    assert "t.py::test_b" in told[-1]
+    assert [line.partition(":")[0] for line in gaps] == ["S2", "S3", "S9", "S4"]
+    assert "t.py::test_b" in gaps[-1]
 
 
-def test_the_table_of_the_safety_case_can_be_written_again_and_again(safety_case: ModuleType) -> None:
+def test_the_table_of_requirements_has_their_tests(safety_case: ModuleType) -> None:
     tests = {"S1": [(Path("t.py"), "test_b"), (Path("t.py"), "test_a")]}
-    once = safety_case.renewed(f"before\n{safety_case.BEGIN}\n{safety_case.END}\nafter\n", {"S1": "it\nholds"}, tests)
-    assert "| S1 | it holds | t.py: `test_a`, `test_b` |" in once
-    assert once.startswith("before\n") and once.endswith("\nafter\n")
-    assert safety_case.renewed(once, {"S1": "it holds"}, tests) == once
+    assert "| S1 | it holds | t.py: `test_a`, `test_b` |\n" in safety_case.table({"S1": "it\nholds"}, tests)
 
 
 def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
@@ -179,7 +175,13 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 
-def test_rows_of_the_results_are_copied_and_a_missing_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem)
+def test_no_page_is_too_long_to_be_read(page: Path) -> None:
+    words = len(page.read_text(encoding="utf-8").split())
+    assert words <= 1500, f"{page.relative_to(WORKSPACE)}: {words} words; split it by question"
+
+
+def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(WORKSPACE / "scripts")
     build_docs = load("build_docs")
     mark, end = "<!-- rows of campaign.md, Ratios: IAE depth -->", "<!-- rows: end -->"

@@ -43,7 +43,7 @@ def test_every_process_ends_cleanly_and_the_bag_is_whole(signs, tmp_path):
             assert child.process.returncode == 0, (name, child.text())
             assert "Traceback" not in child.text(), (name, child.text())
         assert player.process.returncode == 0, "a requested stop is no failure"
-        assert "before the scenario was over" in player.text()
+        assert "before the end of the scenario" in player.text()
     signals = load_weld(graph.bag)
     assert signals.problems == []
     assert signals.n_ticks > 20

@@ -9,44 +9,42 @@ from pathlib import Path
 
 import pytest
 
-from fsw_control import references, weld
+from fsw_control import weld
 from fsw_control.parameters import defaults, load
 from fsw_model import STEP_S, ProcessModel, nominal
-from fsw_recorder import weld_clock
 
 SOURCES = Path(__file__).resolve().parents[1] / "src"
 PACKAGES = sorted(path.parent for path in SOURCES.glob("fsw*/package.xml") if path.parent.name != "fsw_msgs")
 #: which packages of this project each may import, all of them above it in this list
 MAY_IMPORT = {
     "fsw_msgs": set(),
-    "fsw_control": {"fsw_msgs"},
-    "fsw_model": {"fsw_control"},
-    "fsw_nmpc": {"fsw_model", "fsw_control"},
-    "fsw_decentral": {"fsw_control"},
-    "fsw_plant": {"fsw_model", "fsw_control", "fsw_msgs"},
-    "fsw_machine": {"fsw_control", "fsw_msgs"},
+    "fsw_schema": set(),
+    "fsw_control": {"fsw_schema", "fsw_msgs"},
+    "fsw_model": {"fsw_schema"},
+    "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
+    "fsw_decentral": {"fsw_schema", "fsw_control"},
+    "fsw_plant": {"fsw_schema", "fsw_model", "fsw_control", "fsw_msgs"},
+    "fsw_machine": {"fsw_schema", "fsw_control", "fsw_msgs"},
     "fsw_supervisor": {"fsw_control", "fsw_msgs"},
-    "fsw_recorder": {"fsw_control"},  # for its nodes: parameters from YAML, and the main function of all nodes
+    "fsw_recorder": {"fsw_control"},
     "fsw_analysis": {"fsw_recorder", "fsw_control", "fsw_model"},
     "fsw_identification": {"fsw_analysis", "fsw_control", "fsw_model"},
-    "fsw_hmi": {
-        "fsw_control",
-        "fsw_plant",
-        "fsw_analysis",
-        "fsw_recorder",
-        "fsw_msgs",
-    },  # of fsw_plant: what disturbs it
+    # of fsw_plant: what disturbs it
+    "fsw_hmi": {"fsw_schema", "fsw_control", "fsw_plant", "fsw_analysis", "fsw_recorder", "fsw_msgs"},
     "fsw_scenario": {
-        *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_identification", "fsw_msgs"),
+        *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_msgs"),
     },
-    "fsw_export": {"fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
-    "fsw_campaign": {"fsw_scenario", "fsw_analysis", "fsw_plant", "fsw_control", "fsw_nmpc", "fsw_decentral"},
+    "fsw_export": {"fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_scenario"},
+    "fsw_campaign": {
+        *("fsw_schema", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_analysis", "fsw_scenario"),
+    },
     "fsw": {
-        *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor", "fsw_recorder"),
-        *("fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign", "fsw_msgs"),
+        *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
+        *("fsw_recorder", "fsw_analysis", "fsw_identification", "fsw_export", "fsw_scenario", "fsw_campaign"),
+        "fsw_msgs",
     },
-    "fsw_bringup": {"fsw_scenario", "fsw_control"},
+    "fsw_bringup": {"fsw_schema", "fsw_control", "fsw_scenario"},
 }
 #: rosdep key by module, where it is not the module's name; mcap requires lz4 and zstandard
 KEYS = {
@@ -265,8 +263,3 @@ def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
     assert weld.SPEED_MIN_RPM < weld.SPEED_RPM < weld.SPEED_MAX_RPM
     assert plant["limits.force_rate_kn_per_s"] * weld.TICK_S == pytest.approx(weld.FORCE_STEP_KN)
     assert plant["limits.speed_rate_rpm_per_s"] * weld.TICK_S == pytest.approx(weld.SPEED_STEP_RPM)
-
-
-def test_recorder_and_controllers_agree_on_what_another_clock_is() -> None:
-    """The reader of bags must not import ``fsw_control``."""
-    assert weld_clock.OTHER_CLOCK_NS == references.OTHER_CLOCK_NS

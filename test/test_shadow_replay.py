@@ -63,7 +63,7 @@ def test_another_tuning_is_told_from_what_was_applied(tmp_path: Path, capsys: py
     assert applied["title"].endswith("what was applied") and applied["ticks"] == 10 * SECONDS
     assert applied["first_tick"] <= 5 and applied["force_kn"]["largest"] > 0.01
     assert applied["force_kn"]["mean"] <= applied["force_kn"]["largest"] < 10.0
-    assert "compared with what was applied" in capsys.readouterr().out
+    assert "compared with the applied commands" in capsys.readouterr().out
     capsys.readouterr()
     assert main(["bag", "verify", str(tmp_path / "shadow")]) == 0  # the new tuning is in its parameters
 

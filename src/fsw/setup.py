@@ -13,12 +13,5 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Command line: welds, their bags, identification, tuning, export, campaigns",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={"console_scripts": ["fsw = fsw.main:main"]},
 )

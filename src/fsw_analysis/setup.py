@@ -13,11 +13,4 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Analysis of recorded welds: aligned signals, figures of merit, figures, comparison, verification",
-    license="Apache-2.0",
-    tests_require=["pytest"],
 )

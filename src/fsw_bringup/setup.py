@@ -16,11 +16,4 @@ setup(
         (f"share/{package_name}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{package_name}/config", sorted(glob("config/*"))),
     ],
-    install_requires=["setuptools"],
-    zip_safe=True,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Launch files, parameters and layouts of the weld control graph.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
 )

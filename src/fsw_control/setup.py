@@ -11,11 +11,4 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="What a controller of the weld is, and the node that hosts any of them.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
 )

@@ -17,13 +17,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Decentralized control of the weld: one loop for temperature, one for depth.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": ["decentral = fsw_decentral.decentral_node:main"],
         "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],

@@ -11,12 +11,5 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="The operator's page of a weld, live and over recorded bags.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={"console_scripts": ["hmi = fsw_hmi.main:main"]},
 )

@@ -13,11 +13,4 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Parameters of the process model from recorded welds, with standard deviations",
-    license="Apache-2.0",
-    tests_require=["pytest"],
 )

@@ -11,13 +11,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Gateway to a machine over OPC UA, in place of the plant emulator.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": [
             "machine = fsw_machine.machine_node:main",

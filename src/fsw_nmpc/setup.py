@@ -17,13 +17,6 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Nonlinear model predictive control of depth and temperature of the weld, in real time.",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": ["nmpc = fsw_nmpc.nmpc_node:main"],
         "fsw.controllers": ["nmpc = fsw_nmpc:NmpcController"],

@@ -13,13 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=True,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Recorder, replayer and bag tools of the weld control graph",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": [
             "recorder = fsw_recorder.recorder_node:main",

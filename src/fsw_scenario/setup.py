@@ -13,13 +13,6 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    zip_safe=False,
-    maintainer="FSW Control maintainers",
-    maintainer_email="maintainers@fsw-control.invalid",
-    description="Scenarios and weld programmes as data, run in one process or in the graph",
-    license="Apache-2.0",
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": [
             "scenario = fsw_scenario.scenario_node:main",

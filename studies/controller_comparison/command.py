@@ -1,6 +1,6 @@
 """The command of the study.
 
-Writes a page with tables (README.md), all numbers (comparison.json) and figures into the folder given by --out.
+Writes pages with tables, all numbers (comparison.json) and figures into the folder given by --out.
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ def main() -> int:
         models.write_text(json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8")
     if models.exists() and not arguments.quick:
         data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
-    (out / "README.md").write_text(report.page(data), encoding="utf-8")
+    for name, text in report.pages(data).items():
+        (out / name).write_text(text, encoding="utf-8")
     (out / "comparison.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     print(f"{out / 'README.md'}: {time.monotonic() - began:.0f} s")
     return 0

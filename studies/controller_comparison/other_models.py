@@ -13,7 +13,7 @@ from controller_comparison.processes import DEAD_TIME_S, random_factors
 from fsw.progress import ProgressBar
 from fsw_model import nominal
 from fsw_scenario.standard_cases import CASES, DEFAULT
-from fsw_scenario.standard_runs import Job, figures, judged, process_pool
+from fsw_scenario.standard_runs import Job, figures, judged, on_all_cores
 from fsw_scenario.tune_decentral import NAMES, tune
 
 #: Factors on the paper's parameters, drawn independently and uniformly.
@@ -49,8 +49,8 @@ def study(count: int) -> dict[str, Any]:
     """`compare` on `count` models, on all cores, with 600 evaluations of each search."""
     data = {}
     drawn = random_factors(count, FACTORS)
-    with process_pool() as pool, ProgressBar("other models", count) as bar:
-        for i, found in enumerate(pool.map(partial(compare, evaluations=600), drawn), start=1):
+    with ProgressBar("other models", count) as bar:
+        for i, found in enumerate(on_all_cores(partial(compare, evaluations=600), drawn), start=1):
             found[DEFAULT]["factors"] = drawn[i - 1]
             data[f"{i}"] = found
             bar(i)

@@ -1,4 +1,4 @@
-"""The results of the comparison as a page: rows of its tables, for the template ``page.md.j2``."""
+"""The results of the comparison as pages, one per question: rows of their tables, for the templates ``*.md.j2``."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from fsw_scenario.standard_cases import CASES, CONSERVATIVE, DEFAULT, DISTURBANC
 from fsw_scenario.standard_runs import JUDGED, failed
 
 Rows = list[list[str]]
+#: the pages, each with the part of the data that it cannot do without
+PAGES = {"README": "nominal", "other-processes": "sweep", "other-models": "other_models", "losses": "wins"}
 #: depth and temperature apart
 _EVENTS = ("z up", "z down", "T up", "T down", "dz", "dT")
 
@@ -83,8 +85,8 @@ def _judged(runs: Mapping[str, Any]) -> list[str]:
 
 
 def sweep_rows(data: Mapping[str, Any]) -> Rows:
-    """IAE on processes that differ from the model, and whether anything still swings at the end."""
-    rows = [["plant", *JUDGED.values(), "still swings at the end"]]
+    """IAE on processes that differ from the model, and whether an output still oscillates at the end."""
+    rows = [["plant", *JUDGED.values(), "still oscillates at the end"]]
     for name, runs in data.items():
         if not failed(runs):
             swinging = ", ".join(label for label, run in runs.items() if run["swings"])
@@ -153,7 +155,8 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
     return rows
 
 
-def _template() -> Any:
+def pages(data: Mapping[str, Any]) -> dict[str, str]:
+    """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
@@ -164,9 +167,8 @@ def _template() -> Any:
         "default": DEFAULT,
         "model_rows": lambda data: [["model", *JUDGED.values()], *([name, *_judged(data[name])] for name in data)],
     }
-    return environment.get_template("page.md.j2")
-
-
-def page(data: Mapping[str, Any]) -> str:
-    """All results as Markdown."""
-    return str(_template().render(data))
+    return {
+        f"{name}.md": environment.get_template(f"{name}.md.j2").render(data)
+        for name, part in PAGES.items()
+        if part in data
+    }

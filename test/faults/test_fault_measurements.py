@@ -21,7 +21,12 @@ def test_the_plant_is_stopped_and_continued(weld, table):
     outcome = weld.outcome(count)
     outcome.assert_steady(lost=3)
     weld.a_controller_commands()
-    table.add("plant stopped for 1.5 s and continued", "gap in the measurements", "starts from what acts then", outcome)
+    table.add(
+        "plant stopped for 1.5 s and continued",
+        "gap in the measurements",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 def test_the_plant_is_killed_and_started_again(weld, table):
@@ -34,7 +39,12 @@ def test_the_plant_is_killed_and_started_again(weld, table):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=5)
     weld.a_controller_commands()
-    table.add("plant killed (-9) and started again", "gap in the measurements", "starts from what acts then", outcome)
+    table.add(
+        "plant killed (-9) and started again",
+        "gap in the measurements",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S8")
@@ -48,7 +58,7 @@ def test_a_sensor_fails(steps, table, sensor, kind):
     steps.ticks(60)
     outcome = steps.outcome(first)
     outcome.assert_steady(depth_mm=0.25)
-    reaction = "held 0.3 s, then a controller that copes, else hold"
+    reaction = "held 0.3 s, then a controller that tolerates it, else hold"
     table.add(f"sensor fault `{kind}` of {duration_s:g} s, each sensor, lockstep", "validity", reaction, outcome)
 
 
@@ -62,7 +72,12 @@ def test_the_plant_of_lockstep_is_killed_and_restarts_its_time(steps, table):
     outcome = steps.outcome(steps.new_time(known))
     outcome.assert_steady()
     assert steps.source() == "decentral"
-    table.add("plant killed (-9) in lockstep, its time restarts", "stamps go back", "starts from what acts", outcome)
+    table.add(
+        "plant killed (-9) in lockstep, its time restarts",
+        "stamps go back",
+        "restarts from the actual force and speed",
+        outcome,
+    )
 
 
 @pytest.mark.requirement("S8")
@@ -89,4 +104,4 @@ def test_the_clock_of_the_measurements_jumps(behind_relay, table, hours):
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=1)
     weld.a_controller_commands()
-    table.add("clock of the measurements jumps by an hour, forth and back", "two sensors agree", "goes on", outcome)
+    table.add("clock of the measurements jumps by an hour, forth and back", "two sensors agree", "continues", outcome)

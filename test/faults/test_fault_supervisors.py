@@ -36,7 +36,10 @@ def test_a_foreign_writer_is_reported_and_changes_nothing(weld, table):
     assert {"decentral", "nmpc", "hold"}.issuperset(outcome.sources), "no controller follows a stranger"
     assert len([name for name in weld.supervisors if weld.role(name) == "active"]) == 1
     table.add(
-        "a foreign writer on `/fsw/command`", "a command that was not sent here", "error on `/diagnostics`", outcome
+        "a foreign writer on `/fsw/command`",
+        "a command that the supervisor did not send",
+        "error on `/diagnostics`",
+        outcome,
     )
 
 
@@ -124,7 +127,9 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     weld.ticks(15)
     outcome = weld.outcome(first)
     outcome.assert_steady(lost=60 if number == signal.SIGKILL else 10)
-    assert weld.states[-1].target_controller == "nmpc", "who was active goes on, not who is configured"
+    assert weld.states[-1].target_controller == "nmpc", (
+        "the previously active controller continues, not the configured one"
+    )
     verb = "killed (-9) and started again" if number == signal.SIGKILL else "stopped for 0.8 s and continued"
-    reaction = "the plant holds; goes on from the drives' feedback with who was active"
+    reaction = "the plant holds; resumes from the drives' feedback with the previously active controller"
     table.add(f"only supervisor {verb}", "–", reaction, outcome)

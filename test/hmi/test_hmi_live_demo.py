@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from fsw_recorder.bag_reader import BagReader
 from fsw_scenario.launcher import Launcher
 from fsw_test_support.page_client import Page
-from fsw_test_support.ros_graph import PATIENCE_S
+from fsw_test_support.waiting import wait_until
 
 SHORT = "{name: short, duration_s: 4.0, controller: decentral, events: []}"
 LONG = "{name: long, duration_s: 600.0, controller: decentral, events: []}"
@@ -54,13 +53,6 @@ def demo(tmp_path):
         yield start
 
 
-def until(condition, what):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, what
-        time.sleep(0.02)
-
-
 @pytest.mark.full
 def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
     child, url, token = demo(SHORT)
@@ -69,11 +61,11 @@ def test_weld_goes_on_to_its_end_without_its_page(demo, tmp_path):
         page.until("tick")
         page.seen("state", lambda frame: len(frame["controllers"]) == 2)
         assert kill(tmp_path, "fsw_hmi") == 1
-    until(lambda: not child.running, "the end of the weld")
+    wait_until(lambda: not child.running, "the end of the weld")
     assert (child.process.returncode, "the weld is over" in child.text()) == (0, True), child.text()
     with BagReader(tmp_path / "weld" / "bag") as bag:
         assert "/fsw/operator_action" in bag.topics()
-    until(lambda: not processes(tmp_path), "the end of all processes")
+    wait_until(lambda: not processes(tmp_path), "the end of all processes")
 
 
 def test_interrupt_ends_everything(demo, tmp_path):
@@ -81,7 +73,7 @@ def test_interrupt_ends_everything(demo, tmp_path):
     with Page(url) as page:
         page.until("tick")
         child.process.send_signal(signal.SIGINT)
-        until(lambda: not child.running, "the end of the demonstration")
+        wait_until(lambda: not child.running, "the end of the demonstration")
     assert child.process.returncode == 130
     assert processes(tmp_path) == []
     with BagReader(tmp_path / "weld" / "bag") as bag:
@@ -97,15 +89,16 @@ def test_what_is_killed_is_started_again_and_the_weld_goes_on(demo, tmp_path):
         page.seen("state", lambda frame: len(frame["controllers"]) == 2)
         assert kill(tmp_path, *parts.values()) == len(parts)
     again = "{} has ended with exit code -9 and is started again"
-    until(lambda: all(again.format(name) in child.text() for name in parts), "word of what was killed")
-    until(lambda: all(len(processes(tmp_path, module)) == 1 for module in parts.values()), "what was killed")
-    until(lambda: "operator's page" in (tmp_path / "weld" / "log" / "hmi.log").read_text().partition("\n")[2], "page")
+    wait_until(lambda: all(again.format(name) in child.text() for name in parts), "word of what was killed")
+    wait_until(lambda: all(len(processes(tmp_path, module)) == 1 for module in parts.values()), "what was killed")
+    hmi_log = tmp_path / "weld" / "log" / "hmi.log"
+    wait_until(lambda: "operator's page" in hmi_log.read_text().partition("\n")[2], "the page")
     with Page(url) as page:
         page.command(token)
         page.seen("state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True])
-    until((tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again")
+    wait_until((tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again")
     child.process.send_signal(signal.SIGINT)
-    until(lambda: not child.running, "the end of the demonstration")
+    wait_until(lambda: not child.running, "the end of the demonstration")
     with BagReader(tmp_path / "weld" / "bag_1") as bag:
         assert bag.info().problems == []
 
@@ -120,16 +113,16 @@ def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed)
         page.seen("state", lambda frame: frame["actual_mode"] == "auto")
         kill(tmp_path, *killed)
         if killed == ("scenario_node",):
-            until(lambda: "the scenario player has ended" in child.text(), "word of the player's end")
+            wait_until(lambda: "the scenario player has ended" in child.text(), "word of the player's end")
         page.send("safe_stop")
         stopped = page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
         assert stopped["reason"]
-        until(lambda: "the other parts go on" in child.text(), "word of the player's end")
+        wait_until(lambda: "the other processes keep running" in child.text(), "word of the player's end")
         for _ in range(20):
             page.until("tick")
         assert page.frames["state"]["actual_mode"] == "safe_stop"
         child.process.send_signal(signal.SIGINT)
-        until(lambda: not child.running, "the end of the demonstration")
+        wait_until(lambda: not child.running, "the end of the demonstration")
     assert child.process.returncode == 130
 
 

@@ -379,7 +379,7 @@ def page(rows: Sequence[Row]) -> str:
     slowest = max(row["slowest_recovery"] for row in rows)
     broken = {rule: told for row in rows for rule, told in row["broken"].items()}
     text = "Together {sequences} sequences, {transitions} transitions between {states} states.".format(**total)
-    text += f" The slowest recovery took {slowest} ticks. Rules broken: {len(broken) or 'none'}."
+    text += f" The slowest recovery took {slowest} ticks. Rules violated: {len(broken) or 'none'}."
     lines += ["", text]
     lines += [f"\n- After `{' '.join(path)}`: {words}." for path, words in broken.values()]
     return "\n".join(lines) + "\n"

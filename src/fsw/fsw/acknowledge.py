@@ -11,7 +11,7 @@ from fsw.operate import add_graph_command
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     add_graph_command(
-        commands, "acknowledge", "acknowledge a safe stop whose causes are gone, so that another mode may follow", _run
+        commands, "acknowledge", "acknowledge a safe stop whose causes are gone, to permit another mode", _run
     )
 
 

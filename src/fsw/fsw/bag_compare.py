@@ -16,13 +16,13 @@ def add_command(commands: Any) -> None:
     text = "figures of merit of two or more welds side by side"
     compare = add_bag_command(commands, "compare", _run, text, several=True)
     compare.add_argument("--json", type=Path, metavar="FILE", help="also write them as JSON")
-    compare.add_argument("--out", type=Path, help="also draw the welds overlaid, into this folder")
+    compare.add_argument("--out", type=Path, help="also plot the welds overlaid, into this folder")
     add_force(compare)
 
 
 def _run(arguments: argparse.Namespace) -> int:
     if len(arguments.bag) < 2:
-        raise CommandError("bag compare: give two bags or more")
+        raise CommandError("bag compare: give at least two bags")
     check_new([arguments.json], arguments.force)
     welds = welds_of(arguments.bag)
     print_kpis(welds, arguments.json)

@@ -14,7 +14,7 @@ from fsw_analysis.export import export_weld
 
 def add_command(commands: Any) -> None:
     """Add the command to the subcommands of ``bag``."""
-    text = "write the aligned signals of a weld as a table, one row per tick, in paper's units"
+    text = "write the aligned signals of a weld as a table, one row per tick, in the paper's units"
     export = add_bag_command(commands, "export", _run, text)
     export.add_argument("output", type=Path, nargs="?", help="CSV file to write (default: <bag>.csv)")
     export.add_argument("--all", action="store_true", help="also the ticks after the end of the attached scenario")
@@ -29,6 +29,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.all:
         whole, signals = signals.n_ticks, cut_to_scenario(signals)
         if signals.n_ticks < whole:
-            print_notes([f"{whole - signals.n_ticks} ticks after the scenario's end are left out; --all keeps them"])
+            print_notes(
+                [f"{whole - signals.n_ticks} ticks after the end of the scenario are omitted; --all includes them"]
+            )
     print(f"{export_weld(signals, target)} rows written to {target}")
     return 0

@@ -1,4 +1,4 @@
-"""``fsw.py bag info``: what is in a bag."""
+"""``fsw.py bag info``: contents of a bag."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _print(info: BagInfo, gaps: dict[str, TickGaps]) -> None:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
             rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
     if gaps and not any(gap.missing for gap in gaps.values()):
-        rows.append(("Ticks", f"none missing on {len(gaps)} topics, judged by their stamps"))
+        rows.append(("Ticks", f"none missing on {len(gaps)} topics, according to their stamps"))
     print_table(rows)
     print()
     topics = []

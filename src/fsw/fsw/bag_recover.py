@@ -15,7 +15,7 @@ from fsw_recorder.topic import TopicSelection
 
 def add_command(commands: Any) -> None:
     """Add the command to the subcommands of ``bag``."""
-    text = "copy what can be read of a damaged bag into a new, whole MCAP bag"
+    text = "copy everything readable from a damaged bag into a new, intact MCAP bag"
     copy = add_bag_command(commands, "recover", _run, text, DAMAGED_TOO)
     copy.add_argument("output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)")
     copy.add_argument("--zstd", action="store_true", help="compress the new bag")

@@ -25,9 +25,9 @@ def add_command(commands: Any) -> None:
         commands,
         "shadow",
         _run,
-        "replay a weld to a controller and compare its proposals with what was applied",
+        "replay a weld to a controller and compare its proposals with the applied commands",
         description="Replay the measurements, set-points and commands of a bag to a controller in shadow, record its "
-        "proposals and compare them with what was applied in the weld.",
+        "proposals and compare them with the commands applied in the weld.",
     )
     shadow.add_argument("--controller", metavar="NAME", required=True, help=NAME_OR_CLASS)
     shadow.add_argument("--duration", type=float, default=0.0, metavar="S", help="only the first seconds of the weld")
@@ -46,7 +46,9 @@ def add_command(commands: Any) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     if not 0.0 <= arguments.duration < inf:
-        raise CommandError(f"--duration {arguments.duration:g}: give 0 (all of the weld) or more seconds")
+        raise CommandError(
+            f"--duration {arguments.duration:g}: must be 0 (the whole weld) or a positive number of seconds"
+        )
     check_new([arguments.json], arguments.force)
     source, label = arguments.bag, arguments.controller
     name, make = name_of(label), maker(label)
@@ -59,7 +61,7 @@ def _run(arguments: argparse.Namespace) -> int:
     print_notes(result.notes)
     unhealthy = sum(not one.healthy for one in result.proposals)
     print(f"{name} in shadow: {len(result.stamps)} ticks replayed, {unhealthy} not healthy")
-    comparisons = [result.against_applied("compared with what was applied", _TOLERANCE)]
+    comparisons = [result.against_applied("compared with the applied commands", _TOLERANCE)]
     if name in messages.controllers("proposal"):
         comparisons.append(result.against_own("compared with its own recorded proposals", _TOLERANCE))
     for one in comparisons:

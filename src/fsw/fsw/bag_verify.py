@@ -8,8 +8,8 @@ from typing import Any
 from fsw.bags import NAME_OR_CLASS, add_bag_command, print_notes, read_messages
 from fsw.errors import CommandError
 from fsw_analysis.replay import replay
-from fsw_control.schema import InputError
 from fsw_scenario.controllers import described_in, maker, name_of
+from fsw_schema.models import InputError
 
 #: another processor changes some 1e-12 of a command; what an operator could notice begins at 1e-4
 _TOLERANCE = 1e-9
@@ -29,7 +29,7 @@ def add_command(commands: Any) -> None:
         "bag of a weld, recorded from its start",
         "Drive controllers by a bag instead of the clock and compare their proposals with the recorded "
         "ones. Exit code 0: all equal; 1: they differ, or the bag cannot be replayed; "
-        f"{_LEFT_OUT}: equal, but a controller of the bag is not known here and was left out; "
+        f"{_LEFT_OUT}: equal, but a controller of the bag is unknown here and was skipped; "
         f"{_NOT_COMPARABLE}: they differ and cannot be compared, as the bag begins in mid-weld.",
     )
     check.add_argument(

@@ -1,4 +1,4 @@
-"""What the commands on recorded welds share: reading them, their figures of merit, their figures."""
+"""Shared by the commands on recorded welds: reading, figures of merit, figures."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.messages import WeldMessages
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_control.schema import InputError
 from fsw_scenario.scenario_file import parse
+from fsw_schema.models import InputError
 
 #: what a command takes that also reads damaged bags
-DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; whole, cut off or damaged)"
+DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"
 #: how a controller is named
-NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of one of your own"
+NAME_OR_CLASS = "NAME, or MODULE:CLASS or FILE.py:CLASS of your own controller"
 
 
 def add_bag_command(
@@ -46,13 +46,13 @@ def add_bag_command(
 
 
 def print_notes(notes: Iterable[str]) -> None:
-    """Report what is wrong with a bag on stderr, apart from the result."""
+    """Report problems of a bag on stderr, separate from the result."""
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
 
 
 def read_weld(bag: Path) -> WeldSignals:
-    """Signals of a bag; what is wrong with it is reported on stderr."""
+    """Signals of a bag; its problems are reported on stderr."""
     with ProgressBar(f"reading {bag}") as bar:
         signals = load_weld(bag, bar)
     print_notes(signals.problems)
@@ -60,7 +60,7 @@ def read_weld(bag: Path) -> WeldSignals:
 
 
 def read_messages(bag: Path) -> WeldMessages:
-    """Messages of the weld in a bag; what is wrong with it is reported on stderr."""
+    """Messages of the weld in a bag; problems of the bag are reported on stderr."""
     with ProgressBar(f"reading {bag}") as bar:
         messages = WeldMessages(bag, bar)
     print_notes(messages.problems)

@@ -34,7 +34,7 @@ def add_command(commands: Any) -> None:
         help="folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
         "or .md with figures beside it (default DIR/report.html)",
     )
-    parser.add_argument("--resume", action="store_true", help="go on with the welds that are missing in the folder")
+    parser.add_argument("--resume", action="store_true", help="run the welds that are still missing in the folder")
     parser.add_argument("--welds", type=int, metavar="N", help="welds of each controller, instead of the file's")
     parser.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)")
     parser.add_argument(
@@ -57,12 +57,12 @@ def _run(arguments: argparse.Namespace) -> int:
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):
         raise CommandError(
-            "campaign report: give the folder of a campaign, and no options but --out, --limits and --force"
+            "campaign report: give the folder of a campaign, and no options other than --out, --limits and --force"
         )
     if wrong:
         raise CommandError(
-            f"campaign: {', '.join(wrong)}: only for 'campaign report'; a campaign has its limits in its file and its "
-            "folder by --out, and replaces nothing"
+            f"campaign: {', '.join(wrong)}: only for 'campaign report'; a campaign takes its limits from its file "
+            "and its folder from --out, and never replaces files"
         )
     return _report(arguments) if report else _weld(arguments)
 
@@ -71,9 +71,11 @@ def _weld(arguments: argparse.Namespace) -> int:
     from fsw_campaign import dataset, definition, engine
 
     if arguments.resume and arguments.out is None:
-        raise CommandError("campaign: --resume needs --out, the folder to go on with")
+        raise CommandError("campaign: --resume needs --out with the folder of the campaign")
     if arguments.workers is not None and (arguments.workers < 1 or arguments.scheduler):
-        raise CommandError("campaign: --workers must be at least 1, and is not for a --scheduler, which has its own")
+        raise CommandError(
+            "campaign: --workers must be at least 1 and cannot be combined with --scheduler, which has its own"
+        )
     campaign = definition.load(arguments.file, arguments.welds)
     folder = arguments.out or default_folder(campaign.name)
     with dataset.Dataset(folder, campaign, arguments.resume) as written:
@@ -87,7 +89,7 @@ def _weld(arguments: argparse.Namespace) -> int:
                     engine.run(written, client, bar)
         except KeyboardInterrupt:
             state = f"{len(written.done)} of {total} welds are in {folder}"
-            print(f"interrupted; {state}; go on with --resume", file=sys.stderr)
+            print(f"interrupted; {state}; continue with --resume", file=sys.stderr)
             return 130
     print(f"in {folder}: {total} welds, {total - there} of them new; next: fsw.py campaign report {folder}")
     return 0

@@ -34,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
         description="Run welds in closed loop over DDS; plant, controllers, supervisor, recorder and player are "
         "processes. Leaves bags, figures of merit and figures.",
     )
-    whole.add_argument("--realtime", action="store_true", help="10 Hz on the wall clock instead of as fast as possible")
+    whole.add_argument("--realtime", action="store_true", help="10 Hz in real time instead of as fast as possible")
     whole.add_argument(
         "--scenario",
         action="append",
@@ -45,13 +45,13 @@ def parser() -> argparse.ArgumentParser:
         "--controller",
         action="append",
         metavar="NAME",
-        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); one of your own: "
-        "MODULE:CLASS or FILE.py:CLASS",
+        help=f"compare only these controllers, in this order (default: {', '.join(OURS)}); your own: MODULE:CLASS or "
+        "FILE.py:CLASS",
     )
     whole.add_argument(
         "--live",
         action="store_true",
-        help="one weld in real time, to watch and steer on the operator's page "
+        help="one weld in real time, to monitor and control on the operator's page "
         f"(default: {LIVE_SCENARIO}, 45 min, with all controllers, recorder and standby supervisor)",
     )
     whole.add_argument("--port", type=int, default=8080, help="of the page of --live; 0: any free one (default 8080)")
@@ -82,7 +82,7 @@ def _live(parsed: argparse.Namespace) -> int:
 
 
 def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """The controllers asked for, or ours: names, with the parameters that their variants set."""
+    """The controllers requested, or the project's own: names, with the parameters that their variants set."""
     labels = set(parsed.controller or OURS)
     controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
     if len(controllers) < len(labels):

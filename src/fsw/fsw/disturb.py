@@ -8,8 +8,8 @@ from typing import Any
 from fsw.errors import CommandError
 from fsw.operate import CLEAR, add_graph_command, add_number
 from fsw_control import units
-from fsw_control.schema import validate
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, DISTURBANCE_SHAPES, DURATION_S, DisturbanceEntry
+from fsw_schema.models import validate
 
 
 def add_command(commands: Any) -> None:
@@ -18,8 +18,8 @@ def add_command(commands: Any) -> None:
     disturb = add_graph_command(commands, "disturb", f"disturb the emulated plant; amplitudes: {amplitudes}", _run)
     disturb.add_argument("channel", choices=tuple(DISTURBANCE_AMPLITUDE))
     shapes = (*DISTURBANCE_SHAPES, CLEAR)
-    disturb.add_argument("shape", choices=shapes, help="clear (or none) ends what disturbs the channel")
-    disturb.add_argument("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not of clear")
+    disturb.add_argument("shape", choices=shapes, help="clear (or none) ends the channel's disturbance")
+    disturb.add_argument("amplitude", type=float, nargs="?", help="in mm, degC, kN, rpm or N m; not for clear")
     add_number(disturb, "--duration", "S", DURATION_S, "rise time of a ramp, length of a pulse or a sine [s]")
     add_number(disturb, "--period", "S", DURATION_S, "of a sine [s]")
 

@@ -26,14 +26,18 @@ def add_command(commands: Any) -> None:
         "c",
         help="a controller as a self-contained folder of C99",
         description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
-        "weld, function block, README. The example is compiled and run before the folder is put in place.",
+        "weld, function block, README. The example is compiled and run before the folder is moved into place.",
     )
     c.add_argument(
-        "--controller", dest="unit", choices=["nmpc", "decentral"], default="nmpc", help="which one (default nmpc)"
+        "--controller",
+        dest="unit",
+        choices=["nmpc", "decentral"],
+        default="nmpc",
+        help="controller to export (default nmpc)",
     )
     _add_choice(c, "parameter of the controller's node; may be repeated, e.g. temperature_aggressiveness=0.5")
     c.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
-    c.add_argument("--force", action="store_true", help="delete an earlier export that is there")
+    c.add_argument("--force", action="store_true", help="delete an existing export")
     c.set_defaults(run=_run_c)
     fmu = kinds.add_parser(
         "fmu",

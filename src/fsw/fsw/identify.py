@@ -37,8 +37,12 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("bag", type=Path, nargs="*", help="bag of a weld; several: one model for all")
     parser.add_argument("--out", type=Path, metavar="FILE", help="model file (YAML); with --design the scenario")
-    parser.add_argument("--validate", type=Path, metavar="BAG", help="weld to judge the model by, not used otherwise")
-    parser.add_argument("--air", type=Path, metavar="BAG", help="run in air at several speeds: friction (23)")
+    parser.add_argument(
+        "--validate", type=Path, metavar="BAG", help="weld to validate the model, not used for the estimate"
+    )
+    parser.add_argument(
+        "--air", type=Path, metavar="BAG", help="run in air at several speeds, to identify the friction (23)"
+    )
     parser.add_argument("--report", type=Path, metavar="DIR", help="write report.html and report.png into this folder")
     parser.add_argument("--model", type=Path, metavar="FILE", help="model to start from (default: the paper's)")
     parser.add_argument(
@@ -48,7 +52,7 @@ def add_command(commands: Any) -> None:
         metavar="S",
         help="time constant of the drives (default %(default)s s, the emulator's)",
     )
-    parser.add_argument("--design", action="store_true", help="propose an experiment and print what to expect of it")
+    parser.add_argument("--design", action="store_true", help="propose an experiment and print the accuracy to expect")
     parser.add_argument(
         "--duration",
         type=float,
@@ -126,13 +130,14 @@ def _design(arguments: argparse.Namespace) -> int:
     rows = [(name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}") for name, d in found.deviations.items()]
     print_table(rows, ("parameter", "expected std", "[%]"), words=1)
     print(
-        f"moves the process of the model by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
+        f"moves the modelled process by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
         f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
     )
     if arguments.open_loop:
         print(
-            "open loop: nothing holds depth and temperature; on a process unlike the model they drift far beyond these "
-            "bounds. Weld it only with the model of this machine (--model), and watch it; else weld the closed-loop one"
+            "open loop: nothing controls depth and temperature; on a process that differs from the model they drift "
+            "far beyond these bounds. Use it only with a model of this machine (--model), and supervised; otherwise "
+            "use the closed-loop experiment"
         )
     if arguments.out is not None:
         write_text(arguments.out, found.scenario)

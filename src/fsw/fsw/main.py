@@ -21,13 +21,13 @@ def parser() -> argparse.ArgumentParser:
     """The whole command line."""
     whole = argparse.ArgumentParser(
         prog="fsw.py",
-        description="Look at and steer a friction stir weld, simulate welds, analyse their bags.",
+        description="Monitor and control friction stir welds, simulate welds, analyse their bags.",
         epilog="Units: mm, degC, kN, rpm, N m, kW, s. 'fsw.py COMMAND --help' lists the ranges.",
     )
     commands = whole.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _COMMANDS:
         import_module(f"fsw.{name}").add_command(commands)
-    bag = commands.add_parser("bag", help="look at recorded welds", description="Look at recorded welds.")
+    bag = commands.add_parser("bag", help="inspect recorded welds", description="Inspect recorded welds.")
     bag_commands = bag.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _BAG_COMMANDS:
         import_module(f"fsw.bag_{name}").add_command(bag_commands)

@@ -9,9 +9,7 @@ from typing import Any
 from fsw.errors import CommandError
 from fsw.operate import add_graph_command, add_number
 from fsw_control import ranges, units
-from fsw_control.contract import BUILT_IN_SOURCES
-
-_MODES = ("auto", *BUILT_IN_SOURCES)
+from fsw_control.contract import OPERATOR_MODES
 
 
 def add_command(commands: Any) -> None:
@@ -19,10 +17,10 @@ def add_command(commands: Any) -> None:
     mode = add_graph_command(
         commands,
         "mode",
-        "source of commands: a controller (auto), you (manual), the last one (hold), safe stop",
+        "source of commands: a controller (auto), your values (manual), the last command (hold), safe stop",
         _run,
     )
-    mode.add_argument("mode", choices=_MODES)
+    mode.add_argument("mode", choices=OPERATOR_MODES)
     add_number(mode, "--force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}")
     add_number(mode, "--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}")
 

@@ -17,16 +17,16 @@ def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     parser = commands.add_parser(
         "model",
-        help="simulate the bare process in open loop from a file of input steps",
-        description="Simulate the bare process (no drives, no sensors, no noise) in open loop from the operating point "
-        "and write its course as CSV, a row every 0.1 s. The file lists steps {at_s, force_kn, speed_rpm}, or is a "
-        "mapping with events: and duration_s: (default: 30 s after the last event). Values are absolute and hold from "
-        "at_s, a multiple of 0.1 s, on; one left out stays.",
+        help="simulate the process alone, in open loop from a file of input steps",
+        description="Simulate the process alone (no drives, no sensors, no noise) in open loop from the operating "
+        "point and write its trajectories as CSV, a row every 0.1 s. The file lists steps {at_s, force_kn, speed_rpm}, "
+        "or is a mapping with events: and duration_s: (default: 30 s after the last event). Values are "
+        "absolute and in force from at_s, a multiple of 0.1 s; an omitted one keeps its value.",
     )
     names = ", ".join(input_steps.shipped())
     parser.add_argument("--events", required=True, metavar="FILE", help=f"YAML file, or one of {names} (the paper's)")
     parser.add_argument("--csv", required=True, type=Path, metavar="FILE", help="table to write")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also draw it like the paper's Figs. 4 and 5")
+    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="also plot it like the paper's Figs. 4 and 5")
     parser.add_argument("--model", type=Path, metavar="FILE", help="model parameters (YAML) instead of the paper's")
     add_force(parser)
     parser.set_defaults(run=_run)
@@ -35,7 +35,7 @@ def add_command(commands: Any) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     files = [arguments.csv] if arguments.figure is None else [arguments.csv, arguments.figure]
     if arguments.figure is not None and arguments.figure.suffix.lower() != ".png":
-        raise CommandError(f"--figure {arguments.figure}: end the name in .png")
+        raise CommandError(f"--figure {arguments.figure}: the name must end in .png")
     if arguments.csv == arguments.figure:
         raise CommandError(f"model: --csv and --figure are both {arguments.csv}; give two files")
     check_new(files, arguments.force)

@@ -1,4 +1,4 @@
-"""What the commands that talk to the running graph share, without rclpy. `operator_node` does the talking."""
+"""Shared by the commands for the running graph, without rclpy; `operator_node` does the communication."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
-from fsw_control.ranges import Range
+from fsw_schema.ranges import Range
 
 #: what ends a disturbance or a fault; ``none`` in scenarios and services
 CLEAR = "clear"
@@ -24,7 +24,7 @@ def add_graph_command(
 
 def add_timeout(parser: argparse.ArgumentParser) -> None:
     """Add the option of all commands that talk to the graph."""
-    wait = "longest wait for the graph to answer, 0.1 to 600 s (default 5)"
+    wait = "maximum time to wait for an answer, 0.1 to 600 s (default 5)"
     add_number(parser, "--timeout", "S", Range(0.1, 600.0, "s"), wait, 5.0)
 
 

@@ -10,18 +10,18 @@ from fsw.operate import add_timeout
 _VERBS = {
     "list": "all parameters of a node with their values and meaning",
     "get": "value of a parameter",
-    "set": "change a parameter; a node may refuse it, and says why",
+    "set": "change a parameter; the node may refuse, with a reason",
 }
 
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    text = "parameters of a node that runs: list them, get one, set one"
+    text = "parameters of a running node: list, get, set"
     parser = commands.add_parser("param", help=text, description=f"param: {text}.")
     verbs = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for verb, words in _VERBS.items():
         one = verbs.add_parser(verb, help=words, description=f"{verb}: {words}.")
-        one.add_argument("node", metavar="NODE", help="its name, e.g. fsw_nmpc; 'status' lists them")
+        one.add_argument("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")
         if verb != "list":
             one.add_argument("name", metavar="NAME", help="of the parameter")
         if verb == "set":

@@ -14,7 +14,7 @@ from fsw.console import print_table
 from fsw.errors import CommandError
 from fsw.operator_node import Operator, domain_text, operator
 from fsw_control.parameters import ParameterError, ParameterSpec, require_known
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.yaml_text import load_yaml
 
 #: type of a value on the wire: what it is called in the parameter files
 _TYPES = {

@@ -36,7 +36,7 @@ class ProgressBar(Progress):
         self._task = self.add_task(title, total=self._total)
 
     def __call__(self, done: float) -> None:
-        """Show what is done: a share, 0 to 1, or a number of pieces."""
+        """Show the progress: a share, 0 to 1, or a number of pieces."""
         self.update(self._task, completed=done)
         if self.disable and time.monotonic() > self._written_s + _LINE_S:
             self._written_s = time.monotonic()

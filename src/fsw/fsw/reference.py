@@ -13,10 +13,10 @@ from fsw_control import ranges, units
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    reference = add_graph_command(commands, "reference", "new set-points; one left out stays", _run)
+    reference = add_graph_command(commands, "reference", "new set-points; an omitted one keeps its value", _run)
     add_number(reference, "--depth", "MM", ranges.REFERENCE_DEPTH_MM, str(ranges.REFERENCE_DEPTH_MM))
     reference.add_argument(
-        "--ramp", action="store_true", help="from those in force at the permitted rates; else a step"
+        "--ramp", action="store_true", help="ramp from the set-points in force at the permitted rates; default: a step"
     )
     add_number(reference, "--temperature", "C", ranges.REFERENCE_TEMPERATURE_C, str(ranges.REFERENCE_TEMPERATURE_C))
 

@@ -16,7 +16,6 @@ from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_control.free_domain import free_domain
-from fsw_control.yaml_text import load_yaml
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of, short, variant_of
 from fsw_scenario.graph import WeldGraph
@@ -24,6 +23,7 @@ from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped
 from fsw_scenario.weld_programme import spans
+from fsw_schema.yaml_text import load_yaml
 
 if TYPE_CHECKING:
     from fsw_analysis.figures import Run
@@ -41,8 +41,8 @@ def add_command(commands: Any) -> None:
         "--controller",
         action="append",
         metavar="NAME[:TUNING]",
-        help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; one of "
-        "your own: MODULE:CLASS or FILE.py:CLASS",
+        help="run with this controller instead of the scenario's; several times: compare, e.g. decentral:tight; your "
+        "own: MODULE:CLASS or FILE.py:CLASS",
     )
     parser.add_argument(
         "--parameter",
@@ -59,7 +59,7 @@ def add_command(commands: Any) -> None:
         metavar="FILE",
         help="parameters of controllers' nodes, in ROS's format, e.g. of fsw.py tune; may be repeated",
     )
-    parser.add_argument("--no-noise", action="store_true", help="sensors without noise and quantisation")
+    parser.add_argument("--no-noise", action="store_true", help="no sensor noise, no quantisation")
     parser.add_argument(
         "--set",
         action="append",
@@ -70,7 +70,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--out", type=Path, help="folder for the results (default out/<date>_<scenario>)")
     parser.add_argument("--bag", action="store_true", help="also run the weld in the graph, in lockstep, and record it")
     parser.add_argument("--no-figures", action="store_true", help="figures of merit only")
-    parser.add_argument("--list", action="store_true", help="list the shipped scenarios and end")
+    parser.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
     parser.set_defaults(run=_run)
 
 
@@ -80,7 +80,7 @@ def _run(arguments: argparse.Namespace) -> int:
             print(f"{name:<24} {' '.join(load(name).description.split())}")
         return 0
     if arguments.scenario is None:
-        raise CommandError(f"simulate: which scenario? One of {', '.join(shipped())}, or a YAML file")
+        raise CommandError(f"simulate: give a scenario, one of {', '.join(shipped())}, or a YAML file")
     from fsw_analysis.export import export_weld
     from fsw_analysis.figures import Run
 
@@ -148,12 +148,12 @@ def write_results(scenario: Scenario, runs: Sequence[Run], folder: Path, with_fi
 
 
 def _print_health(run: Run) -> None:
-    """Say on stderr how often a controller was not healthy, and why at first."""
+    """Report on stderr how often a controller was unhealthy, and the first reason."""
     notes = list(run.signals.problems)
     for name, proposal in run.signals.proposals.items():
         ticks = np.flatnonzero(proposal.healthy == 0.0)
         if ticks.size:
-            text = f"{name} is not healthy at {ticks.size} of {run.signals.n_ticks} ticks"
+            text = f"{name} is unhealthy in {ticks.size} of {run.signals.n_ticks} ticks"
             notes.append(f"{text}, first at {run.signals.time_s[ticks[0]]:.1f} s: {proposal.reason[ticks[0]]}")
     print_notes(f"{run.label}: {note}" for note in notes)
 

@@ -16,9 +16,7 @@ _SETTLE_S = 1.0
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
-    add_graph_command(
-        commands, "status", "what runs, which controller is applied, what is measured and commanded", _run
-    )
+    add_graph_command(commands, "status", "running nodes, applied controller, measurements and commands", _run)
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -6,15 +6,15 @@ import argparse
 from typing import Any
 
 from fsw.operate import add_graph_command, add_number
-from fsw_control.ranges import Range
+from fsw_schema.ranges import Range
 
 
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     switch = add_graph_command(commands, "switch", "apply another controller", _run)
     switch.add_argument("controller", help="its name, e.g. decentral; see 'controllers'")
-    switch.add_argument("--strict", action="store_true", help="refuse unless it is ready now")
-    add_number(switch, "--wait", "S", Range(0.0, 600.0, "s"), "longest wait until it is ready, 0 to 600 s", 5.0)
+    switch.add_argument("--strict", action="store_true", help="refuse unless it is ready")
+    add_number(switch, "--wait", "S", Range(0.0, 600.0, "s"), "maximum time to wait until it is ready, 0 to 600 s", 5.0)
 
 
 def _run(arguments: argparse.Namespace) -> int:

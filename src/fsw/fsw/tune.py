@@ -15,7 +15,7 @@ from fsw.outputs import new_folder
 from fsw.progress import ProgressBar
 from fsw_model import ModelParameters
 
-#: processes unlike the model, as factors on its parameters
+#: processes that differ from the model, as factors on its parameters
 _SWEEP: dict[str, dict[str, float]] = {
     "the model": {},
     **{f"thermal gain × {k:g}": {"thermal_gain_c_per_kw": k} for k in (0.7, 1.4)},
@@ -32,8 +32,9 @@ def add_command(commands: Any) -> None:
     parser = commands.add_parser(
         "tune",
         help="tunings of both controllers for a model",
-        description="Search for both tunings of the decentralized controller for a model, take that of the NMPC by "
-        "rule, draw how they do on processes unlike the model, and write files that the controllers' nodes take.",
+        description="Search for both tunings of the decentralized controller for a model, derive that of the NMPC by "
+        "rule, plot their performance on processes that differ from the model, and write parameter files for the "
+        "controllers' nodes.",
     )
     parser.add_argument("--model", required=True, type=Path, metavar="FILE", help="model file, e.g. of fsw.py identify")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the files")
@@ -42,9 +43,11 @@ def add_command(commands: Any) -> None:
         type=int,
         default=_EVALUATIONS,
         metavar="N",
-        help="of the search, per decentralized tuning; fewer: sooner and worse (default %(default)s: some minutes)",
+        help="of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)",
     )
-    parser.add_argument("--no-sweep", action="store_true", help="without the figure of processes unlike the model")
+    parser.add_argument(
+        "--no-sweep", action="store_true", help="without the figure of processes that differ from the model"
+    )
     parser.set_defaults(run=_run)
 
 
@@ -74,7 +77,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         own["nmpc:default"] = {"model_file": str(model_file)}
         plants = {name: plant_factors(model.scaled(**factors)) for name, factors in _SWEEP.items()}
-        with ProgressBar("processes unlike the model") as bar:
+        with ProgressBar("processes that differ from the model") as bar:
             draw_sweep(sweep(own, plants, bar), folder / "sweep.png")
     print(f"in {folder}: {', '.join(path.name for path in sorted(folder.iterdir()))}")
     return 0

@@ -11,7 +11,7 @@ from fsw.operate import add_graph_command
 def add_command(commands: Any) -> None:
     """Add the command to the parser's subcommands."""
     weld = add_graph_command(
-        commands, "weld", "hold, resume or abort the programme of a whole weld; abort leads to the safe stop", _run
+        commands, "weld", "hold, resume or abort the programme of a whole weld; abort requests a safe stop", _run
     )
     weld.add_argument("action", choices=("hold", "resume", "abort"))
 

@@ -98,7 +98,7 @@ def test_export_ends_with_the_scenario(tmp_path: Path, capsys: pytest.CaptureFix
     write_sample_weld(bag, 50, scenario=b"duration_s: 3.0\n")
     assert run("export", str(bag), str(tmp_path / "cut.csv")) == 0
     captured = capsys.readouterr()
-    assert "30 rows" in captured.out and "20 ticks after the scenario's end are left out" in captured.err
+    assert "30 rows" in captured.out and "20 ticks after the end of the scenario are omitted" in captured.err
     assert run("export", "--all", str(bag), str(tmp_path / "all.csv")) == 0
     captured = capsys.readouterr()
     assert "50 rows" in captured.out and captured.err == ""

@@ -29,7 +29,7 @@ def one(path, **entry):
         ({"scenario": "open_loop_force_steps"}, "open-loop"),
         ({"controllers": []}, "controllers needs at least 1"),
         ({"controllers": ["nobody"]}, "nobody is not available"),
-        ({"controllers": ["decentral", "decentral"]}, "label of its own"),
+        ({"controllers": ["decentral", "decentral"]}, "different label for each"),
         ({"controllers": [{"controller": "decentral", "parameters": {"depth_gian": 1.0}}]}, "depth_gain"),
         ({"sampler": "dice"}, "one of latin_hypercube or sobol"),
         (one("plant.model.copper_lag", uniform=[0.5, 2.0]), "copper_lag_s"),
@@ -43,7 +43,7 @@ def one(path, **entry):
         (one("plant.noise", choice=[True, 1.0]), "several types"),
         (one("events[9].at_s", uniform=[1.0, 2.0]), "no [9]"),
         (one("events[1].at_s", uniform=[1.0, 10.0]), "earlier than the event before"),
-        (one("name[", choice=["a"]), "no path"),
+        (one("name[", choice=["a"]), "not a path"),
         (one("controller", choice=["nmpc"]), "not a parameter of the weld"),
         ({"limits": {"colour": {"max": 1.0}}}, "limits.colour is not a signal"),
         ({"limits": {"depth_mm": {}}}, "min or max"),
@@ -93,10 +93,10 @@ def test_reports(folder, tmp_path, capsys):
     html = (folder / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 3 and "Wilson" in html and "simulate" in html
     assert "<code>temperature_c</code>" in html and "`" not in html
-    assert "every change settles" in html and "while the depth is stepped" not in html  # quick has no such figures
+    assert "every change settles" in html and "during depth steps" not in html  # quick has no such figures
     page = tmp_path / "page.md"
     assert main(["campaign", "report", str(folder), "--out", str(page)]) == 0
-    assert "The median IAE depth is least with `" in page.read_text()
+    assert "The median IAE depth is smallest with `" in page.read_text()
     figures = {path.name for path in tmp_path.glob("*.png")}
     assert figures == {"page_outside.png", "page_parameters.png", "page_ratios.png"}
     assert all(f"]({name})" in page.read_text() for name in figures)

@@ -11,9 +11,9 @@ from fsw.main import main
 from fsw_analysis.replay import Comparison, TickDifference
 from fsw_campaign import definition
 from fsw_campaign.welds import run_weld
-from fsw_control.schema import InputError
 from fsw_scenario import scenario_file
 from fsw_scenario.graph import WeldGraph
+from fsw_schema.models import InputError
 from fsw_test_support.own_controller import own
 
 SOURCES = Path(__file__).resolve().parents[2]
@@ -35,7 +35,7 @@ def test_every_command_takes_it(tmp_path, capsys):
 def test_one_that_fails_is_told_as_not_healthy(tmp_path, capsys, step):
     label = own(tmp_path, step)
     assert main(["simulate", "quick", "--controller", label, "--no-figures", "--out", str(tmp_path / "out")]) == 0
-    assert "own is not healthy at 600 of 600 ticks, first at 0.1 s: controller raised" in capsys.readouterr().err
+    assert "own is unhealthy in 600 of 600 ticks, first at 0.1 s: controller raised" in capsys.readouterr().err
 
 
 def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):

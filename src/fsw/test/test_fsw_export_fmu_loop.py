@@ -173,8 +173,8 @@ def test_nothing_is_overwritten_unless_asked_for(
         assert len(lines) == 1
         return lines[0]
 
-    assert "exists already; nothing is overwritten without --force" in told(out)
-    assert "end the name in .fmu" in told(tmp_path / "plant.zip")
+    assert "exists already; use --force to replace it" in told(out)
+    assert "the name must end in .fmu" in told(tmp_path / "plant.zip")
     assert "cannot write" in told(tmp_path / "missing" / "plant.fmu")
     (tmp_path / "folder.fmu").mkdir()
     assert "exists already" in told(tmp_path / "folder.fmu", "--force")

@@ -19,7 +19,7 @@ GOLDEN = Path(__file__).resolve().parents[3] / "test" / "golden"
 
 @pytest.fixture(scope="module")
 def experiment() -> WeldSignals:
-    """The closed-loop experiment on a process unlike the model."""
+    """The closed-loop experiment on a process that differs from the model."""
     overrides = ["duration_s=150", "plant.model.thermal_gain_c_per_kw=1.3", "plant.model.depth_gain_mm_per_kn_s=0.8"]
     text = yaml.safe_load(scenario_file.load("identify_closed_loop").text)
     text["events"] = [event for event in text["events"] if event["at_s"] < 150.0]
@@ -111,7 +111,7 @@ def test_design(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     printed = capsys.readouterr().out
     assert "thermal_gain_c_per_kw" in printed and "open loop" not in printed
     assert main(["identify", "--design", "--duration", "60", "--open-loop"]) == 0
-    assert "on a process unlike the model they drift far beyond" in capsys.readouterr().out
+    assert "on a process that differs from the model they drift far beyond" in capsys.readouterr().out
     scenario = scenario_file.load(str(out))
     assert scenario.duration_s == 90.0 and scenario.events
 

@@ -45,7 +45,7 @@ class Change:
 
 
 def marks(signals: WeldSignals) -> dict[str, list[float]]:
-    """Times [s] at which set-points, disturbances of whatever kind, and faults change, where the bag shows them."""
+    """Times [s] at which set-points, disturbances of any kind, and faults change, as far as the bag shows them."""
     found: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
     for change in changes(signals):
         found["set-point" if change.quantity.endswith("reference") else "disturbance"].append(change.begin)

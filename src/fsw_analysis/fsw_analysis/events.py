@@ -68,7 +68,7 @@ def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
 
 
 def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
-    """What operators asked for on their page, and what became of it."""
+    """Requests made on the operator's page, and their outcome."""
     for time_s, (who, action, outcome, message) in _in_order(times_s, actions, *ACTION):
         answer = f"{outcome}: {message}" if message else outcome
         yield WeldEvent(time_s, "operator", f"{who}: {action}: {answer}")

@@ -43,7 +43,7 @@ def export_weld(signals: WeldSignals, target: Path) -> int:
         The name does not end in ``.csv``, or the file cannot be written.
     """
     if target.suffix.lower() != ".csv":
-        raise BagError(f"{target}: only tables in CSV are written; end the name in .csv")
+        raise BagError(f"{target}: only CSV tables can be written; the name must end in .csv")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         write_table(weld_table(signals), target)

@@ -53,7 +53,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class _Panel:
-    """One axis: a quantity, with what is known of it.
+    """One axis: a quantity and its properties.
 
     ``error`` has the dead-band, the half-height and the factor of an axis that shows the error of an output instead,
     at a scale at which the dead-band is visible.
@@ -178,7 +178,7 @@ def _draw_page(
 
 
 def draw_open_loop(columns: Mapping[str, FloatArray], title: str, path: Path) -> None:
-    """Draw the bare process in open loop like the paper's Figs. 4 and 5.
+    """Plot the process alone in open loop like the paper's Figs. 4 and 5.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def _settling(error: FloatArray, band: float, time_s: FloatArray) -> float | Non
 
 
 def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
-    """The worst of all events; None where there was none of the kind."""
+    """The worst of all events; None if there was no such event."""
 
     def largest(key: str, quantity: str = "", sign: float = 0.0) -> float | None:
         """Of all events, or of those that changed one quantity, alone, in one direction."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import yaml
 
 from fsw_analysis.weld_signals import IntArray
+from fsw_control import contract
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions
@@ -31,13 +32,11 @@ _KINDS: dict[Kind, tuple[type, Any]] = {
     "texts": (list, []),
 }
 #: topic and field of each of `fsw_control.contract.SENSORS`
-SENSOR_FIELDS = {
-    "depth": ("/fsw/depth", "depth"),
-    "torque": ("/fsw/spindle_torque", "torque"),
-    "thermocouple": ("/fsw/thermocouple", "temperature"),
-}
+SENSOR_FIELDS = {sensor: (f"/{topic}", field) for sensor, (topic, field) in contract.SENSOR_FIELDS.items()}
 #: what a weld cannot do without one of, with its namespace before it
-_OF_A_WELD = re.compile(r"(.*)/fsw/(?:depth|spindle_torque|thermocouple|plant/truth|command)")
+_OF_A_WELD = re.compile(
+    rf"(.*)(?:{'|'.join(topic for topic, _ in SENSOR_FIELDS.values())}|/fsw/plant/truth|/fsw/command)"
+)
 
 
 class Table:

@@ -47,8 +47,8 @@ PUBLISHED = {
 class PhaseFigures:
     """Errors and mean power of a run in a phase; None where they are not known.
 
-    Errors are those against the programme, and beside them those against the set-points in force: a weld that was held
-    and steered by hand may follow well what is not the programme.
+    Errors are those relative to the programme, and also those relative to the set-points in force: a weld that was held
+    and controlled by hand may follow other set-points well.
     """
 
     run: str

@@ -1,4 +1,4 @@
-"""Deterministic replay: drives a controller by a bag and compares what it proposes with what was recorded.
+"""Deterministic replay: drives a controller by a bag and compares its proposals with the recorded ones.
 
 Time comes from the bag alone. At every tick the controller gets what its node had then: the samples of that stamp,
 judged by the same sensor validity, the set-points in force and the command applied before. So the build that was
@@ -222,17 +222,15 @@ def replay(
     BagError
         The bag lacks a topic, or the controller refuses its recorded parameters.
     """
-    of_node, of_controller = load("fsw_control", "controller.yaml"), load_source(described)
-    validate(of_node | of_controller, changed or {})
+    own = load_source(described)
+    specs = load("fsw_control", "controller.yaml") | own
+    validate(specs, changed or {})
     recorded = _Inputs(messages, name)
     values, notes = recorded.parameters(name)
     values |= changed or {}
     try:
-        settings, own = (
-            validate(specs, {key: value for key, value in values.items() if key in specs})
-            for specs in (of_node, of_controller)
-        )
-        controller = make(own)
+        settings = validate(specs, {key: value for key, value in values.items() if key in specs})
+        controller = make({key: settings[key] for key in own})
     except Exception as error:  # a user's controller may fail in any way
         raise BagError(f"{messages.path}: controller {name} refuses its recorded parameters: {error}") from None
     references = recorded.set_points(notes)
@@ -240,7 +238,7 @@ def replay(
     stamps, came, time_s = (one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s))
     return Replay(
         controller=name,
-        parameters=settings | own,
+        parameters=settings,
         stamps=stamps,
         came=came,
         is_part=n < recorded.stamps.size,
@@ -276,7 +274,7 @@ def _health(healthy: bool, reason: str) -> str:
 
 
 class _Inputs:
-    """What a bag holds for the replay of one controller."""
+    """The content of a bag for the replay of one controller."""
 
     def __init__(self, messages: WeldMessages, name: str) -> None:
         self._messages = messages
@@ -327,7 +325,7 @@ class _Inputs:
         changes = self._messages.table("/parameter_events", {"node": "text"})
         own = changes.column("node") == f"{self._messages.namespace}/fsw_{name}"
         if self._own and bool((own & (changes.log_ns > self._own.log_ns[0])).any()):
-            notes.append(f"parameters of {name} were changed while it ran; the replay keeps the first ones")
+            notes.append(f"parameters of {name} were changed at runtime; the replay uses the initial ones")
         return values, notes
 
     def in_mid_weld(self, name: str, notes: list[str]) -> bool:
@@ -400,14 +398,14 @@ class _Inputs:
         return proposals
 
     def own_rows(self) -> list[Recorded | None]:
-        """What the controller proposed when the bag was recorded, at each tick."""
+        """The controller's recorded proposal of each tick."""
         if not self._own:
             return [None] * len(self.stamps)
         columns = (self._own.column(path).tolist() for path in _PROPOSAL)
         return [(force, speed, (bool(healthy), reason)) for force, speed, healthy, reason in zip(*columns, strict=True)]
 
     def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
-        """What was applied, at each tick; of several commands with one stamp the first, as in the plant."""
+        """The command applied in each tick; of several commands with one stamp the first, as in the plant."""
         commands = dict(reversed(self._commands))
         found = (commands.get(stamp_ns) for stamp_ns in stamps)
         return [one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found]

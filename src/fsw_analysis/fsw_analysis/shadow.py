@@ -1,4 +1,4 @@
-"""Writes the bag of a replay: the inputs of a recorded weld, and what a controller in shadow proposes on them."""
+"""Writes the bag of a replay: the inputs of a recorded weld, and the proposals of a controller in shadow."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TYPE = "fsw_msgs/msg/WeldCommand"
 
 
 def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> None:
-    """Copy what the controller was shown, and what figures and figures of merit need, and add its proposals.
+    """Copy the controller's inputs, and what figures and figures of merit need, and add its proposals.
 
     Raises
     ------

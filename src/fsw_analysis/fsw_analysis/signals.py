@@ -80,7 +80,7 @@ class _Ticks:
         return times
 
     def held(self, table: Table, path: str, before: object = "") -> Column:
-        """Values that hold from one message to the next, and what is before the first."""
+        """Values that persist from one message to the next, and the value before the first."""
         times = self.times_s(table)
         order = np.argsort(times, kind="stable")
         at = np.searchsorted(times[order], self.time_s, side="right") - 1

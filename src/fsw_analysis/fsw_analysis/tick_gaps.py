@@ -1,7 +1,7 @@
 """Counts the ticks that are missing in a bag, from the stamps of its messages alone.
 
 The middleware reports at best what was lost on its way to the recorder. The topics of a weld carry one stamp per tick,
-the same on all of them, so the bag itself shows what is not in it.
+the same on all of them, so the bag itself shows what is missing.
 """
 
 from __future__ import annotations

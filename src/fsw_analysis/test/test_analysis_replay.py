@@ -50,6 +50,46 @@ class Integrator:
         )
 
 
+KINDS = {
+    "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
+    "/fsw/spindle_torque": "fsw_msgs/msg/SpindleTorque",
+    "/fsw/thermocouple": "sensor_msgs/msg/Temperature",
+    "/fsw/reference": "fsw_msgs/msg/WeldReference",
+    "/fsw/reference_plan": "fsw_msgs/msg/WeldReferencePlan",
+    "/fsw/supervisor/reference": "fsw_msgs/msg/WeldReference",
+    "/fsw/command": "fsw_msgs/msg/WeldCommand",
+    "/fsw/simple/proposal": "fsw_msgs/msg/WeldCommand",
+    "/fsw/simple/reference": "fsw_msgs/msg/WeldReference",
+}
+FIRST, OTHER = Reference(0.0027 * 1e3, 850.0), Reference(0.0028 * 1e3, 855.0)
+
+
+def header(at_ns: int) -> dict[str, Any]:
+    return {"stamp": {"sec": at_ns // 10**9, "nanosec": at_ns % 10**9}}
+
+
+class Tape:
+    """Writes messages, each a microsecond later than the one before it, with the stamp of the tick."""
+
+    def __init__(self, writer: BagWriter, space: str, begin_ns: int) -> None:
+        self._writer, self._space, self._types, self._now = writer, space, SampleTypes(), begin_ns
+        self.stamp = 1_000_000_000 + begin_ns // TICK_NS * TICK_NS
+        for name, kind in KINDS.items():
+            writer.add_topic(RecordedTopic(space + name, kind, interface_definition(kind), interface_hash(kind)))
+        values = {"initial_force": 80.0, "initial_speed": 400.0, "period": 0.1}
+        text = yaml.safe_dump({f"{space}/fsw_simple": {"ros__parameters": values}})
+        file = f"{space}/fsw_simple".strip("/").replace("/", ".")
+        writer.attach(f"parameters/{file}.yaml", "application/yaml", text.encode())
+
+    def put(self, topic: str, at_once: bool = False, **fields: Any) -> None:
+        self._now += 1000
+        values = {"header": header(0 if at_once else self.stamp), **fields}
+        self._writer.write(self._space + topic, self._types.serialize(KINDS[topic], values), self._now, self._now - 1)
+
+    def put_reference(self, reference: Reference, topic: str = "/fsw/reference", at_once: bool = False) -> None:
+        self.put(topic, at_once, depth=m_from_mm(reference.depth_mm), temperature=reference.temperature_c)
+
+
 def record(
     bag: Path,
     ticks: int = 60,
@@ -69,75 +109,47 @@ def record(
     controller follows them from the next tick on; ``stated``: it says which ones it follows. ``announced``: before
     tick 20 a change at tick 40 is announced.
     """
-    types = SampleTypes()
-    kinds = {
-        "/fsw/depth": "fsw_msgs/msg/ShoulderDepth",
-        "/fsw/spindle_torque": "fsw_msgs/msg/SpindleTorque",
-        "/fsw/thermocouple": "sensor_msgs/msg/Temperature",
-        "/fsw/reference": "fsw_msgs/msg/WeldReference",
-        "/fsw/reference_plan": "fsw_msgs/msg/WeldReferencePlan",
-        "/fsw/supervisor/reference": "fsw_msgs/msg/WeldReference",
-        "/fsw/command": "fsw_msgs/msg/WeldCommand",
-        "/fsw/simple/proposal": "fsw_msgs/msg/WeldCommand",
-        "/fsw/simple/reference": "fsw_msgs/msg/WeldReference",
-    }
-    controller, applied = Integrator(), INITIAL
+    controller, applied, last = Integrator(), INITIAL, None
     controller.reset(applied)
-    stamp, last, now = 1_000_000_000 + begin_ns // TICK_NS * TICK_NS, None, begin_ns
     with BagWriter(bag) as writer:
-        for name, kind in kinds.items():
-            writer.add_topic(RecordedTopic(space + name, kind, interface_definition(kind), interface_hash(kind)))
-        values = {"initial_force": 80.0, "initial_speed": 400.0, "period": 0.1}
-        text = yaml.safe_dump({f"{space}/fsw_simple": {"ros__parameters": values}})
-        file = f"{space}/fsw_simple".strip("/").replace("/", ".")
-        writer.attach(f"parameters/{file}.yaml", "application/yaml", text.encode())
-
-        def put(topic: str, at_once: bool = False, **fields: Any) -> None:
-            nonlocal now
-            now += 1000
-            at = 0 if at_once else stamp
-            header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}
-            writer.write(space + topic, types.serialize(kinds[topic], {"header": header, **fields}), now, now - 1)
-
-        put("/fsw/supervisor/reference" if kept else "/fsw/reference", depth=0.0027, temperature=850.0)
-        reference = Reference(0.0027 * 1e3, 850.0)
+        tape = Tape(writer, space, begin_ns)
+        tape.put_reference(FIRST, "/fsw/supervisor/reference" if kept else "/fsw/reference")
+        reference = FIRST
         for tick in range(ticks):
-            stamp += TICK_NS + (50 * TICK_NS if tick == jump_at else 0)
-            depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)
+            tape.stamp += TICK_NS + (50 * TICK_NS if tick == jump_at else 0)
             if tick == jump_at:
                 controller.reset(applied)
                 last = None
             if tick == 30 and late == "before the samples":
-                put("/fsw/reference", at_once=True, depth=0.0028, temperature=855.0)
-            if stated and tick in (0, 31):
-                stated_mm = reference.depth_mm if tick == 0 or not late else 0.0028 * 1e3
-                put("/fsw/simple/reference", depth=m_from_mm(stated_mm), temperature=855.0 if tick and late else 850.0)
+                tape.put_reference(OTHER, at_once=True)
             if tick == 31 and late:
-                reference = Reference(0.0028 * 1e3, 855.0)
+                reference = OTHER
+            if stated and tick in (0, 31):
+                tape.put_reference(reference, "/fsw/simple/reference")
             if announced and tick == 20:
-                at = stamp + 20 * TICK_NS
-                header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}}
-                put("/fsw/reference_plan", references=[{"header": header, "depth": 0.0028, "temperature": 855.0}])
-                reference = replace(reference, coming=(Coming(at / 1e9, 0.0028 * 1e3, 855.0),))
+                at_ns = tape.stamp + 20 * TICK_NS
+                one = {"header": header(at_ns), "depth": m_from_mm(OTHER.depth_mm), "temperature": OTHER.temperature_c}
+                tape.put("/fsw/reference_plan", references=[one])
+                reference = replace(reference, coming=(Coming(at_ns / 1e9, OTHER.depth_mm, OTHER.temperature_c),))
             if announced and tick == 40:  # it does not come true
                 reference = replace(reference, coming=())
-            put("/fsw/depth", depth=depth_m)
-            put("/fsw/spindle_torque", torque=1050.0 + tick % 3)
+            depth_m, temperature = m_from_mm(2.66 + 0.001 * (tick % 7)), 849.0 + 0.01 * (tick % 5)
+            tape.put("/fsw/depth", depth=depth_m)
+            tape.put("/fsw/spindle_torque", torque=1050.0 + tick % 3)
             if tick != lost_sensor_at:
-                put("/fsw/thermocouple", temperature=temperature)
+                tape.put("/fsw/thermocouple", temperature=temperature)
             else:
                 temperature = 849.0 + 0.01 * ((tick - 1) % 5)  # the last good sample stands in
             if by_hand and tick == 30:
-                put("/fsw/reference", depth=0.0027, temperature=850.0)
+                tape.put_reference(FIRST)
             if tick == 30 and late == "before its proposal":
-                put("/fsw/reference", at_once=True, depth=0.0028, temperature=855.0)
-            dt_s = 0.1 if last is None else (stamp - last) / 1e9
-            last = stamp
-            measured = Measurement(stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
+                tape.put_reference(OTHER, at_once=True)
+            dt_s, last = 0.1 if last is None else (tape.stamp - last) / 1e9, tape.stamp
+            measured = Measurement(tape.stamp * 1e-9, depth_m * 1e3, 1050.0, temperature)
             command = controller.step(measured, reference, applied, dt_s).command
             wire = {"axial_force": n_from_kn(command.force_kn), "spindle_speed": rad_s_from_rpm(command.speed_rpm)}
-            put("/fsw/simple/proposal", source="simple", healthy=True, **wire)
-            put("/fsw/command", source="simple", healthy=True, **wire)
+            tape.put("/fsw/simple/proposal", source="simple", healthy=True, **wire)
+            tape.put("/fsw/command", source="simple", healthy=True, **wire)
             applied = Command(wire["axial_force"] * 1e-3, wire["spindle_speed"] / (3.141592653589793 / 30.0))
     return bag
 

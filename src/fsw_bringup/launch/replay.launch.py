@@ -16,11 +16,13 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-SENSORS = ["/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple"]
+from fsw_control.contract import SENSOR_FIELDS
+
+SENSORS = [f"/{topic}" for topic, _ in SENSOR_FIELDS.values()]
 OWN_TOPICS = ("proposal", "status", "prediction")
 ARGUMENTS = {
     "bag": (None, "Bag to play: folder or file"),
-    "rate": ("1.0", "Time of the weld per wall time, also of one that was simulated; 2 plays twice as fast"),
+    "rate": ("1.0", "Playback rate relative to the time of the weld, real or simulated; 2 plays twice as fast"),
     "start_paused": ("false", "Wait for the services /fsw_replay/resume or /fsw_replay/play_next"),
     "controllers": ("", "Controllers to run as shadows, separated by commas, e.g. nmpc"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml"),

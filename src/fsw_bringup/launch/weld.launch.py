@@ -21,28 +21,34 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from fsw_control.schema import InputError
 from fsw_scenario.controllers import name_of, program, variant_of
 from fsw_scenario.graph import STANDBY, WeldGraph, for_standby
 from fsw_scenario.launcher import REFUSED, RESPAWN_DELAY_S
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
+from fsw_schema.models import InputError
 
 ARGUMENTS = {
     "controllers": (
         "decentral,nmpc",
-        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps them; "
-        "one of your own: MODULE:CLASS or FILE.py:CLASS",
+        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps "
+        "them; your own: MODULE:CLASS or FILE.py:CLASS",
     ),
     "machine": ("", "Machine file: the gateway to this machine runs in place of the emulated plant; empty: the plant"),
-    "scenario": ("", f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: steer by hand"),
+    "scenario": (
+        "",
+        f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: control by hand",
+    ),
     "record": ("false", "Whether a recorder runs"),
     "bag_dir": (
         "",
-        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A recorder that died goes on beside it, "
+        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A restarted recorder continues beside it, "
         "in <folder>_1",
     ),
-    "standby": ("", "Whether a second supervisor stands by and takes over when the first dies; empty: in real time"),
+    "standby": (
+        "",
+        "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
+    ),
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
@@ -229,7 +235,7 @@ def _machine_file(text: str, speed: float | None, scenario: Scenario | None) -> 
     if speed is not None:
         raise RuntimeError("machine: a machine runs in real time; leave realtime and speed as they are")
     if scenario is not None:
-        raise RuntimeError("machine: a scenario needs the emulated plant; steer by hand, or leave out machine")
+        raise RuntimeError("machine: a scenario needs the emulated plant; control by hand, or omit machine")
     file = Path(text).expanduser()
     if not file.is_file():
         raise RuntimeError(f"machine: there is no file {file}")

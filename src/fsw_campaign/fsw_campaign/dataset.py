@@ -21,7 +21,7 @@ from fsw_campaign.definition import Campaign
 from fsw_campaign.errors import CampaignError
 from fsw_campaign.software import versions
 from fsw_campaign.welds import Row
-from fsw_control.schema import Model, content_of, read_text, validate
+from fsw_schema.models import Model, content_of, read_text, validate
 
 _MANIFEST = "campaign.json"
 SCENARIO = "scenario.yaml"
@@ -74,12 +74,12 @@ class Dataset:
     folder : Path
     campaign : Campaign
     resume : bool
-        Whether to go on with the rows that are there already.
+        Whether to continue with the rows that are there already.
 
     Attributes
     ----------
     done : set of (int, str)
-        Number and controller of each weld that is there.
+        Number and controller of each weld in the folder.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Dataset:
             if manifest.exists():
                 self._check(resume)
             elif folder.exists() and any(folder.iterdir()):
-                raise CampaignError(f"folder {folder} exists and is not a campaign's; choose another --out")
+                raise CampaignError(f"folder {folder} exists and is not the folder of a campaign; choose another --out")
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -107,7 +107,9 @@ class Dataset:
                 content = _Manifest(digest=campaign.digest, versions=versions(), campaign=json.loads(campaign.text))
                 _write(manifest, content.model_dump_json(indent=1))
         except BlockingIOError:
-            raise CampaignError(f"folder {folder} is being written to by another run; wait for its end") from None
+            raise CampaignError(
+                f"folder {folder} is being written to by another run; wait until it has finished"
+            ) from None
         except OSError as error:
             raise CampaignError(f"cannot write to folder {folder}: {error.strerror}") from None
         self.done: set[tuple[int, str]] = set()
@@ -125,7 +127,7 @@ class Dataset:
                 f"this one is {campaign.name}, {campaign.digest}); choose another --out"
             )
         if not resume and _parts(self.folder):
-            raise CampaignError(f"folder {self.folder} has welds of this campaign; go on with --resume")
+            raise CampaignError(f"folder {self.folder} has welds of this campaign; continue with --resume")
         if manifest.versions != versions():
             raise CampaignError(
                 f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
@@ -182,7 +184,7 @@ def _read_manifest(folder: Path) -> _Manifest:
 
 
 def load(folder: Path) -> tuple[Campaign, pa.Table]:
-    """The campaign in a folder, and the rows that are there: in order of number and controller, each once.
+    """The campaign in a folder and its rows, in order of number and controller, without duplicates.
 
     Raises
     ------
@@ -209,7 +211,9 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
         try:
             tables.append(pq.read_table(path, columns=columns))
         except (OSError, pa.ArrowException) as error:
-            raise CampaignError(f"{path} is damaged: {' '.join(str(error).split())}; delete it and --resume") from None
+            raise CampaignError(
+                f"{path} is damaged: {' '.join(str(error).split())}; delete it and run again with --resume"
+            ) from None
     return pa.concat_tables(tables).unify_dictionaries().combine_chunks()
 
 

@@ -18,8 +18,11 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 from fsw_analysis.weld_signals import TruthSignals
 from fsw_campaign.distributions import Distribution, Sampler, draw, values, weld_seed
 from fsw_control.contract import Controller
-from fsw_control.ranges import Range
-from fsw_control.schema import (
+from fsw_plant.event_schema import TIME_S
+from fsw_scenario import scenario_file
+from fsw_scenario.controllers import make_all, name_of, short, source_of
+from fsw_scenario.scenario import Scenario
+from fsw_schema.models import (
     InputError,
     Many,
     Model,
@@ -31,10 +34,7 @@ from fsw_control.schema import (
     shipped_names,
     validate,
 )
-from fsw_plant.event_schema import TIME_S
-from fsw_scenario import scenario_file
-from fsw_scenario.controllers import make_all, name_of, short, source_of
-from fsw_scenario.scenario import Scenario
+from fsw_schema.ranges import Range
 
 _SHIPPED = Path(__file__).parent / "campaigns"
 #: keys of a scenario that are not parameters of the weld
@@ -81,7 +81,7 @@ class Entrant(Model):
     """as for `--controller`"""
     parameters: dict[str, Any] = {}
     label: str = ""
-    """what rows call it; by default the controller's name"""
+    """name in the rows; default: the controller's name"""
 
     @model_validator(mode="before")
     @classmethod
@@ -121,7 +121,7 @@ class Campaign(Model):
     @model_validator(mode="after")
     def _check(self) -> Campaign:
         if len({one.label for one in self.entrants}) < len(self.entrants):
-            raise ValueError("needs controllers with a label of its own for each")
+            raise ValueError("needs a different label for each controller")
         for path in self.distributions:
             if path.partition(".")[0] in _NOT_DRAWN:
                 raise ValueError(f"distributions.{path} is not a parameter of the weld")
@@ -152,7 +152,7 @@ class Campaign(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If it is not a valid one.
         """
         content = copy.deepcopy(self.scenario)
@@ -165,7 +165,7 @@ class Campaign(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If one is not known or refuses its parameters.
         """
         return make_all(scenario, entrant.controller, {entrant.name: entrant.parameters})
@@ -189,7 +189,7 @@ def load(source: str | Path, welds: int | None = None) -> Campaign:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If there is no such campaign or something in it is wrong.
     """
     content = content_of(read_text(source, "campaign", _SHIPPED), str(source))
@@ -214,7 +214,7 @@ def _check_welds(campaign: Campaign, where: str) -> None:
     """Make the first weld of every controller, and one with each extreme value of each distribution."""
     base = scenario_file.read(copy.deepcopy(campaign.scenario), f"{where}: scenario")
     if base.open_loop:
-        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign is about controllers")
+        raise InputError(f"{where}: scenario {base.name} is open-loop; a campaign needs a closed-loop one")
     try:
         for entrant in campaign.entrants:
             campaign.controllers(campaign.weld({}, entrant), entrant)

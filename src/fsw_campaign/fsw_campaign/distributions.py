@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat, model_validator
 
-from fsw_control.schema import Many, Model
+from fsw_schema.models import Many, Model
 
 Sampler = Literal["latin_hypercube", "sobol"]
-SAMPLERS: tuple[str, ...] = get_args(Sampler)
 _Pair = Annotated[Many[float], Field(min_length=2, max_length=2)]
 
 

@@ -92,7 +92,7 @@ def connect(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
 
 def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None = None) -> int:
-    """Run the welds that are missing; however it ends, what is finished is written.
+    """Run the missing welds; finished ones are always written.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
     return finished
 
 
-_LOST = "the scheduler is gone; all finished welds are written; start one and go on with --resume"
+_LOST = "the scheduler is gone; all finished welds are written; start one and continue with --resume"
 
 
 def _threads(client: Client) -> int:
@@ -164,7 +164,7 @@ class _Tasks:
         self._size, self._spent_s, self._rows = 1, 0.0, 0
 
     def learn(self, rows: list[Row], threads: int) -> None:
-        """Make the next batches as large as the wall time of these rows says, for so many threads."""
+        """Adapt the size of the next batches to the wall time of these rows, for this number of threads."""
         self._spent_s += sum(row.get("wall_time_s", 0.0) for row in rows)
         self._rows += len(rows)
         per_weld_s = len(self._campaign.entrants) * self._spent_s / max(self._rows, 1)

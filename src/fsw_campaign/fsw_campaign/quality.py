@@ -9,13 +9,13 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from fsw_campaign.definition import Bounds
-from fsw_control.schema import InputError, Many, Model, content_of, read_text, validate
+from fsw_schema.models import InputError, Many, Model, content_of, read_text, validate
 
 _SHIPPED = Path(__file__).with_name("quality.yaml")
 
 
 class Requirement(Model):
-    """What a weld is asked for, in words and as bounds of columns of the dataset."""
+    """A requirement on welds, in words and as bounds of columns of the dataset."""
 
     words: Annotated[str, AfterValidator(lambda text: " ".join(text.split()))]
     limits: dict[str, Bounds]
@@ -37,12 +37,12 @@ def read(file: Path | None, columns: Sequence[str]) -> list[Requirement]:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If it cannot be read or something in it is wrong.
     """
     path = file or _SHIPPED
     found = validate(_Requirements, {"limits": content_of(read_text(path, "limits"), str(path))}, str(path)).limits
     unknown = [column for one in found for column in one.limits if column not in columns]
     if unknown and file is not None:
-        raise InputError(f"{file}: {unknown[0]} is not a figure of this campaign; known: {', '.join(columns)}")
+        raise InputError(f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}")
     return [one for one in found if not set(unknown) & one.limits.keys()]

@@ -1,4 +1,4 @@
-"""The report on a campaign: one HTML file with its figures in it, or Markdown with the figures beside it."""
+"""The report on a campaign: one HTML file with its figures in it, or two Markdown pages and their figures."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     Parameters
     ----------
     folder : Path
-        Of the campaign; it may still be running.
+        Folder of the campaign, which may still be running.
     target : Path
-        Name ends in ``.html`` or ``.md``.
+        File to write; ends in ``.html`` or ``.md``. Markdown has its worst welds on a second page, ``<stem>_worst.md``.
     limits : Path, optional
         File of further limits, see :mod:`fsw_campaign.quality`; the shipped ones by default.
 
@@ -50,10 +50,10 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
         If the folder is no campaign's or has too few welds, the limits cannot be read, or the report not be written.
     """
     if target.suffix not in (".html", ".md"):
-        raise CampaignError(f"{target}: the name of a report ends in .html or .md")
+        raise CampaignError(f"{target}: the name of a report must end in .html or .md")
     results = Results(*load(folder), folder)
     if not results.complete.size:
-        raise CampaignError(f"{folder} has no weld yet that all controllers have run; go on with --resume")
+        raise CampaignError(f"{folder} has no weld yet that all controllers have finished; continue with --resume")
     requirements = quality.read(limits, results.columns)
     drawn = {
         "outside": figures.times_outside(results),
@@ -64,19 +64,26 @@ def write(folder: Path, target: Path, limits: Path | None = None) -> Path:
     content = _content(results, requirements) | {
         "stem": target.stem,
         "figures": {name for name, image in drawn.items() if image is not None},
+        "worst_page": "" if target.suffix == ".html" else f"{target.stem}_worst.md",
     }
-    text = re.sub(r"\n{3,}", "\n\n", _TEMPLATES.get_template("report.md.j2").render(content))
+    text, worst = _rendered("report.md.j2", content), _rendered("worst.md.j2", content)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.suffix == ".html":
-            text = _html(f"Campaign {results.campaign.name}", text, images)
+            text = _html(f"Campaign {results.campaign.name}", f"{text}\n{worst}", images)
         else:
+            target.with_name(content["worst_page"]).write_text(worst, encoding="utf-8")
             for name, image in images.items():
                 target.with_name(name).write_bytes(image)
         target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise CampaignError(f"cannot write {target}: {error.strerror}") from None
     return target
+
+
+def _rendered(template: str, content: dict[str, Any]) -> str:
+    text = re.sub(r"\n{3,}", "\n\n", _TEMPLATES.get_template(template).render(content))
+    return f"{text.strip()}\n"
 
 
 def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
@@ -87,7 +94,7 @@ def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
 
 
 def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str, Any]:
-    """What the template shows."""
+    """Values for the template."""
     worst = results.worst()
     return {
         "campaign": results.campaign,
@@ -155,7 +162,7 @@ def _words(one: Distribution) -> str:
 def _limit(signal: str, one: Limit) -> str:
     low = f"from {one.min:g} " if one.min is not None else ""
     high = f"to {one.max:g}" if one.max is not None else ""
-    return f"`{signal}` {low}{high}, outside for at most {one.at_most_s:g} s"
+    return f"`{signal}` {low}{high}".rstrip() + (f", outside for at most {one.at_most_s:g} s" if one.at_most_s else "")
 
 
 def _inside(results: Results) -> list[list[str]]:

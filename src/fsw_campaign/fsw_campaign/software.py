@@ -12,7 +12,7 @@ from platform import python_version
 
 #: packages that compute and judge a weld
 _PACKAGES = (
-    *("fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
+    *("fsw_schema", "fsw_model", "fsw_control", "fsw_nmpc", "fsw_decentral", "fsw_plant", "fsw_supervisor"),
     *("fsw_analysis", "fsw_scenario", "fsw_campaign"),
 )
 #: files of theirs that are for the graph alone
@@ -20,7 +20,7 @@ _GRAPH = ("_ros.py", "_node.py")
 
 
 def sources() -> Iterator[Path]:
-    """Python and parameter files of the packages that compute and judge a weld, in a fixed order."""
+    """Python and parameter files of the packages that compute and evaluate a weld, in a fixed order."""
     for package in _PACKAGES:
         for path in sorted(Path(str(resources.files(package))).iterdir()):
             if path.suffix in (".py", ".yaml") and not path.name.endswith(_GRAPH):

@@ -1,4 +1,4 @@
-"""What the rows of a campaign say: shares with intervals, ratios, rank correlations, the worst welds."""
+"""Statistics of a campaign's rows: shares with intervals, ratios, rank correlations, the worst welds."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _GROUP, _MOST_GROUPS = 25, 16
 
 
 def first_order(parameter: Vector, values: Vector) -> float:
-    """Share of the variance of the ranks of ``values`` that goes with a parameter alone, in whatever direction.
+    """Share of the variance of the ranks of ``values`` that is explained by a parameter alone, in any direction.
 
     Effect size (eta squared) of the Kruskal-Wallis test over groups of like parameter values, which estimates Sobol's
     first-order index of the ranks; 0 by chance, NaN with too few values.

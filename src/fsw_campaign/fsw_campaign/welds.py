@@ -1,4 +1,4 @@
-"""Runs welds of a campaign: what a worker does."""
+"""Runs welds of a campaign, in a worker."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def run_batch(text: str, batch: Sequence[tuple[int, Mapping[str, Any], Sequence[
 
 
 def run_weld(campaign: Campaign, index: int, parameters: Mapping[str, Any], entrant: Entrant) -> Row:
-    """Run one weld; whatever happens, there is a row."""
+    """Run one weld; returns a row in any case."""
     began = time.perf_counter()
     row: Row = {"index": index, "controller": entrant.label, "reason": "", "inside": False, **parameters}
     try:

@@ -18,8 +18,8 @@ from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E4
 from fsw_campaign.errors import CampaignError  # noqa: E402
 from fsw_campaign.statistics import Results, first_order  # noqa: E402
 from fsw_campaign.welds import run_weld  # noqa: E402
-from fsw_control.schema import validate  # noqa: E402
 from fsw_scenario.closed_loop import ClosedLoop  # noqa: E402
+from fsw_schema.models import validate  # noqa: E402
 from fsw_test_support.small_campaign import SMALL, campaign  # noqa: E402
 
 
@@ -145,7 +145,7 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
     (tmp_path / "precious").write_text("x")
-    with pytest.raises(CampaignError, match="not a campaign's"):
+    with pytest.raises(CampaignError, match="not the folder of a campaign"):
         Dataset(tmp_path, small[0])
     assert [path.name for path in tmp_path.iterdir()] == ["precious"]
 
@@ -170,12 +170,14 @@ def test_statistics_of_a_campaign(folder):
     assert [row["index"] for row, _ in worst[:2]] == [2, 2] and worst[0][1] == "diverged: lost"
 
 
-def test_mixed_versions_are_told(small, tmp_path):
+def test_mixed_versions_are_reported(small, tmp_path):
     made, rows = small
     with Dataset(tmp_path / "mixed", made) as written:
         written.write([row | {"versions": "new" if row["index"] else "old"} for row in rows])
     page = report.write(tmp_path / "mixed", tmp_path / "page.md").read_text()
-    assert "Mixed versions: 6 welds by new; 2 welds by old." in page
+    assert "Mixed versions: 6 welds with new; 2 welds with old." in page
+    worst = (tmp_path / "page_worst.md").read_text()
+    assert "(page_worst.md)" in page and "python3 scripts/fsw.py simulate" in worst
 
 
 def test_first_order_index_of_known_functions():

@@ -90,9 +90,9 @@ class AppliedCommands:
         if last.stamp_ns != _BEFORE_ALL_NS and seen.writer != last.writer:
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
             if not skipped and now_s - self._heard_s <= self._silence_s:
-                return "the supervisor that is followed commands as well"
+                return "the supervisor being followed sends commands, too"
             if newest_ns is not None and seen.stamp_ns > newest_ns:
-                return "it answers what has not been measured yet"
+                return "it answers a measurement that does not exist yet"
         if seen.stamp_ns < last.stamp_ns:
             return "a later measurement has been answered already"
         if seen.stamp_ns == last.stamp_ns and seen.command != last.command:
@@ -100,7 +100,7 @@ class AppliedCommands:
         return ""
 
     def restart(self) -> None:
-        """Time has jumped: what acts stays, the stamps start over."""
+        """Time has jumped: the actual values stay, the stamps start over."""
         self._kept = deque([replace(self.latest, stamp_ns=_BEFORE_ALL_NS)], maxlen=_KEPT)
 
     def before(self, tick_ns: int) -> Command:

@@ -192,7 +192,7 @@ class CLibrary:
             with tempfile.NamedTemporaryFile(dir=library.parent, suffix=".tmp", delete=False) as scratch:
                 target = Path(scratch.name)
         except OSError as error:
-            raise RuntimeError(f"no place for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
+            raise RuntimeError(f"cannot make a folder for the kernel's library: {error} (set XDG_CACHE_HOME)") from None
         identity = f'-D{self._macro}="{self.source_id()}"'
         files = [str(self.folder / name) for name in self.sources]
         arguments = [*FLAGS, identity, *files, "-o", str(target), "-lm"]
@@ -230,7 +230,7 @@ class CController:
     lib : Any
         The loaded library, by default ``library.lib``.
     refusal : str
-        What is wrong where the library refuses a tuning.
+        Error text if the library refuses a tuning.
     data : Any
         Arguments of ``fsw_NAME_init``.
 
@@ -260,12 +260,12 @@ class CController:
             raise ValueError(refusal)
 
     def configure(self, tuning: Any) -> None:
-        """Take another tuning; the proposals do not jump.
+        """Use another tuning; the proposals do not jump.
 
         Raises
         ------
         ValueError
-            If the tuning is not usable; the controller goes on with the one before.
+            If the tuning is not usable; the controller keeps the previous one.
         """
         if self._configure(self.state, tuning):
             raise ValueError(self._refusal)

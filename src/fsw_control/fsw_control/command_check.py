@@ -13,7 +13,7 @@ ROUNDING = 1e-6
 
 
 class Flaw(StrEnum):
-    """What can be wrong with a command."""
+    """Reasons for which a command is refused."""
 
     NOT_FINITE = "not_finite"
     OUT_OF_RANGE = "out_of_range"

@@ -90,5 +90,5 @@ class CommandGate:
         return "", ""
 
     def total(self) -> int:
-        """Commands refused, for whatever reason."""
+        """Commands refused, for any reason."""
         return sum(self.refused.values())

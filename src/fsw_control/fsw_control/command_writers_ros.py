@@ -36,7 +36,7 @@ class CommandWriters:
         node.create_subscription(SupervisorState, "fsw/supervisor/state", self._on_supervisor, LATEST)
 
     def look(self) -> None:
-        """Find out who publishes commands; to be called a few times a second."""
+        """Determine the publishers of commands; to be called a few times a second."""
         names = sorted(info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command"))
         if names != self.names:
             self.names = names

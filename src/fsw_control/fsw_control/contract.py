@@ -1,6 +1,6 @@
-"""What a controller is: pure data in, pure data out.
+"""The interface of a controller: pure data in, pure data out.
 
-Units are the paper's and stand in the names: mm, degC, N m, kN, rpm, s. Times come from the clock handed in.
+Units are the paper's and part of the names: mm, degC, N m, kN, rpm, s. Times come from the clock passed in.
 """
 
 from __future__ import annotations
@@ -13,9 +13,19 @@ from fsw_control import weld
 
 Sensor = Literal["depth", "torque", "thermocouple"]
 SENSORS: tuple[str, ...] = get_args(Sensor)
+#: by sensor: topic, relative to the weld's namespace, and the field of its message
+SENSOR_FIELDS = {
+    "depth": ("fsw/depth", "depth"),
+    "torque": ("fsw/spindle_torque", "torque"),
+    "thermocouple": ("fsw/thermocouple", "temperature"),
+}
 #: sources of commands that are no controllers: modes of the supervisor
 BuiltInSource = Literal["manual", "hold", "safe_stop"]
 BUILT_IN_SOURCES: tuple[str, ...] = get_args(BuiltInSource)
+#: modes that an operator can ask for
+OperatorMode = Literal["auto", BuiltInSource]
+OPERATOR_MODES: tuple[str, ...] = get_args(OperatorMode)
+SAFE_STOP: OperatorMode = "safe_stop"
 
 
 class Measurement(NamedTuple):

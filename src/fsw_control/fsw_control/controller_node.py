@@ -150,7 +150,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
             self._applied.restart()
             self._controller.reset(self._applied.latest.command)
             self._last_ns = None
-            self.get_logger().warning("time of the measurements has jumped: the controller starts over")
+            self.get_logger().warning("the measurements' time has jumped: the controller restarts")
         dt_s = self._settings["period"] if self._last_ns is None else (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
@@ -187,7 +187,7 @@ class ControllerNode(Node):  # type: ignore[misc]  # rclpy has no types everywhe
                 self._predictions.publish(convert.prediction_message(proposal.diagnosis.plan, time_ns))
         except (TypeError, ValueError, AssertionError, AttributeError) as error:
             # A user's controller may put anything into its diagnosis; its proposal is out already.
-            self.get_logger().error(f"diagnosis cannot be published: {error}", throttle_duration_sec=1.0)
+            self.get_logger().error(f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0)
 
     def _note_health(self, proposal: Proposal) -> None:
         health = (proposal.healthy, proposal.reason)

@@ -41,4 +41,4 @@ def free_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    raise NoFreeDomainError(f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}: end other runs first")
+    raise NoFreeDomainError(f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}; stop other runs first")

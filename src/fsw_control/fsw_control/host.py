@@ -1,4 +1,4 @@
-"""Steps a controller safely: whatever it does, there is an answer to every measurement."""
+"""Steps a controller safely: every measurement is answered, whatever the controller does."""
 
 from __future__ import annotations
 

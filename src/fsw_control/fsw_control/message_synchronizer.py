@@ -100,7 +100,7 @@ class StampFilter:
         self._outliers: dict[str, tuple[int, float]] = {}
 
     def offer(self, source: str, stamp_ns: int, value: float, now_s: float) -> AcceptedSamples | None:
-        """Take a sample that came at ``now_s`` on a steady clock; return what is accepted because of it, or None."""
+        """Process a sample received at ``now_s`` on a steady clock; returns the sample accepted by this, or None."""
         if self.newest_ns is None or abs(stamp_ns - self.newest_ns) <= RULES.jump_ns:
             self._accepted_s = now_s
             if self.newest_ns is None or stamp_ns > self.newest_ns:
@@ -195,10 +195,9 @@ class MessageSynchronizer:
         return self._release()
 
     def expire(self, now_s: float, patience_s: float) -> list[SampleSet]:
-        """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return what that releases.
+        """Stop waiting for the oldest tick if its first sample came ``patience_s`` ago; return the ticks released.
 
-        When the call itself is late by more than that, this process could not run: what is in the queues is read
-        first, once.
+        When the call itself is late by more than that, this process was stalled: the queues are read first, once.
         """
         if not self._pending:
             return []

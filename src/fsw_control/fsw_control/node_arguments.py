@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from fsw_control.parameters import ParameterSpec, require_known
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.yaml_text import load_yaml
 
 #: parameters that every node has
 _OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -22,14 +22,14 @@ _WIDTH = 100
 
 @dataclass(frozen=True, slots=True)
 class NodeArguments:
-    """What the command line of a node may hold.
+    """Arguments that a node accepts on its command line.
 
     Attributes
     ----------
     node : str
         Name of the node, when it is not remapped.
     about : str
-        What the node is, in a sentence.
+        Description of the node, in a sentence.
     specs : mapping of str to ParameterSpec
         Its parameters.
     positional : str

@@ -28,7 +28,7 @@ from typing import Any
 import yaml
 
 from fsw_control import weld
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.yaml_text import load_yaml
 
 TYPES = ("double", "int", "bool", "string", "string_array", "double_array")
 #: where parameters are described: package and file, or a path; None: there are none
@@ -100,7 +100,7 @@ def _spec(name: Any, entry: Any, where: str) -> ParameterSpec:
             raise ParameterError(f"{where}: {text}")
 
     named = isinstance(name, str) and _NAME.fullmatch(name)
-    require(named, f"{name!r} is not a parameter name (letters, digits, '_', groups parted by '.')")
+    require(named, f"{name!r} is not a parameter name (letters, digits, '_', groups separated by '.')")
     require(isinstance(entry, Mapping), f"{name} must be a mapping with type, default_value and description")
     unknown = sorted(str(key) for key in entry if key not in _KEYS)
     require(not unknown, f"{name} has unknown keys {', '.join(unknown)}; known: {', '.join(sorted(_KEYS))}")
@@ -208,7 +208,7 @@ def validate(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> d
 
 
 def _suggestion(near: Iterable[str], known: Iterable[str]) -> str:
-    """What may have been meant; all that is known where nothing is similar."""
+    """Suggestions for an unknown name; all known names if none is similar."""
     return f"did you mean {', '.join(near)}?" if near else f"known: {', '.join(known)}"
 
 

@@ -1,4 +1,4 @@
-"""Files with a secret: nobody else may read or change them."""
+"""Files with a secret, which no other user may read or change."""
 
 from __future__ import annotations
 

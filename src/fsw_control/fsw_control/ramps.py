@@ -36,12 +36,12 @@ def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
 
 
 def ramp_plan(start: Reference, goal: Reference, begin_ns: int) -> Programme:
-    """What is announced of a ramp."""
+    """The set-points announced for a ramp."""
     return _timed(stair(_by_tick(start, goal)), begin_ns)
 
 
 def stair(changes: Iterable[tuple[int, Reference]]) -> Programme:
-    """What is announced of changes of the set-points by tick, in order.
+    """The set-points announced for changes by tick, in order.
 
     Steps are announced as they are. A ramp or sine, which changes at every tick, is announced as a stair with the
     values in the middle of its treads, so that the few set-points that a controller is given reach further ahead.

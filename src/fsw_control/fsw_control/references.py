@@ -34,18 +34,20 @@ class _Issued(NamedTuple):
 
 
 class ReferenceQueue:
-    """Set-points in order, each held back until the time in its stamp. The rule, for all who follow set-points:
+    """Set-points in order, each held back until the time in its stamp.
 
-    - **Of all set-points that have begun, the one received last holds.** What came before it is void, also what was
-      sent ahead for later.
-    - **The stamp says when it begins.** At exactly that tick when it is ahead, by no more than ``horizon_ns``; at once
-      when it is 0 or past. One further ahead is of another clock and refused.
+    The rule, for every node that follows set-points:
+
+    - **Of all set-points whose time has come, the one received last is in force.** Earlier ones are void, including
+      those sent ahead for later.
+    - **The stamp says when it takes effect.** At exactly that tick if it is in the future, by no more than
+      ``horizon_ns``; at once if it is 0 or past. One further ahead is from another clock and refused.
     - **The publication time says whether it is old.** It is the sender's clock. One that is ahead of the receiver's
-      clock by more than ``OWN_CLOCK_NS`` is refused. What was published before the receiver began, or longer ago than
-      that, is what the middleware repeats to late joiners, sender by sender in any order: it has its place by its
-      publication time, and is refused where those in force, or to be in force when it would begin, are newer.
-    - **Who follows a set-point states it** with its place in the order; between listeners the last place holds, so
-      that all follow the same one, also when messages of two senders arrive in different order.
+      clock by more than ``OWN_CLOCK_NS`` is refused. One published before the receiver began, or longer ago than that,
+      is a repetition by the middleware for late joiners, sender by sender in any order: it is ordered by its
+      publication time, and refused if those in force, or to be in force when it would take effect, are newer.
+    - **Every node that follows a set-point publishes it** with its place in the order; among nodes the latest place
+      wins, so that all follow the same one, even if messages of two senders arrive in different order.
 
     Every refusal is reported, except of what was published long before the receiver began and arrives as it begins.
     Publication times are of the computers' clocks in simulated time, too, so that the rule is the same there; stamps
@@ -163,8 +165,8 @@ class ReferenceQueue:
         ahead_s = (stamp_ns - tick_ns) / NANOSECONDS
         allowed_s = self._horizon_ns / NANOSECONDS
         return (
-            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: another clock; "
-            "send it with stamp 0 to hold at once"
+            f"its stamp is {ahead_s:.0f} s ahead of the measurements, more than {allowed_s:.0f} s: the time of "
+            "another clock; send it with stamp 0 to apply it at once"
         )
 
     def _reject(self, reference: Reference, why: str) -> bool:
@@ -192,7 +194,7 @@ class ReferencePlan:
         return tuple(self._coming[first : first + MOST_COMING])
 
     def _has_come(self, index: int, present: Reference) -> bool:
-        """Whether ``present`` is what is planned, or near it while the plan is the stair of a ramp or sine."""
+        """Whether ``present`` is as planned, or near it while the plan is the stair of a ramp or sine."""
         planned = self._coming[index]
         near = [one for one in self._coming[max(index - 1, 0) : index + 2] if abs(one.at_s - planned.at_s) <= STAIR_S]
         return all(

@@ -1,4 +1,4 @@
-"""Set-points as they are sent, as those who follow them state what holds, and the service that sends them."""
+"""Set-points as messages: sent, reported by the nodes that follow them, and requested by a service."""
 
 from __future__ import annotations
 
@@ -184,12 +184,14 @@ class KeptReference:
             response = one.response
             if overtaken:
                 response.ok = False
-                response.message = "refused: other set-points were received after them; look, and send them again"
+                response.message = (
+                    "refused: other set-points were received after them; check those in force and send them again"
+                )
             elif one.received_ns is None:
                 response.ok = False
-                response.message = f"refused: not confirmed within {_ANSWER_S:g} s; look which set-points are in force"
+                response.message = f"refused: not confirmed within {_ANSWER_S:g} s; check which set-points are in force"
             elif not in_force:
-                response.message += "; no measurement comes, they hold from the next one on"
+                response.message += "; there are no measurements, they will be in force from the next one on"
             self._asked.remove(one)
             one.answered.set_result(True)
 
@@ -199,7 +201,7 @@ class KeptReference:
                 one.received_ns = self._tick_ns
 
     def report(self) -> Report:
-        """Line of diagnostics: what was refused since the last one."""
+        """Entry of the diagnostics: set-points refused since the last one."""
         new, self._reported = self._refused - self._reported, self._refused
         text = f"{new} refused; last: {self._last_refusal}" if new else "accepted"
         values = {"refused": self._refused, "last refusal": self._last_refusal}
@@ -239,9 +241,9 @@ class KeptReference:
             raise ValueError("no controller listens to set-points; start one")
 
     def _send(self, goal: Reference, start: Reference | None, mark: str) -> str:
-        """Send set-points, of which the first hold at once and void what was sent ahead before; returns the answer."""
+        """Send set-points, the first of which take effect at once and void those sent ahead; returns the answer."""
         if start is None:
-            raise ValueError("no set-points are in force that a ramp could begin at; send them without a ramp")
+            raise ValueError("no set-points are in force from which a ramp could start; send them without a ramp")
         if self._publishers is None:
             create = self._node.create_publisher
             plans = create(WeldReferencePlan, "fsw/reference_plan", LATEST)
@@ -262,10 +264,10 @@ class KeptReference:
 
 
 def _goal(request: SetReference.Request, present: Reference | None) -> Reference:
-    """Set-points that are asked for; raises ValueError when a value is out of range or cannot stay."""
+    """Requested set-points; raises ValueError when a value is out of range or cannot stay."""
     depth_mm, temperature_c = units.mm_from_m(request.depth), float(request.temperature)
     if present is None and (isnan(depth_mm) or isnan(temperature_c)):
-        raise ValueError("there is no set-point yet that could stay; give depth and temperature")
+        raise ValueError("no set-points are in force yet; give both depth and temperature")
     if present is not None:
         depth_mm = present.depth_mm if isnan(depth_mm) else depth_mm
         temperature_c = present.temperature_c if isnan(temperature_c) else temperature_c

@@ -38,7 +38,7 @@ class SingleInstanceGuard:
         self._heard = ""
 
     def check(self, discovery_s: float, announce: Callable[[], None]) -> None:
-        """Look for ``discovery_s``, and listen to what is found; returns when the domain is free.
+        """Search for ``discovery_s`` and listen to publishers found; returns when the domain is free.
 
         ``announce`` publishes this plant's diagnostics, so that another one that starts now detects it.
 
@@ -70,7 +70,9 @@ class SingleInstanceGuard:
                 "end it first, or set another ROS_DOMAIN_ID or namespace"
             )
         if self._others():
-            node.get_logger().warning(f"{self._topic} has a silent publisher, left behind by a killed process: ignored")
+            node.get_logger().warning(
+                f"{self._topic} has a publisher that sends nothing, probably left behind by a killed process; ignored"
+            )
 
     def _others(self) -> bool:
         return self._node.count_publishers(self._topic) > 1

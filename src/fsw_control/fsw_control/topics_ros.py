@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.contract import Command
+from fsw_control.contract import SENSOR_FIELDS, SENSORS, Command
 from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque
 
 STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -24,30 +25,35 @@ LATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durabil
 #: In lockstep the player says here of which depth it has sent all that belongs before the next tick.
 PLAYER_READY = "fsw/player_ready"
 
-#: by sensor (of ``SENSORS``): topic, message, its field, and conversion to the paper's unit
-_SENSORS: dict[str, tuple[str, Any, str, Callable[[float], float]]] = {
-    "depth": ("fsw/depth", ShoulderDepth, "depth", units.mm_from_m),
-    "torque": ("fsw/spindle_torque", SpindleTorque, "torque", float),
-    "thermocouple": ("fsw/thermocouple", Temperature, "temperature", float),
+#: by sensor (of ``SENSORS``): message, and conversion to the paper's unit
+_MESSAGES: dict[str, tuple[Any, Callable[[float], float]]] = {
+    "depth": (ShoulderDepth, units.mm_from_m),
+    "torque": (SpindleTorque, float),
+    "thermocouple": (Temperature, float),
 }
+
+
+def sensor_publishers(node: Node) -> list[Publisher]:
+    """Publishers of the sensors, in the order of ``SENSORS``."""
+    return [node.create_publisher(_MESSAGES[sensor][0], SENSOR_FIELDS[sensor][0], STREAM) for sensor in SENSORS]
 
 
 def subscribe_sensors(node: Node, take: Callable[[str, int, float], None]) -> list[Subscription]:
     """Subscribe to the sensors; ``take`` gets name (of ``SENSORS``), stamp in ns, and value in mm, N m or degC."""
 
     def subscribe(sensor: str) -> Subscription:
-        topic, kind, field, converted = _SENSORS[sensor]
+        (topic, field), (kind, converted) = SENSOR_FIELDS[sensor], _MESSAGES[sensor]
 
         def on_sample(message: Any) -> None:
             take(sensor, convert.stamp_ns(message.header.stamp), converted(getattr(message, field)))
 
         return node.create_subscription(kind, topic, on_sample, STREAM)
 
-    return [subscribe(sensor) for sensor in _SENSORS]
+    return [subscribe(sensor) for sensor in SENSORS]
 
 
 def subscribe_drives(node: Node, take: Callable[[int, Command], None]) -> None:
-    """Subscribe to what the drives report; ``take`` gets the stamp in ns and what acts.
+    """Subscribe to the drives' feedback; ``take`` gets the stamp in ns and the actual values.
 
     To be called before :func:`subscribe_sensors`, so that an executor finds this topic first.
     """

@@ -84,7 +84,7 @@ class Reading(NamedTuple):
 
 
 class Frozen:
-    """Tells a frozen sensor from one whose quantised or noise-free signal happens to stand still.
+    """Distinguishes a frozen sensor from one whose quantised or noise-free signal happens to stand still.
 
     A run of equal samples is suspicious only where the signal was noisy before, and only when the run is
     longer than the share of equal neighbours seen before makes likely.

@@ -84,7 +84,7 @@ def graph():
 def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     assert "no controller" in graph.ask(2.7, 820.0).message
     graph.start_controller()
-    assert "no set-point yet" in graph.ask(2.7).message
+    assert "no set-points are in force yet" in graph.ask(2.7).message
     assert "1.5 to 4 mm" in graph.ask(9.0, 820.0).message
     accepted = graph.ask(2.7, 820.0)
     assert accepted.ok, accepted.message

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from fsw_control.schema import Model
+from fsw_schema.models import Model
 
 
 class Gains(Model):

@@ -1,4 +1,4 @@
-"""What is exported: a unit with its model, tuning and parameters."""
+"""Content of an export: a unit with its model, tuning and parameters."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from fsw_control.schema import content_of, read_text
 from fsw_export.errors import ExportError
 from fsw_model import ModelParameters, ProcessModel, nominal
+from fsw_schema.models import content_of, read_text
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Choice:
         return ", ".join([model, tuning, *(f"`{name}={value}`" for name, value in self.values.items())])
 
     def _of_spindle(self) -> dict[str, Any]:
-        """What the decentralized controller knows of the process, as parameters of its node."""
+        """Process data of the decentralized controller, as parameters of its node."""
         return {
             "friction.constant": self.model.friction_constant_nm,
             "friction.linear": self.model.friction_linear_nm_per_rpm,

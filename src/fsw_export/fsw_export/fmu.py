@@ -42,11 +42,11 @@ def make(choice: Choice) -> Content:
 def check_file(out: Path, replace: bool = False) -> None:
     """Refuse a file that :func:`write` could not write; ExportError says why."""
     if out.suffix != ".fmu":
-        raise ExportError(f"{out}: end the name in .fmu")
+        raise ExportError(f"{out}: the name must end in .fmu")
     if not out.absolute().parent.is_dir():
         raise ExportError(f"cannot write {out}: there is no folder {out.parent}")
     if out.exists() and not (replace and out.is_file()):
-        raise ExportError(f"{out} exists already; nothing is overwritten without --force")
+        raise ExportError(f"{out} exists already; use --force to replace it")
 
 
 def write(content: Content, out: Path, replace: bool = False, others: Sequence[str] = ()) -> None:

@@ -92,12 +92,16 @@ def _content(library: ControllerSources, parameters: list[Variable], choice: Cho
         inputs.append(_KNOWN)
     variables = [_input(signal, at) for signal in inputs]
     if library.name == "nmpc":
-        variables += [boolean("drives_valid", "Whether acting_force_kn and acting_speed_rpm are wired and good", False)]
+        variables += [
+            boolean("drives_valid", "Whether acting_force_kn and acting_speed_rpm are connected and valid", False)
+        ]
     force, speed = at["force_kn"], at["speed_rpm"]
     variables += [
         real("applied_force_kn", "Force set-point in force until now, if it is not that of this FMU", "kN", force),
         real("applied_speed_rpm", "Speed set-point in force until now, likewise", "rpm", speed),
-        boolean("applied_valid", "Whether these are wired; otherwise what this FMU puts out counts as applied", False),
+        boolean(
+            "applied_valid", "Whether these are connected; otherwise this FMU's own output counts as applied", False
+        ),
         *(output(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
         *parameters,
         replace(own["force_max"], name="start_force_kn", description="Force at the start", start=force, fixed=True),

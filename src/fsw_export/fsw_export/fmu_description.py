@@ -131,7 +131,7 @@ def parameter(spec: ParameterSpec, start: float, fixed: bool = False) -> Variabl
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What an FMU is made of.
+    """Content of an FMU.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What goes into the exported controllers and comes out of them: name, unit and meaning of every signal."""
+"""Inputs and outputs of the exported controllers: name, unit and meaning of every signal."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ NMPC_INPUTS = (
     Signal("depth_fresh", "bool", "", "whether depth_mm is a good sample of this tick"),
     Signal("torque_fresh", "bool", "", "whether torque_nm is a good sample of this tick"),
     Signal("temperature_fresh", "bool", "", "whether temperature_c is a good sample of this tick"),
-    Signal("acting_force_kn", "real", "kN", "force that acts, as the drive reports it; NaN: unknown", "force_kn"),
-    Signal("acting_speed_rpm", "real", "rpm", "speed that acts, as the drive reports it; NaN: unknown", "speed_rpm"),
+    Signal("acting_force_kn", "real", "kN", "actual force, as reported by the drive; NaN: unknown", "force_kn"),
+    Signal("acting_speed_rpm", "real", "rpm", "actual speed, as reported by the drive; NaN: unknown", "speed_rpm"),
     *_INPUTS,
-    Signal("n_changes", "int", "", "future set-points that are known, 0 to 8; the example reads one"),
-    Signal("change_at_s", "real", "s", "when the next set-point comes into force, from now", "change[0].at_s"),
+    Signal("n_changes", "int", "", "number of announced set-points, 0 to 8; the example reads one"),
+    Signal("change_at_s", "real", "s", "time until the next set-point is in force", "change[0].at_s"),
     Signal("change_depth_mm", "real", "mm", "its depth", "change[0].depth_mm"),
     Signal("change_temperature_c", "real", "degC", "its temperature", "change[0].temperature_c"),
 )
@@ -88,11 +88,11 @@ NMPC_OUTPUTS = (
     Signal("blind", "int", "", f"sensors missing for too long: {_listed(nmpc.Missing, ' + ')}"),
     Signal("solve_status", "int", "", _listed(nmpc.SolveStatus)),
     Signal("iterations", "int", "", "iterations of the solver"),
-    Signal("estimated_depth_mm", "real", "mm", "what the depth sensor should show", "depth_mm"),
-    Signal("estimated_temperature_c", "real", "degC", "what the thermocouple should show", "temperature_c"),
+    Signal("estimated_depth_mm", "real", "mm", "predicted reading of the depth sensor", "depth_mm"),
+    Signal("estimated_temperature_c", "real", "degC", "predicted reading of the thermocouple", "temperature_c"),
     Signal("estimated_torque_nm", "real", "N m", "motor torque", "torque_nm"),
-    Signal("force_disturbance_kn", "real", "kN", "estimate: what acts beside the force", "disturbance[0]"),
-    Signal("heat_disturbance_kw", "real", "kW", "estimate: what heats beside the power", "disturbance[1]"),
+    Signal("force_disturbance_kn", "real", "kN", "estimate: disturbance force", "disturbance[0]"),
+    Signal("heat_disturbance_kw", "real", "kW", "estimate: disturbance heat", "disturbance[1]"),
     Signal("torque_scale", "real", "", "estimate: factor on the process torque", "disturbance[2]"),
     Signal("depth_offset_mm", "real", "mm", "estimate: offset of the depth sensor", "disturbance[3]"),
     Signal("temperature_offset_c", "real", "degC", "estimate: offset of the thermocouple", "disturbance[4]"),
@@ -109,7 +109,7 @@ DECENTRAL_OUTPUTS = (
     *_COMMAND,
     Signal("reason", "int", "", _listed(decentral.Reason)),
     Signal("active_limits", "int", "", _listed(decentral.Limit, " + ")),
-    Signal("filtered_depth_mm", "real", "mm", "measured depth behind its filter", "depth_mm"),
-    Signal("filtered_temperature_c", "real", "degC", "measured temperature behind its filter", "temperature_c"),
+    Signal("filtered_depth_mm", "real", "mm", "filtered depth", "depth_mm"),
+    Signal("filtered_temperature_c", "real", "degC", "filtered temperature", "temperature_c"),
     Signal("process_torque_nm", "real", "N m", "measured torque less friction, filtered", "torque_nm"),
 )

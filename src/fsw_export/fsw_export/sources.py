@@ -22,7 +22,7 @@ from fsw_nmpc.library import Tables
 
 @dataclass(frozen=True)
 class ControllerSources:
-    """All of a controller that an exported folder or FMU is made of.
+    """All parts of a controller in an exported folder or FMU.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class ControllerSources:
     arrays : dict of str to array
         Tables that the structs' pointers of the same name refer to.
     structs : dict of str to Any
-        What the controller is initialised with, by kind: ``model``, ``tuning``.
+        Arguments of the controller's initialisation, by kind: ``model``, ``tuning``.
     inputs, outputs : tuple of Signal
     """
 
@@ -50,7 +50,7 @@ class ControllerSources:
 
     @property
     def prefix(self) -> str:
-        """What the names of all functions, structs and files begin with."""
+        """Prefix of all functions, structs and files."""
         return self.library.package
 
     @property

@@ -1,4 +1,4 @@
-"""Test vectors: what a controller was given and what it answered, tick by tick, during a weld."""
+"""Test vectors: a controller's inputs and outputs, tick by tick, during a weld."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def recorded(
     if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
         raise ExportError(
             f"in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} proposals were healthy: "
-            "this controller cannot hold this model; check model and tuning"
+            "this controller cannot control this model; check model and tuning"
         )
     return sources, {"weld": weld, "faults": with_faults(weld)}
 

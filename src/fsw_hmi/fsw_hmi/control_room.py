@@ -8,9 +8,9 @@ import secrets
 from dataclasses import dataclass, field
 from typing import Any
 
-from fsw_control.schema import InputError
 from fsw_hmi import security, tokens
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
+from fsw_schema.models import InputError
 
 DONE, REFUSED, TIMED_OUT = "done", "refused", "timed_out"
 #: requests of a session in a second; safe stops do not count

@@ -13,7 +13,6 @@ from fsw_control.ranges import (
     REFERENCE_TEMPERATURE_C,
     WELD_RATE_DEPTH_MM_PER_S,
     WELD_RATE_TEMPERATURE_C_PER_S,
-    Range,
 )
 from fsw_plant.event_schema import (
     DISTURBANCE_AMPLITUDE,
@@ -23,6 +22,7 @@ from fsw_plant.event_schema import (
     FAULT_KINDS,
     FAULT_MAGNITUDE,
 )
+from fsw_schema.ranges import Range
 
 #: Distance from the set-point inside which the depth is good; chosen, about the paper's step disturbance.
 QUALITY_DEPTH_MM = (-0.1, 0.1)

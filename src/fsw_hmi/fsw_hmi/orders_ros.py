@@ -15,6 +15,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from fsw_control import units
+from fsw_control.contract import SAFE_STOP
 from fsw_hmi.control_room import DONE, REFUSED, TIMED_OUT
 from fsw_hmi.requests import (
     AcknowledgeStop,
@@ -31,7 +32,6 @@ from fsw_msgs import srv
 from fsw_msgs.srv import SetDisturbance, SetFault, SetMode, SwitchController
 from fsw_plant.event_schema import amplitude_unit, magnitude_unit
 
-SAFE_STOP = "safe_stop"
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the answer: a supervisor that
 #: is being started again must get it
 _REPEAT_S, _REPEAT_FOR_S = 0.5, 60.0

@@ -7,16 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from fsw_control.contract import BuiltInSource
-from fsw_control.ranges import (
-    COMMAND_FORCE_KN,
-    COMMAND_SPEED_RPM,
-    REFERENCE_DEPTH_MM,
-    REFERENCE_TEMPERATURE_C,
-    Range,
-)
-from fsw_control.schema import InputError, Many, Model, validate
+from fsw_control.contract import OperatorMode
+from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_plant.event_schema import disturbance, fault
+from fsw_schema.models import InputError, Many, Model, validate
+from fsw_schema.ranges import Range
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
 _AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
@@ -64,7 +59,7 @@ class Switch(Action):
 class ChangeMode(Action):
     """Another mode; force and speed are for ``manual``."""
 
-    mode: Literal["auto", BuiltInSource]
+    mode: OperatorMode
     force_kn: Annotated[float, COMMAND_FORCE_KN] | None = None
     speed_rpm: Annotated[float, COMMAND_SPEED_RPM] | None = None
 
@@ -150,7 +145,7 @@ def read(do: str, message: Mapping[str, Any]) -> Action:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         When there is none of this name, or a value is missing, of the wrong type or out of range.
     """
     if do not in ACTIONS:

@@ -13,8 +13,9 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.web import LivePage
 from fsw_hmi.web_server import address, application, listen
 from fsw_hmi.web_thread import WebThread
-from fsw_test_support.page_client import PATIENCE_S, Page
+from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id
+from fsw_test_support.waiting import PATIENCE_S
 
 __all__ = ["domain_id"]
 TOKEN = "a token of some length"

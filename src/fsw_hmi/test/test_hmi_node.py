@@ -1,8 +1,8 @@
 """The node with a real page, among nodes that stand in for the graph."""
 
 import threading
-import time
 from functools import partial
+from itertools import count
 from math import radians
 
 import pytest
@@ -30,18 +30,12 @@ from fsw_msgs.msg import (
     WeldReference,
 )
 from fsw_msgs.srv import SetDisturbance, SetMode, SetReference, SwitchController
-from fsw_test_support.page_client import PATIENCE_S, Page
+from fsw_test_support.page_client import Page
+from fsw_test_support.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 TOKEN = "a token of some length"
 START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
-
-
-def wait(condition, what="the condition"):
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, f"waited in vain for {what}"
-        time.sleep(0.01)
 
 
 class Graph:
@@ -81,13 +75,12 @@ class Graph:
         self.torques.publish(convert.torque_message(1000.0, stamp_ns))
 
     def tick_until(self, condition, what):
-        end_s = time.monotonic() + PATIENCE_S
-        number = 0
-        while not condition():
-            assert time.monotonic() < end_s, f"waited in vain for {what}"
-            self.tick(number)
-            number += 1
-            time.sleep(0.02)
+        numbers = count()
+
+        def holds():
+            return condition() or self.tick(next(numbers))
+
+        wait_until(holds, what)
 
     def close(self):
         self.executor.shutdown()
@@ -117,11 +110,11 @@ def page(graph):
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
     names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")]
     assert [name for name in names if graph.node.count_publishers(name)] == []
-    wait(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
-    wait(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1)
+    wait_until(lambda: graph.drives.get_subscription_count() == 1, "the page at the drives")
+    wait_until(lambda: graph.node.count_subscribers("/fsw/supervisor/state") == 1, "the page at the supervisor")
     assert graph.depths.get_subscription_count() == 0
     graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors")
-    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
     graph.tick_until(graph.depths.get_subscription_count, "the page at the sensors of the next plant")
 
 
@@ -136,7 +129,7 @@ def test_ticks_reach_the_page(graph, page):
 
 def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):
     graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
-    wait(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
+    wait_until(lambda: graph.depths.get_subscription_count() == 0, "the page to leave a silent plant")
     page.seen("alarms", lambda frame: frame["alarms"])
     graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
     page.until("hello")
@@ -153,7 +146,7 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page):
     shown = page.until("state")
     assert (shown["known"], shown["actual_mode"], shown["controllers"][0]["ready"]) == (True, "auto", True)
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
-    wait(predictions.get_subscription_count, "the page at the predictions")
+    wait_until(predictions.get_subscription_count, "the page at the predictions")
     predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
     plan = page.until("prediction")
     assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
@@ -202,7 +195,7 @@ def test_answers_of_services(graph, page):
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
     graph.serve(Trigger, "fsw/acknowledge", on_acknowledge)
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait(lambda: len(graph.actions) == 9, "the record of all actions")
+    wait_until(lambda: len(graph.actions) == 9, "the record of all actions")
     assert [(one.action, one.outcome) for one in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
@@ -241,8 +234,8 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
         return response
 
     graph.serve(SetMode, "fsw/set_mode", on_mode)
-    wait(lambda: asked, "the safe stop")
-    wait(lambda: len(graph.actions) == 3, "the record of what became of it")
+    wait_until(lambda: asked, "the safe stop")
+    wait_until(lambda: len(graph.actions) == 3, "the record of what became of it")
     assert [one.outcome for one in graph.actions] == ["done", "timed_out", "done"]  # the first: control taken
     assert asked[0] == "safe_stop"
 
@@ -257,7 +250,7 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
         return response
 
     graph.serve(SetReference, "fsw/set_reference", on_set_points)
-    wait(graph.hmi._orders._set_reference.service_is_ready, "the service")
+    wait_until(graph.hmi._orders._set_reference.service_is_ready, "the service")
     refused = page.ask("set_reference", depth_mm=2.7, temperature_c=820)
     assert (refused["outcome"], refused["message"]) == ("refused", "as a test")
     assert page.ask("set_reference", depth_mm=2.66, temperature_c=826, ramp=True)["outcome"] == "done"
@@ -274,7 +267,7 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
 
 def test_part_with_an_error_is_an_alarm(graph, page):
     diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-    wait(diagnostics.get_subscription_count)
+    wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
     status = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
     diagnostics.publish(DiagnosticArray(status=[status]))
     (alarm,) = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]

@@ -69,7 +69,7 @@ def drop_small_shifts(problem: Problem) -> None:
 
 
 def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None]) -> list[str]:
-    """Leave out windows in which the model does not follow an output; returns what was left out.
+    """Exclude windows in which the model does not follow an output; returns the excluded ones.
 
     ``noise`` is the sensors' by itself. Again and again, because a disturbance hides in the parameters that it biases.
     """
@@ -88,8 +88,8 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
             problem.segments[i] = replace(segment, measured=np.where(left[i], np.nan, segment.measured))
         problem.solve(progress)
     notes = [
-        f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not trust what depends "
-        "on it"
+        f"{OUTPUTS[i]}: the model does not follow it in {100 * share[i]:.0f} % of the time; do not rely on "
+        "parameters that depend on it"
         for i in np.flatnonzero(~followed)
     ]
     for segment, windows in zip(problem.segments, left, strict=True):
@@ -104,7 +104,7 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
 
 
 def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Samples in windows whose mean or variance is not that of noise, and in the windows beside them; same shape."""
+    """Samples in windows whose mean or variance is not that of noise, and in the adjacent windows; same shape."""
     parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
     found = np.zeros(residuals.shape, dtype=bool)
     for output in range(residuals.shape[1]):

@@ -26,7 +26,9 @@ LARGEST_DEVIATION = 0.25
 _LARGEST_AT_START = 0.3
 #: never estimated: (19)-(22) have six coefficients for the three things that welds show
 STRUCTURAL = ("geometry_factor", "contact_radius_m", "geometry_offset_m3")
-_WHY_STRUCTURAL = "(19)-(22) have six coefficients, welds show three: the torque, its slope over force and over depth"
+_WHY_STRUCTURAL = (
+    "(19)-(22) have six coefficients, welds identify three: the torque, its slope over force and over depth"
+)
 #: identifiable even at rest, if everything else of the torque is kept nominal
 _LEVEL = "sliding_friction"
 #: which are kept nominal first, where several are not identifiable together
@@ -113,14 +115,14 @@ def identify(
     start: ModelParameters | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
-    """Estimate what is identifiable of the model.
+    """Estimate the identifiable parameters of the model.
 
     Parameters
     ----------
     segments : sequence of Segment
         Of one or more welds of one process.
     start : ModelParameters, optional
-        The paper's by default; what is not identifiable keeps these values.
+        The paper's by default; parameters that are not identifiable keep these values.
     progress : callable, optional
         Called with the share done.
 
@@ -176,7 +178,8 @@ def _solve_twice(
 ) -> Problem:
     """Solution from a start, with shifts and slow disturbances.
 
-    Shifts are found in the residuals of a model that they have bent; so once more from the start, with what was found.
+    Shifts are found in the residuals of a model that they have biased; so it is repeated from the start, with these
+    shifts.
     """
     problem = _solve(start, segments, free, [], np.zeros(0), count)
     if not problem.shifts:
@@ -260,7 +263,7 @@ def _select(problem: Problem, kept: dict[str, str], largest: float) -> tuple[str
         names = [problem.free[i] for i in left]
         if not names or names == [_LEVEL]:
             raise IdentificationError(
-                "no parameter can be identified but perhaps the level of the torque: force and speed hardly move; "
+                "no parameter can be identified except perhaps the level of the torque: force and speed hardly move; "
                 "weld with steps, see --design"
             )
         chosen = np.array([*left, *others])

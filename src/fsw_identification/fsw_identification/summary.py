@@ -33,7 +33,7 @@ class Summary:
     validation : Fit or None
         Of the validation weld, with the same parameters.
     notes : tuple of str
-        What was left out of the data.
+        Data that were excluded.
     air : dict of str to float
         Standard deviations of the friction's coefficients, if they were estimated.
     """
@@ -102,7 +102,7 @@ def disturbances(fit: Fit) -> list[str]:
 
 
 def remarks(result: Summary) -> list[str]:
-    """Everything that a reader has to know besides the tables."""
+    """All remarks in addition to the tables."""
     fit = result.fit
     reasons: dict[str, list[str]] = {}
     for name, why in fit.kept.items():
@@ -116,6 +116,6 @@ def remarks(result: Summary) -> list[str]:
         if max(result.judgement.outside(i)) > _WHITE:
             lines.append(
                 f"residuals of {name} are not white: the model does not explain all of it; "
-                f"standard deviations count it (× {fit.colour[i] ** 0.5:.1f})"
+                f"standard deviations are enlarged (× {fit.colour[i] ** 0.5:.1f})"
             )
     return lines

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from fsw_analysis.messages import SENSOR_FIELDS
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.contract import SENSORS
 from fsw_control.units import NANOSECONDS
@@ -65,7 +66,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class WeldData:
-    """Segments of one weld, and what was left out of it and why, one line each."""
+    """Segments of one weld, and the excluded parts with the reason, one line each."""
 
     name: str
     segments: list[Segment]
@@ -94,18 +95,16 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     needed = ("torque",) if in_air else _COLUMNS
     missing = [sensor for sensor, column in zip(_COLUMNS, sensors.T, strict=True) if not np.isfinite(column).any()]
     if missing := [sensor for sensor in missing if sensor in needed]:
-        raise IdentificationError(
-            f"{name}: no samples of {', '.join(missing)}; a bag needs /fsw/depth, /fsw/thermocouple and "
-            "/fsw/spindle_torque"
-        )
+        topics = ", ".join(SENSOR_FIELDS[sensor][0] for sensor in needed)
+        raise IdentificationError(f"{name}: no samples of {', '.join(missing)}; a bag needs {topics}")
     notes: list[str] = []
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
     if not in_air and row[-1] * TICK_S > _LONG_S:
         notes.append(
-            f"{row[-1] * TICK_S / 60.0:.0f} min is long: takes minutes, and the accuracy was only measured on welds of "
-            "five minutes; better one or several of those (--design)"
+            f"{row[-1] * TICK_S / 60.0:.0f} min is long: the estimate takes minutes, and its accuracy was only "
+            "measured on five-minute welds; prefer one or several of those (--design)"
         )
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_HOLE_S) + 1
     segments = []
@@ -132,15 +131,17 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
 
 
 def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
-    """Force and speed that act at each tick: what the drives report, else the commands through the drives' lag."""
+    """Actual force and speed at each tick: the drives' feedback, else the commands filtered by the drives' lag."""
     if signals.drives is not None:
         acting = np.column_stack([signals.drives.force_kn, signals.drives.speed_rpm])
         if np.isfinite(acting).all(axis=1).mean() > 0.5:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
     if not np.isfinite(commands).all():
-        raise IdentificationError(f"{signals.path}: neither /fsw/drives nor /fsw/command says what acted")
-    notes.append("no report of the drives: the commands stand in, disturbances of the inputs are not seen")
+        raise IdentificationError(
+            f"{signals.path}: has neither /fsw/drives nor /fsw/command, so its inputs are unknown"
+        )
+    notes.append("no drives' feedback: the commands are used instead, without disturbances of the inputs")
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
     acting, _ = lfilter([0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1])
     return np.asarray(acting)
@@ -167,7 +168,7 @@ def _filled(values: FloatArray) -> FloatArray:
 
 
 def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> FloatArray:
-    """Samples that the controllers' sensor guard accepts, without what it holds, and without frozen runs."""
+    """Samples accepted by the controllers' sensor guard, without held values and frozen runs."""
     guard, usable = SensorGuard(), sensors.copy()
     refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
     for tick, row in enumerate(sensors):

@@ -261,7 +261,7 @@ def test_commands_stand_in_for_the_drives() -> None:
     signals.drives = None
     data = prepare(signals, 0.0)
     np.testing.assert_allclose(data.segments[0].force_kn[:-1], with_drives.force_kn[:-1])
-    assert "commands stand in" in data.notes[0]
+    assert "commands are used instead" in data.notes[0]
 
 
 def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:

@@ -71,7 +71,7 @@ class _Write(NamedTuple):
 
 
 class Gateway:
-    """Decides about each read and each command, in one thread; every time is handed in (steady seconds).
+    """Decides on each read and each command, in one thread; all times are passed in (steady seconds).
 
     Commands reach the machine only while it is *joined*: since the last time that they did not reach it, the
     measurements have paused for ``PAUSE_S``. After such a pause supervisor and controllers start over from what the
@@ -106,10 +106,7 @@ class Gateway:
     def __init__(self, machine: MachineFile, values: Mapping[str, Any]) -> None:
         self._machine = machine
         self.gate = CommandGate(
-            Limits.from_parameters(values),
-            values["commands.max_age_s"],
-            values["commands.sources"],
-            more_reasons=REASONS,
+            Limits.from_parameters(values), values["commands.max_age_s"], values["commands.sources"], REASONS
         )
         self.stamps = Stamps(round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
@@ -127,7 +124,7 @@ class Gateway:
         self._lost = self._cycle = 0
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Work with the node's parameters from now on, without forgetting.
+        """Apply new parameters of the node, keeping the state.
 
         Raises
         ------
@@ -151,14 +148,14 @@ class Gateway:
     def _part(self) -> None:
         """Commands do not reach the machine any more."""
         if self._waiting is not None:
-            self.gate.refuse("unanswered", "the server has not answered the write before it")
+            self.gate.refuse("unanswered", "the server has not answered the previous write")
         self.joined = False
         self._lost = 0
         self._under_way = self._waiting = None
         self._writes = []
 
     def on_read(self, read: CycleRead) -> Publication | None:
-        """Take the read of a new cycle; return what is to be published, None in a pause."""
+        """Process the read of a new cycle; returns the tick to publish, None in a pause."""
         nodes, cycle_ns, now_s = self._machine.nodes, read.source_ns, read.read_s
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
         stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS))
@@ -190,7 +187,7 @@ class Gateway:
     # ---------------------------------------------------------------- commands
 
     def on_command(self, command: Command, stamp_ns: int, source: str, healthy: bool, now_s: float) -> Order | None:
-        """Take a command; return what is to be written, None if it is refused (``gate`` counts and says why)."""
+        """Process a command; returns the values to write, None if it is refused (``gate`` counts and says why)."""
         reason, words = self._closed(now_s)
         if reason:
             self.gate.refuse(reason, words)
@@ -239,11 +236,11 @@ class Gateway:
         if age_s > FRESH_CYCLES * weld.TICK_S:
             return "stale_read", f"the machine was last read {age_s:.2f} s ago"
         if not self.joined:
-            return "paused", "commands begin anew from the drives, after a pause in the measurements"
+            return "paused", "control starts anew from the drives' values, after a pause in the measurements"
         return "", ""
 
     def _may_have(self) -> list[Command]:
-        """All set-points that the machine may have now, the likeliest first; empty if what it shows is not known.
+        """All set-points that the machine may have now, the likeliest first; empty if its feedback is unknown.
 
         - What it shows, unless that is only what was there before the last write that it acknowledged: then it has
           that write already and shows it in the next cycle.
@@ -278,7 +275,7 @@ class Gateway:
         return all(refusal(command, moves, one) is None for one in has)
 
     def _jump(self, command: Command, has: list[Command]) -> str:
-        """Why a command is too far from what the machine has, empty if it is not."""
+        """Why a command is too far from the machine's set-points, empty if it is not."""
         if not has:
             fault = self.samples["force_in_force"].fault or self.samples["speed_in_force"].fault
             return f"the set-points in force are not known: {fault}"
@@ -286,7 +283,7 @@ class Gateway:
         jump = next(filter(None, (refusal(command, limits, one) for one in has)), None)
         if jump is None:
             return ""
-        words = f"{jump.words} from what the machine has in force"
+        words = f"{jump.words} from the set-points in force at the machine"
         if refusal(limits.clip(has[0], None), limits, has[0]) is None:
             return words
         return f"{words}, which is outside the limits: the machine has to bring it back"

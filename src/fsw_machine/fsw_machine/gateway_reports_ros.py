@@ -1,4 +1,4 @@
-"""What the gateway reports of itself, a line of diagnostics for each part."""
+"""Diagnostics of the gateway, an entry for each part."""
 
 from __future__ import annotations
 
@@ -44,12 +44,14 @@ def machine(gateway: Gateway, stalled_s: float, skipped: int, restarts: int) -> 
     if not gateway.permissive:
         return Report("machine", WARN, "permits no commands: nothing is written, drives are not reported", values)
     if not gateway.joined:
-        return Report("machine", WARN, "measurements pause, so that commands begin anew from the drives", values)
+        return Report(
+            "machine", WARN, "measurements are paused, so that control starts anew from the drives' values", values
+        )
     return Report("machine", OK, "runs and obeys", values)
 
 
 def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
-    """How far the server's clock is from the local one, and what was done about it."""
+    """Difference between the server's clock and the local one, and the reaction to it."""
     kind, stamps = parameters["clock.stamps"], gateway.stamps
     values: dict[str, object] = {
         "stamps": kind,
@@ -67,12 +69,12 @@ def clock(gateway: Gateway, parameters: Mapping[str, Any]) -> Report:
     elif abs(skew_s) > parameters["clock.warn_s"]:
         level = WARN
     if stamps.steps:
-        level, text = max(level, WARN), f"{text}; it was set {stamps.steps} times, stamps go on without the step"
+        level, text = max(level, WARN), f"{text}; it was set {stamps.steps} times, stamps continue without the step"
     return Report("clock", level, text, values)
 
 
 def writes(gateway: Gateway, new_failures: int, longest_s: float) -> Report:
-    """What the server did with what was written; ``new_failures`` and ``longest_s`` since the last report."""
+    """Results of writes to the server; ``new_failures`` and ``longest_s`` since the last report."""
     values = {
         "written": gateway.written,
         "not taken": gateway.failed,

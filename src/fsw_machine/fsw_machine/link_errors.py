@@ -35,7 +35,7 @@ def words(error: BaseException, machine: MachineFile) -> str:
             text = "does not accept our security.certificate"
             return f"{at} {text} {machine.security.certificate} ({name}); put it into the server's trust list"
         if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
-            return f"security: {at} refuses this security ({name}); see what the server is set to"
+            return f"security: {at} refuses this security ({name}); check the server's configuration"
         return f"{at}: {name}"
     if machine.security is None and "No matching endpoints" in str(error):
         return f"security: {at} requires security; give policy, certificate, ..."

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, model_validator
 
 from fsw_control import units
-from fsw_control.schema import Model, content_of, problem, read_text, validate
+from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 _NODE_ID = re.compile(r"(ns=\d+;)?(i=\d+|s=.+|g=[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}|b=[A-Za-z0-9+/]+=*)")
 #: factor and offset of each unit to the unit inside (mm, N m, degC, kN, rpm)
@@ -42,7 +42,7 @@ def _endpoint(value: str) -> str:
     except ValueError:
         sound = False
     if not sound:
-        raise ValueError("is no endpoint; write opc.tcp://host:port/path, user and password apart")
+        raise ValueError("is not an endpoint; write opc.tcp://host:port/path, without user and password")
     return value
 
 
@@ -147,7 +147,7 @@ class Security(Model):
 
 
 class User(Model):
-    """Who logs in, and the file or the environment variable that holds the password."""
+    """The user, and the file or environment variable with the password."""
 
     name: _Word
     password_file: _File | None = None
@@ -184,7 +184,7 @@ class MachineFile(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             When it cannot be read or is wrong.
         """
         return cls.parse(read_text(path, "machine_file"), path.name, path.parent)

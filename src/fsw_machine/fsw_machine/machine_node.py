@@ -14,7 +14,6 @@ from typing import Any
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import Temperature
 
 from fsw_control import messages_ros as convert
 from fsw_control.command_writers_ros import CommandWriters
@@ -26,12 +25,12 @@ from fsw_control.parameters_ros import declare
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
 from fsw_control.reports_ros import commands as commands_report
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import STREAM
+from fsw_control.topics_ros import STREAM, sensor_publishers
 from fsw_machine import gateway_reports_ros as reports
 from fsw_machine.gateway import Gateway, Publication
 from fsw_machine.machine_file import MachineFile
 from fsw_machine.samples import CycleRead
-from fsw_msgs.msg import DriveFeedback, ShoulderDepth, SpindleTorque, WeldCommand
+from fsw_msgs.msg import DriveFeedback, WeldCommand
 
 try:
     from fsw_machine import certificates
@@ -86,9 +85,7 @@ class MachineNode(Node):
             password(self._machine.user)
 
     def _open_topics(self) -> None:
-        self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
-        self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
-        self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
+        self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)

@@ -71,7 +71,7 @@ async def check_nodes(client: Client, machine: MachineFile, nodes: dict[str, ua.
     for name, answer in access.items():
         level = None if answer.Value is None else answer.Value.Value
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
-            raise LinkError(f"nodes.{name}: {machine.nodes[name].node} may not be written by this user")
+            raise LinkError(f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user")
     return found[len(READ) :]
 
 
@@ -83,7 +83,7 @@ def _type(name: str, machine: MachineFile, value: ua.DataValue, data_type: ua.Da
     if status.value == ua.StatusCodes.BadAttributeIdInvalid:
         raise LinkError(f"nodes.{name}: {node} has no value; it must be a variable")
     if status.value in (ua.StatusCodes.BadUserAccessDenied, ua.StatusCodes.BadNotReadable):
-        raise LinkError(f"nodes.{name}: {node} may not be read by this user ({status.name})")
+        raise LinkError(f"nodes.{name}: {node} cannot be read by this user ({status.name})")
     if value.Value is not None and value.Value.VariantType is not ua.VariantType.Null:
         kind = value.Value.VariantType
     else:

@@ -1,4 +1,4 @@
-"""The OPC UA client: asyncio in a thread of its own, with a small hand-over to the node's thread."""
+"""The OPC UA client: asyncio in its own thread, with a small interface to the node's thread."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _END_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """Session, nodes and rights are there."""
+    """Session, nodes and rights have been established."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class Stalled:
-    """The cycle counter has not changed for so long."""
+    """The cycle counter has stalled for this time."""
 
     age_s: float
 
@@ -68,7 +68,7 @@ Event = Connected | Lost | Stalled | Written | CycleRead
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """What the node's parameters of these names say."""
+    """Values of these parameters of the node."""
 
     request_timeout_s: float
     cycle_timeout_s: float
@@ -304,7 +304,7 @@ def password(user: User) -> str:
     try:
         text = certificates.secret("user.password_file", user.password_file).decode().strip()
     except UnicodeDecodeError:
-        raise SecurityError(f"user.password_file: {user.password_file} is no text in UTF-8") from None
+        raise SecurityError(f"user.password_file: {user.password_file} is not UTF-8 text") from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text

@@ -1,4 +1,4 @@
-"""What one Read of the server says: values with status and source timestamp, judged against the cycle counter."""
+"""The result of one Read: values with status and source timestamp, checked against the cycle counter."""
 
 from __future__ import annotations
 

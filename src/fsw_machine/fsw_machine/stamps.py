@@ -7,7 +7,7 @@ STEP_NS = 500_000_000
 
 
 class Stamps:
-    """Stamps that rise with the machine's cycles, whatever its clock does.
+    """Stamps that increase with the machine's cycles, independent of steps of its clock.
 
     A stamp is the counter's source timestamp plus a shift. The shift is 0 at first, or with ``received`` what makes the
     first stamp the local time. Where the source timestamps leave both what the cycle counter has counted and what has

@@ -7,8 +7,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.schema import InputError
 from fsw_machine.machine_file import READ, WRITTEN, MachineFile
+from fsw_schema.models import InputError
 
 SECURITY = {"policy": "Basic256Sha256", "certificate": "c.der", "private_key": "k.pem", "server_certificate": "s.der"}
 
@@ -89,9 +89,9 @@ WRONG = [
     ("security", False, "security is False, not a mapping"),
     ("security", SECURITY | {"policy": "Basic128"}, "security.policy is 'Basic128'; one of Basic256Sha256"),
     ("security", {**SECURITY, "private_key": ""}, "security.private_key is '', not the name of a file"),
-    ("endpoint", "http://plc:4840", "endpoint is no endpoint; write opc.tcp://host:port/path"),
-    ("endpoint", "opc.tcp://plc", "endpoint is no endpoint"),
-    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint is no endpoint"),
+    ("endpoint", "http://plc:4840", "endpoint is not an endpoint; write opc.tcp://host:port/path"),
+    ("endpoint", "opc.tcp://plc", "endpoint is not an endpoint"),
+    ("endpoint", "opc.tcp://weld:secret@plc:4840", "endpoint is not an endpoint"),
     ("user", {"name": "weld", "password_env": "P"}, "user would send its password unencrypted"),
 ]
 

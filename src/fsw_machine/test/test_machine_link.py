@@ -141,7 +141,7 @@ def test_every_cycle_is_read_once_and_an_order_is_taken(connect, plain, folder, 
             {"nodes__cycle__node": "ns=0;i=2267"},  # ServiceLevel
             "nodes.heartbeat: s=Weld.Heartbeat is of type UInt32, must be of the type of nodes.cycle, Byte",
         ),
-        ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat: s=Weld.Cycle may not be written by this user"),
+        ({"nodes__heartbeat__node": "s=Weld.Cycle"}, "nodes.heartbeat: s=Weld.Cycle cannot be written by this user"),
         ({"namespace": "urn:other"}, "namespace: the server has no urn:other; it has"),
     ],
 )

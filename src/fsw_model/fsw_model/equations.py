@@ -139,7 +139,7 @@ def thermal_step(p: ModelParameters, overlap_s: float, span_s: float) -> tuple[M
 
 
 def output_function(p: ModelParameters) -> ca.Function:
-    """CasADi function (x, force_kn, speed_rpm) -> what the process shows under these inputs."""
+    """CasADi function (x, force_kn, speed_rpm) -> outputs of the process under these inputs."""
     x = ca.SX.sym("x", N_STATES)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
     depth = depth_mm(p, x[CREEP], x[SLOW], x[FAST], x[TOOL])

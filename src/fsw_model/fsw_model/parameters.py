@@ -9,8 +9,8 @@ from typing import Annotated
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from fsw_control.ranges import Range
-from fsw_control.schema import InputError, Model, content_of, problem, read_text, validate
+from fsw_schema.models import InputError, Model, content_of, problem, read_text, validate
+from fsw_schema.ranges import Range
 
 
 class ModelParameters(Model):
@@ -81,7 +81,7 @@ class ModelParameters(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If a name is unknown or a value is not valid.
         """
         return self.changed(**{name: getattr(self, name, nan) * factor for name, factor in factors.items()})
@@ -99,7 +99,7 @@ class ModelParameters(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If the text is not a mapping or empty, or a name or value is not valid.
         """
         content = content_of(text, where)

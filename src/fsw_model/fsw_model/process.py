@@ -21,7 +21,7 @@ Power = tuple[float, float, float, float]
 
 
 class OperatingPointError(ValueError):
-    """No equilibrium at the wanted depth and temperature, or the shoulder has left the copper."""
+    """No equilibrium at the desired depth and temperature, or the shoulder has left the copper."""
 
 
 @dataclass(slots=True)
@@ -45,7 +45,7 @@ class ProcessState:
 
 
 class Outputs(NamedTuple):
-    """What the process shows under given inputs, without noise."""
+    """Outputs of the process under given inputs, without noise."""
 
     depth_mm: float
     temperature_c: float
@@ -163,7 +163,7 @@ class ProcessModel:
         if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
             raise OperatingPointError(
                 f"process model: depth {result[10]:.4g} mm with {force_kn:.4g} kN, {speed_rpm:.4g} rpm; "
-                "the model holds for finite inputs while the shoulder is in the copper, above 0 mm"
+                "the model is valid for finite inputs while the shoulder is in the copper, above 0 mm"
             )
         state.x = tuple(result[:6])
         power.popleft()

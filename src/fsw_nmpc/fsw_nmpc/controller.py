@@ -41,7 +41,7 @@ class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
     Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are one C library (``kernel/``);
-    this class hands data in and out. Every parameter but the model acts at runtime without a bump; another horizon or
+    this class passes data in and out. Every parameter but the model acts at runtime without a bump; another horizon or
     solver is made in the background, while the present one works on. If it cannot be made, the present one stays, the
     proposals say why, and the next change of any parameter tries again.
 
@@ -125,7 +125,7 @@ class NmpcController:
             self._made = settings, " ".join(f"{error or type(error).__name__}".split())
 
     def _take(self) -> None:
-        """Go on with the solver that was made in the background, if it is ready; else say why there is none."""
+        """Switch to the solver created in the background, if it is ready; else say why there is none."""
         if self._made is None:
             return
         made_for, made = self._made
@@ -134,7 +134,7 @@ class NmpcController:
             self._prepare()
         elif isinstance(made, str):
             self._failure = (
-                f"another solver cannot be made, {self._used[0]} with {self._used[1]} blocks goes on: {made}"
+                f"another solver cannot be created, {self._used[0]} with {self._used[1]} blocks stays in use: {made}"
             )
             self._complain(self._failure)
         else:

@@ -91,8 +91,8 @@ class Library(CController):
     def __init__(self, parameters: ModelParameters, horizon: Horizon, tuning: Any, lib: Any = None) -> None:
         self.horizon, self._tables = horizon, Tables(parameters, horizon)
         refusal = (
-            f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, {len(horizon.step_length_s)} steps "
-            f"and {horizon.n_history} ticks of dead time are more than the controller library was compiled for"
+            f"horizon: {horizon.n_out} intervals, {horizon.n_blocks} blocks, {len(horizon.step_length_s)} steps and "
+            f"{horizon.n_history} ticks of dead time exceed the sizes for which the controller library was compiled"
         )
         super().__init__(KERNEL, lib, refusal, self._tables.model, tuning)
         self._refusal = "tuning: a value is not finite, or a minimum is not below its maximum"

@@ -1,4 +1,4 @@
-"""From the node's parameters (``nmpc.yaml``) to what the controller is made of."""
+"""From the node's parameters (``nmpc.yaml``) to the controller's settings."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Settings:
     preview: bool
 
     def struct(self) -> Any:
-        """What the library takes of them."""
+        """The library's part of the settings."""
         return self.tuning.struct(self.limits, self.max_iterations, self.plan_reuse, self.blind_limit_s)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Settings:
-        """Settings from parameter values; what is missing has its default.
+        """Settings from parameter values; missing ones have their defaults.
 
         Raises
         ------

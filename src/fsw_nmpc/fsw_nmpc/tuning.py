@@ -11,9 +11,9 @@ from pydantic import AfterValidator, NonNegativeFloat, model_validator
 
 from fsw_control import Limits
 from fsw_control.parameters import defaults, load
-from fsw_control.schema import Model, content_of, problem, read_text, validate
 from fsw_model import STEP_S, ModelParameters
 from fsw_nmpc.library import KERNEL, State, Trajectory
+from fsw_schema.models import Model, content_of, problem, read_text, validate
 
 #: Reference trajectories, see ``kernel/trajectory.c``.
 TRAJECTORIES = tuple(trajectory.name.lower() for trajectory in Trajectory)
@@ -30,7 +30,7 @@ def _known(trajectory: str) -> str:
 
 
 class EstimatorTuning(Model):
-    """Standard deviations of the sensors, and of the random walk per tick of what changes by itself."""
+    """Standard deviations of the sensors, and of the random walks per tick of the disturbances."""
 
     depth_noise_mm: NonNegativeFloat = 2e-3
     torque_noise_nm: NonNegativeFloat = 2.0
@@ -192,7 +192,7 @@ class Tuning(Model):
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If the file cannot be read or something in it is wrong; the message is one line.
         """
         content = content_of(read_text(path, "tuning_file"), str(path))

@@ -151,7 +151,7 @@ def test_strict_c99_without_a_warning(source, tmp_path):
     ids=["steps", "intervals", "blocks", "segments", "widths"],
 )
 def test_every_size_is_checked(horizon):
-    with pytest.raises(ValueError, match="more than the controller library was compiled for"):
+    with pytest.raises(ValueError, match="exceed the sizes for which the controller library was compiled"):
         make_library(horizon=horizon)
 
 

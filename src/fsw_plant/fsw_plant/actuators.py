@@ -1,4 +1,4 @@
-"""Actuators: rate limit and first-order lag between the command and what acts on the process."""
+"""Actuators: rate limit and first-order lag between the command and the actual values."""
 
 from __future__ import annotations
 

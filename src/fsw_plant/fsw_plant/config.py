@@ -1,4 +1,4 @@
-"""What a plant is made of: settings read from parameters, checked against ``plant.yaml``."""
+"""Settings of a plant, read from parameters and checked against ``plant.yaml``."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class PlantConfig:
         Parameters
         ----------
         values : mapping of str to Any
-            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; what is left out
-            has its default. Parameters that only the node uses (``speed``, ...) are checked as well.
+            Nested (``{"start": {"depth_mm": 2.7}}``), dotted (``{"start.depth_mm": 2.7}``) or mixed; omitted ones have
+            their defaults. Parameters that only the node uses (``speed``, ...) are checked as well.
 
         Raises
         ------

@@ -283,7 +283,7 @@ class PlantEmulator:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If no scenario may hold it.
         """
         at_s = self._next_s() if channel in OUTPUT_CHANNELS else self.time_s
@@ -294,7 +294,7 @@ class PlantEmulator:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If no scenario may hold it.
         """
         self._begin(event_schema.fault(sensor, kind, magnitude, duration_s, self._next_s()))
@@ -304,14 +304,14 @@ class PlantEmulator:
         return (self.tick + 1 if measured else self.tick) / 10
 
     def reset(self, seed: int | None = None, depth_mm: float | None = None, temperature_c: float | None = None) -> None:
-        """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule go on.
+        """Start again from an equilibrium; disturbances, faults and counters are cleared, time and schedule continue.
 
         Values left out stay as configured.
 
         Raises
         ------
         fsw_model.OperatingPointError
-            If there is no such equilibrium; the plant then goes on as it was.
+            If there is no such equilibrium; the plant then continues unchanged.
         """
         start = self._equilibrium(depth_mm, temperature_c)
         if seed is not None:

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import model_validator
 
 from fsw_control.contract import SENSORS, Sensor
-from fsw_control.ranges import Range
-from fsw_control.schema import Model, range_of, validate
 from fsw_control.weld import TICK_S
 from fsw_plant.events import Disturbance, Fault
+from fsw_schema.models import Model, range_of, validate
+from fsw_schema.ranges import Range
 
 #: length of a scenario, and of everything in it
 DURATION_S = Range(TICK_S, 36_000.0, "s")
@@ -96,26 +96,30 @@ class FaultEntry(Model):
         return Fault(self.sensor, self.kind, magnitude, self.duration_s, at_s)
 
 
+_AMPLITUDES = {
+    "depth": "amplitude_mm",
+    "temperature": "amplitude_c",
+    "axial_force": "amplitude_kn",
+    "spindle_speed": "amplitude_rpm",
+    "torque": "amplitude_nm",
+}
 #: channel: key of the amplitude, and its range
 DISTURBANCE_AMPLITUDE = {
-    channel: (key, range_of(DisturbanceEntry, key))
-    for channel, key in zip(get_args(Channel), list(DisturbanceEntry.model_fields)[2:], strict=False)
+    channel: (_AMPLITUDES[channel], range_of(DisturbanceEntry, _AMPLITUDES[channel])) for channel in get_args(Channel)
 }
+_MAGNITUDES = {"depth": "magnitude_mm", "torque": "magnitude_nm", "thermocouple": "magnitude_c"}
 #: sensor: key of a fault's magnitude, and its range (of a drift: per second)
-FAULT_MAGNITUDE = {
-    sensor: (key, range_of(FaultEntry, key))
-    for sensor, key in zip(SENSORS, list(FaultEntry.model_fields)[2:], strict=False)
-}
+FAULT_MAGNITUDE = {sensor: (_MAGNITUDES[sensor], range_of(FaultEntry, _MAGNITUDES[sensor])) for sensor in SENSORS}
 
 
 def disturbance(
     channel: str, shape: str, amplitude: float, duration_s: float = 0.0, period_s: float = 0.0, at_s: float = 0.0
 ) -> Disturbance:
-    """A disturbance asked for at runtime; what its shape does not use may be anything.
+    """A disturbance requested at runtime; fields that its shape does not use are ignored.
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If no scenario may hold it; the message says what and what is allowed.
     """
     entry: dict[str, Any] = {"channel": channel, "shape": shape}

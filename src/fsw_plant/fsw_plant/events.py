@@ -43,7 +43,7 @@ class PlantEvent:
         return f"{self.target}:{self.kind}"
 
     def over(self, time_s: float) -> bool:
-        """Whether it has ended by itself."""
+        """Whether its duration is over."""
         return self.duration_s > 0.0 and time_s - self.at_s > self.duration_s - EPSILON_S
 
 
@@ -69,12 +69,12 @@ class Disturbance(PlantEvent):
         return self.amount
 
     def over(self, time_s: float) -> bool:
-        """Whether it has ended by itself; step and ramp stay."""
+        """Whether its duration is over; step and ramp stay."""
         return self.kind in ("pulse", "sine") and super().over(time_s)
 
 
 class Sample(NamedTuple):
-    """What a sensor reports: the stamp of its tick and the value in the sensor's unit."""
+    """A sensor's sample: the stamp of its tick and the value in the sensor's unit."""
 
     stamp_ns: int
     value: float
@@ -82,9 +82,9 @@ class Sample(NamedTuple):
 
 @dataclass
 class Fault(PlantEvent):
-    """What happens to a sample between sensor and wire, for ``duration_s`` or, if that is 0, until cleared.
+    """Effect of a fault on a sample between sensor and wire, for ``duration_s`` or, if that is 0, until cleared.
 
-    ``freeze``: the value stays, the stamp goes on; ``dropout``: nothing is sent; ``nan``: NaN is sent; ``spike``: the
+    ``freeze``: the value stays, the stamp advances; ``dropout``: nothing is sent; ``nan``: NaN is sent; ``spike``: the
     magnitude is added to one sample, and with a duration to one sample a second; ``bias``: the magnitude is added;
     ``drift``: magnitude per second is added; ``delay``: samples come ``magnitude`` seconds late, with the stamp they
     were taken at (those under way when the fault ends are lost); ``duplicate``: each is sent twice.
@@ -95,13 +95,13 @@ class Fault(PlantEvent):
     _under_way: deque[tuple[float, Sample]] = field(default_factory=deque, repr=False)
 
     def over(self, time_s: float) -> bool:
-        """Whether it has ended by itself; a spike without duration after one sample."""
+        """Whether its duration is over; a spike without duration after one sample."""
         if self.kind == "spike" and self.duration_s == 0.0:
             return self._ticks > 0
         return super().over(time_s)
 
     def pass_on(self, sample: Sample, time_s: float, last: float | None) -> tuple[Sample, ...]:
-        """What is sent at a tick instead of ``sample``; ``last`` is the sensor's value at the tick before."""
+        """Replacement of ``sample`` in a tick; ``last`` is the sensor's value at the tick before."""
         tick, self._ticks = self._ticks, self._ticks + 1
         stamp_ns, value = sample
         if self.kind == "dropout":

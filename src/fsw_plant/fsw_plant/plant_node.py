@@ -12,7 +12,6 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
@@ -22,10 +21,9 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterError
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import OK, DiagnosticsPublisher, Report, log
-from fsw_control.schema import InputError
 from fsw_control.single_instance_ros import STARTING, SingleInstanceGuard
-from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM
-from fsw_msgs.msg import DriveFeedback, PlantState, ShoulderDepth, SpindleTorque, WeldCommand
+from fsw_control.topics_ros import LATEST, PLAYER_READY, STREAM, sensor_publishers
+from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig, specs
 from fsw_plant.emulator import PlantEmulator
@@ -34,6 +32,7 @@ from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
 from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.truth_ros import truth_message
+from fsw_schema.models import InputError
 
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _WATCH_S = 0.2
@@ -86,9 +85,7 @@ class PlantNode(Node):
         self._clocks = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._simulated else None
         self._truths = self.create_publisher(PlantState, "fsw/plant/truth", STREAM)
         self._drives = self.create_publisher(DriveFeedback, "fsw/drives", STREAM)
-        self._depths = self.create_publisher(ShoulderDepth, "fsw/depth", STREAM)
-        self._torques = self.create_publisher(SpindleTorque, "fsw/spindle_torque", STREAM)
-        self._temperatures = self.create_publisher(Temperature, "fsw/thermocouple", STREAM)
+        self._depths, self._torques, self._temperatures = sensor_publishers(self)
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
         if self._lockstep:
@@ -113,7 +110,7 @@ class PlantNode(Node):
             self.create_timer(0.1 / self._speed, self._next_tick, clock=self._steady)
 
     def _missing(self) -> list[str]:
-        """What the first tick still has to wait for."""
+        """Conditions that the first tick still waits for."""
         wanted = self._settings["wait_for_subscribers"]
         missing = [
             f"{wanted - count} more subscribers of {publisher.topic_name}"
@@ -188,10 +185,10 @@ class PlantNode(Node):
         if not self._pace.answered:
             self._watch_answer(waited_s)
         elif not self.count_publishers(PLAYER_READY):
-            self.get_logger().info(f"tick {self._plant.tick}: the player has left; going on")
+            self.get_logger().info(f"tick {self._plant.tick}: the player has exited; continuing without it")
             self._go_on_without_player()
         elif waited_s >= self._settings["lockstep_timeout_s"]:
-            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; going on without it")
+            self.get_logger().warning(f"tick {self._plant.tick}: the player does not answer; continuing without it")
             self._go_on_without_player()
 
     def _watch_answer(self, waited_s: float) -> None:
@@ -204,7 +201,7 @@ class PlantNode(Node):
             raise SystemExit(f"fsw_plant: {what}; giving up")
         if waited_s >= values["lockstep_timeout_s"] * (self._pace.resent + 1):
             self._pace.resent += 1
-            self.get_logger().error(f"{what}; tick sent again")
+            self.get_logger().error(f"{what}; tick repeated")
             self._send()
             self._report()
 

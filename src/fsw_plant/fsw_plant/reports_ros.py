@@ -10,8 +10,8 @@ __all__ = ["clock", "commands", "process", "sensors", "watchdog"]
 
 
 def clock(mode: str, running: bool, jumps: int, resent: int) -> Report:
-    """How time passes: jumps of the stamps in real time, and how often the present tick was sent again in lockstep."""
-    values = {"mode": mode, "jumps of the stamps": jumps, "tick sent again": resent}
+    """Timing: jumps of the stamps in real time, and repetitions of the present tick in lockstep."""
+    values = {"mode": mode, "jumps of the stamps": jumps, "tick repeated": resent}
     if not running:
         return Report("clock", WARN, "first tick waits for subscribers", values)
     if resent:
@@ -35,7 +35,7 @@ def process(plant: PlantEmulator) -> Report:
 
 
 def watchdog(plant: PlantEmulator) -> Report:
-    """What the watchdog does."""
+    """State of the watchdog."""
     dog = plant.watchdog
     values = {"state": dog.state.name, "age of the last valid command [s]": f"{dog.age_s:.1f}"}
     if dog.state is WatchdogState.OK:

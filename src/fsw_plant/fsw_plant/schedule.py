@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, model_validator
 
-from fsw_control.schema import Many, Model, content_of, read_text, validate
 from fsw_plant.event_schema import TIME_S, DisturbanceEntry, FaultEntry
 from fsw_plant.events import EPSILON_S, PlantEvent
+from fsw_schema.models import Many, Model, content_of, read_text, validate
 
 
 class EventEntry(Model):
@@ -32,7 +32,7 @@ class EventEntry(Model):
         return self
 
     def plant_event(self) -> PlantEvent | None:
-        """What it is for the plant, None when it is not for it."""
+        """The plant's part of the event, None if it is not for the plant."""
         entry = self.disturbance or self.fault
         return None if entry is None else entry.event(self.at_s)
 
@@ -71,11 +71,11 @@ class PlantSchedule:
 
     @classmethod
     def from_yaml(cls, text: str, where: str = "scenario") -> PlantSchedule:
-        """Read YAML text: a list of events or a scenario with ``events``; those for others than the plant are ignored.
+        """Read YAML text: a list of events or a scenario with ``events``; those not for the plant are ignored.
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             If an event is not understood; the message says where and what is allowed.
         """
         content = content_of(text, where)

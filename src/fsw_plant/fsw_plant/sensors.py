@@ -1,4 +1,4 @@
-"""Sensors: noise, quantisation and faults, each sensor with a random stream of its own."""
+"""Sensors: noise, quantisation and faults, each sensor with its own random stream."""
 
 from __future__ import annotations
 

@@ -8,11 +8,11 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import units
-from fsw_control.schema import InputError
 from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.event_schema import amplitude_unit, magnitude_unit
+from fsw_schema.models import InputError
 
 
 class PlantServices:
@@ -25,7 +25,7 @@ class PlantServices:
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     def _answer(self, response: Any, what: str, act: Callable[[], str]) -> None:
-        """Fill in a service's response: ``act`` does it and returns what has been done, or raises why not."""
+        """Fill in a service's response: ``act`` performs it and returns a description, or raises the reason."""
         try:
             response.message, response.ok = act(), True
             self._logger.info(f"{what}: {response.message}")

@@ -14,7 +14,7 @@ NUDGE_NS = 10_000
 
 
 class TickStamps:
-    """Stamps exactly one tick apart, whatever the jitter of the timer, that still follow the wall clock.
+    """Stamps exactly one tick apart, independent of the timer's jitter, that follow the wall clock.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from fsw_control.units import mm_from_m, rpm_from_rad_s
 from fsw_msgs.msg import ControllerHealth, PlantState, SupervisorState
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule
-from fsw_test_support.ros_graph import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 

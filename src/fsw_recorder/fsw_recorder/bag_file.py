@@ -106,7 +106,7 @@ class BagFile:
         self.committed = replace(self.added, counts=self.added.counts.copy())
 
     def sync(self) -> None:
-        """Force what is committed to the disk."""
+        """Flush committed data to the disk."""
         os.fdatasync(self._descriptor)
 
     def is_at(self, path: str | os.PathLike[str]) -> bool:
@@ -126,7 +126,7 @@ class BagFile:
         os.close(self._descriptor)
 
     def close_off(self) -> None:
-        """End the file behind what is committed, without an index, so that every reader takes it for whole."""
+        """End the file after the committed data, without an index, so that every reader accepts it."""
         builder = RecordBuilder()
         DataEnd(0).write(builder)
         Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)

@@ -47,7 +47,7 @@ class FileSummary:
 
 @dataclass(slots=True)
 class BagMetadata:
-    """What a reader needs of ``metadata.yaml``."""
+    """Content of ``metadata.yaml`` that a reader needs."""
 
     files: list[str] = field(default_factory=list)
     storage: str = ""

@@ -1,4 +1,4 @@
-"""Opens bags of any kind and state: rosbag2 folders, single files, cut off or damaged recordings."""
+"""Opens bags of any kind and state: rosbag2 folders, single files, truncated or damaged recordings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PROGRESS_STEP = 8192
 
 @dataclass(slots=True)
 class BagInfo:
-    """Summary of a bag, counted from its messages, whatever its metadata says.
+    """Summary of a bag, counted from its messages, not from its metadata.
 
     `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first
     and the last message (0 without messages).

@@ -1,4 +1,4 @@
-"""Writes a rosbag2 MCAP bag from a thread of its own, so that recording never blocks the receive path."""
+"""Writes a rosbag2 MCAP bag from its own thread, so that recording never blocks the receive path."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class BagWriter:
     Attributes
     ----------
     error : BagError or None
-        Why writing has failed, for whatever reason. What was committed until then stays readable.
+        Why writing has failed. What was committed until then stays readable.
     is_paused : bool
         Messages are ignored while it is set.
 
@@ -156,7 +156,7 @@ class BagWriter:
             return False
 
     def close(self) -> None:
-        """Write what is waiting, finish the file and write ``metadata.yaml``; harmless when repeated."""
+        """Write all queued messages, finish the file and write ``metadata.yaml``; idempotent."""
         self._closing = True
         self._wake.set()
         self._thread.join()
@@ -211,7 +211,7 @@ class BagWriter:
                 item.set_result(False)
 
     def _fail(self, error: Exception) -> None:
-        """Stop recording, leave what is committed as a whole bag, and keep the reason."""
+        """Stop recording, leave the committed data as an intact bag, and keep the reason."""
         if not isinstance(error, BagError):
             reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
             error = BagError(f"{self.folder}: writing failed: {reason}")
@@ -271,7 +271,7 @@ class _Files:
             self.split()
 
     def sync(self) -> None:
-        """Force what is committed to the disk, where it is time for that."""
+        """Flush committed data to the disk when it is due."""
         now = time.monotonic()
         if self._file is not None and 0.0 < self._options.sync_period <= now - self._last_sync:
             self._file.sync()
@@ -295,7 +295,7 @@ class _Files:
         self._write_metadata()
 
     def close_off(self) -> None:
-        """Leave what is committed as a whole bag, whatever has failed."""
+        """Leave the committed data as an intact bag, whatever has failed."""
         if self._file is not None:
             with suppress(OSError):
                 self._file.close_off()

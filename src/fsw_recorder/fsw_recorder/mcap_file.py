@@ -1,7 +1,7 @@
-"""Reads one MCAP file of a bag in any state: whole, cut off or damaged.
+"""Reads one MCAP file of a bag in any state: intact, truncated or damaged.
 
-Every length is checked against what is left of the file, and a chunk never expands beyond `MAX_CHUNK_BYTES`: damaged
-files cost neither time nor memory.
+Every length is checked against the rest of the file, and a chunk never expands beyond `MAX_CHUNK_BYTES`: damaged files
+cost neither time nor memory.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class McapFile:
 
 
 def _content(data: bytes, piece: _Piece) -> bytes:
-    """Records of a chunk, of one that is cut off what is left; an error of `_DAMAGE` when it cannot be used."""
+    """Records of a chunk, as far as it is there; an error of `_DAMAGE` when it cannot be used."""
     size = piece.uncompressed_size
     if max(len(data), size) > MAX_CHUNK_BYTES:
         raise ValueError(f"it is larger than the {MAX_CHUNK_BYTES} bytes that are accepted")

@@ -1,4 +1,4 @@
-"""Finds the records of an MCAP file or chunk, also behind damage.
+"""Finds the records of an MCAP file or chunk, also beyond damage.
 
 The libraries cannot do that: ``mcap`` and ``rosbags`` give up at the first damaged record, and ``mcap`` takes ten times
 as long for a weld. So the frames of the records (one byte of type, eight of length) are walked here; what is inside a

@@ -85,7 +85,7 @@ class Player:
         return due
 
     def hold_back(self, lost_ns: int) -> None:
-        """Do not catch up on ``lost_ns`` of the clock, in which nothing could be played: go on from where it was.
+        """Do not catch up on ``lost_ns`` of the clock, in which nothing could be played: continue from there.
 
         Messages that are sent at once where they were apart overrun the queues of their subscribers.
         """
@@ -98,7 +98,7 @@ class Player:
         self.is_paused = True
 
     def resume(self, now_ns: int) -> None:
-        """Go on from where `pause` stopped."""
+        """Continue from where `pause` stopped."""
         if self.is_paused:
             self.is_paused = False
             self._anchor_now_ns = now_ns
@@ -112,7 +112,7 @@ class Player:
         return True
 
     def seek(self, bag_time_ns: int, now_ns: int) -> bool:
-        """Go on from a time in the bag; False when it is outside the bag."""
+        """Continue from a time in the bag; False when it is outside the bag."""
         if not self._bag_start_ns <= bag_time_ns <= self.end_ns:
             return False
         self._source: Iterator[BagRecord] = self._reader.records(self._wanted, bag_time_ns, self.end_ns + 1)

@@ -29,7 +29,7 @@ def profile(reliable: bool = True, latched: bool = False, depth: int = 10) -> Qo
 
 
 def is_reliable(qos: Qos) -> bool:
-    """Whether messages are sent again until they arrive."""
+    """Whether messages are repeated until they arrive."""
     return bool(qos.reliability != QosReliability.BEST_EFFORT)
 
 

@@ -20,7 +20,7 @@ def profile_of(qos: Qos) -> QoSProfile:
 
 
 def offered_by(profile: QoSProfile) -> Qos:
-    """What a publisher offers, as a bag stores it; what the middleware does not report is the default."""
+    """QoS offered by a publisher, as stored in a bag; policies that are not reported have their defaults."""
     best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
     manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC

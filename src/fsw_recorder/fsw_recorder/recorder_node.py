@@ -83,7 +83,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         if values["number_if_taken"] or not values["output"]:
             folder = free_sibling(wanted)
         if folder != wanted:
-            self.get_logger().warning(f"{wanted} exists already and stays as it is: recording goes on beside it")
+            self.get_logger().warning(f"{wanted} exists already and is left unchanged: recording continues beside it")
             custom["continues"] = wanted.name
         writer = BagWriter(folder, options, custom)
         writer.is_paused = values["start_paused"]
@@ -183,7 +183,7 @@ class RecorderNode(Node):  # type: ignore[misc]
         return {name: one.lost for name, one in self._subscriptions_by_topic.items() if one.lost}
 
     def destroy_node(self) -> None:
-        """Finish the bag, say what is in it or why it is not complete, and leave the graph."""
+        """Finish the bag, report its contents or why it is incomplete, and leave the graph."""
         lost = self._lost()
         self.writer.custom_data["lost_messages"] = str(sum(lost.values()))
         self.writer.custom_data |= {f"lost_messages {topic}": str(count) for topic, count in lost.items()}

@@ -1,4 +1,4 @@
-"""What a recorder needs besides its writer: names, attachments, custom data."""
+"""Parts of a recorder besides its writer: names, attachments, custom data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def output_folder(wanted: str, now: datetime) -> Path:
 
 
 def free_sibling(folder: Path) -> Path:
-    """The folder itself where nothing is there, else the first free one of ``<name>_1``, ``<name>_2``, ..."""
+    """The folder itself if it does not exist, else the first free one of ``<name>_1``, ``<name>_2``, ..."""
     siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
     return next(one for one in chain([folder], siblings) if not os.path.lexists(one))
 
@@ -49,11 +49,9 @@ def read_attachment(path: str) -> bytes:
     try:
         data = Path(path).expanduser().read_bytes()
     except OSError as error:
-        raise BagError(f"{path}: cannot be put into the bag: {error.strerror}") from None
+        raise BagError(f"{path}: cannot be attached to the bag: {error.strerror}") from None
     if len(data) > _MAX_ATTACHMENT_BYTES:
-        raise BagError(
-            f"{path}: {len(data)} bytes, more than the {_MAX_ATTACHMENT_BYTES} that a bag takes as attachment"
-        )
+        raise BagError(f"{path}: {len(data)} bytes, more than the {_MAX_ATTACHMENT_BYTES} allowed for an attachment")
     return data
 
 

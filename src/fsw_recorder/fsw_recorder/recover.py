@@ -1,4 +1,4 @@
-"""Makes a whole bag of whatever can be read of another."""
+"""Makes an intact bag from the readable part of another."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PATIENCE_S = 600.0
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What was copied: number of messages and topics; and what was wrong with the bag."""
+    """Result: number of messages and topics copied, and problems of the bag."""
 
     messages: int
     topics: int
@@ -87,5 +87,5 @@ def copy(records: Iterable[BagRecord], writer: BagWriter, problems: Sequence[str
         raise writer.error
     written = writer.statistics()
     if written["dropped"]:
-        raise BagError(f"{writer.folder}: not complete: the disk did not take a message of {record.topic}")
+        raise BagError(f"{writer.folder}: incomplete: the disk did not accept a message of {record.topic}")
     return Recovery(written["written"], len(topics), list(problems))

@@ -55,7 +55,7 @@ class ReplayNode(Node):  # type: ignore[misc]
         super().__init__("fsw_replay", **arguments)
         values = declare(self, "fsw_recorder", "replay.yaml").values
         if not values["bag"]:
-            raise BagError("no bag given; write its path behind the command, or set the parameter 'bag'")
+            raise BagError("no bag given; give its path as an argument, or set the parameter 'bag'")
         rules = {name: values[name] for name in ("topics", "regex", "exclude", "exclude_regex")}
         selection = TopicSelection(**rules, include_hidden=True)
         self._exit_at_end: bool = values["exit_at_end"]
@@ -109,7 +109,7 @@ class ReplayNode(Node):  # type: ignore[misc]
                 continue
             publishers[topic.name] = self.create_publisher(kind, topic.name, profile_of(replayed_qos(topic.qos)))
         if not publishers:
-            raise BagError(f"{self._reader.path}: nothing to play: no type of its topics is installed here")
+            raise BagError(f"{self._reader.path}: nothing to play: none of its topics' types is installed here")
         return publishers
 
     # ------------------------------------------------------------------ playing

@@ -1,4 +1,4 @@
-"""Reads with ``rosbags`` what is not plain MCAP: a sqlite3 file up to its first damaged page, or a compressed bag."""
+"""Reads what is not plain MCAP, with ``rosbags``: a sqlite3 file up to its first damaged page, or a compressed bag."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RosbagsFile:
             self._reader.open()
             self._connections = list(self._reader.connections)
             if not all(isinstance(text, str) for one in self._connections for text in (one.topic, one.msgtype)):
-                raise ValueError("its table of topics holds something else")
+                raise ValueError("its table of topics has unexpected content")
         except Exception as error:  # rosbags and apsw raise many kinds on damaged files
             raise BagError(f"{path}: not a {storage} bag, or damaged: {error}") from None
 

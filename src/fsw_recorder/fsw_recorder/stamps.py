@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 import struct
 
-_TICKING = re.compile(
-    r"(/.*)?/fsw/(depth|spindle_torque|thermocouple|drives|command|plant/truth|[^/]+/(proposal|status|prediction))"
-)
+from fsw_control.contract import SENSOR_FIELDS
+from fsw_control.units import NANOSECONDS
+
+_SENSORS = "|".join(topic for topic, _ in SENSOR_FIELDS.values())
+_TICKING = re.compile(rf"(/.*)?/({_SENSORS}|fsw/(drives|command|plant/truth|[^/]+/(proposal|status|prediction)))")
 #: bytes of a stamp with the encapsulation header before it
 _STAMP_END = 12
 
 
 def is_ticking(topic: str) -> bool:
-    """Whether the topic has one message per tick of the weld, in whatever namespace."""
+    """Whether the topic has one message per tick of the weld, in any namespace."""
     return _TICKING.fullmatch(topic) is not None
 
 
@@ -25,4 +27,4 @@ def stamp_ns(data: bytes) -> int | None:
     if len(data) < _STAMP_END or not data[1] & 1:  # big-endian is not decoded
         return None
     seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)

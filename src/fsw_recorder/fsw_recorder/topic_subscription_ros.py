@@ -1,4 +1,4 @@
-"""Subscribes to all publishers of one topic, whatever QoS they offer and whenever they come."""
+"""Subscribes to all publishers of one topic, with any QoS and at any time."""
 
 from __future__ import annotations
 

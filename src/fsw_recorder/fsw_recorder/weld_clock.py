@@ -11,14 +11,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from fsw_control.contract import SENSOR_FIELDS
+from fsw_control.references import OTHER_CLOCK_NS
 from fsw_recorder.bag_reader import FOREVER_NS, BagInfo, BagReader, BagRecord
 from fsw_recorder.stamps import is_ticking, stamp_ns
 
 #: ends of the topics that show the weld's time, the best first
-_CLOCKS = ("/fsw/depth", "/fsw/spindle_torque", "/fsw/thermocouple", "/clock")
-#: further than this from the receive time, a stamp comes from another clock; fsw_control.references
-#: has the same limit (only the nodes of this package import fsw_control)
-OTHER_CLOCK_NS = 36_000 * 1_000_000_000
+_CLOCKS = (*(f"/{topic}" for topic, _ in SENSOR_FIELDS.values()), "/clock")
 #: a message is received within this of its stamp, on the weld's clock; otherwise the stamp is ignored
 _DISORDER_NS = 500_000_000
 #: what answers a measurement, or has no stamp, is played this long after it

@@ -27,7 +27,6 @@ from fsw_control.contract import SENSORS, Command, Controller, Limits, Proposal,
 from fsw_control.host import answer
 from fsw_control.ramps import stair
 from fsw_control.references import ReferencePlan
-from fsw_control.schema import InputError
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_NS
 from fsw_model import STEP_S
@@ -36,6 +35,7 @@ from fsw_scenario.offline_supervisor import OfflineSupervisor
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references, switches
+from fsw_schema.models import InputError
 
 #: ticks between two reports of progress
 _PROGRESS_TICKS = 100
@@ -85,7 +85,7 @@ class ClosedLoop:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If the scenario selects a controller that is not there.
     """
 
@@ -106,7 +106,7 @@ class ClosedLoop:
             controller.reset(start)
 
     def run(self, progress: Callable[[float], None] | None = None) -> WeldSignals:
-        """Run to the end and return what a bag of the same weld would give.
+        """Run to the end and return the same signals as a bag of the weld.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class ClosedLoop:
             try:
                 statuses[name] = _status_signals(ticks, name)
             except (TypeError, ValueError, AttributeError) as error:  # a user's diagnosis may hold anything
-                problems.append(f"{name}: its diagnosis cannot be read: {error}")
+                problems.append(f"{name}: its diagnostics cannot be read: {error}")
         return WeldSignals(
             path=Path(self.scenario.name),
             stamp_ns=stamps,

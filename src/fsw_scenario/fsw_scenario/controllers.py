@@ -13,9 +13,9 @@ from typing import Any
 
 from fsw_control.contract import Controller
 from fsw_control.parameters import ParameterError, Source, load_source, validate
-from fsw_control.schema import InputError
 from fsw_scenario.open_loop import OpenLoopController
 from fsw_scenario.scenario import Scenario
+from fsw_schema.models import InputError
 
 #: Our own, by name: where the class is; entry points, too, but a source tree has none.
 OURS = {"decentral": "fsw_decentral:DecentralController", "nmpc": "fsw_nmpc:NmpcController"}
@@ -35,7 +35,7 @@ def name_of(label: str) -> str:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         When there is no such controller.
     """
     return _parts(label)[0]
@@ -53,7 +53,7 @@ def _parts(label: str) -> tuple[str, str]:
         return first, rest
     word, _, variant = rest.partition(":")
     if not word:
-        known = f"available: {', '.join(KNOWN)}; or name one of your own as MODULE:CLASS or FILE.py:CLASS"
+        known = f"available: {', '.join(KNOWN)}; or name your own as MODULE:CLASS or FILE.py:CLASS"
         raise InputError(f"controller {label or '(no name)'} is not available; {known}")
     # a process that is started elsewhere finds the file, too
     place = f"{Path(first).resolve() if first.endswith('.py') else first}:{word}"
@@ -122,7 +122,7 @@ def make(label: str, parameters: Mapping[str, Any] | None = None) -> Controller:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         When there is no such controller or variant here.
     """
     make_one = maker(label)
@@ -168,7 +168,7 @@ def make_all(scenario: Scenario, label: str, parameters: Mapping[str, Mapping[st
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         As :func:`make`.
     """
     name = "" if scenario.open_loop else name_of(label)

@@ -76,7 +76,7 @@ class WeldGraph:
 
         Raises
         ------
-        fsw_control.schema.InputError
+        fsw_schema.models.InputError
             When a controller is not known.
         """
         programs = {name: program(name) for name in self.all_controllers}
@@ -165,5 +165,5 @@ class WeldGraph:
         codes |= launcher.stop()
         failed = [f"{name} with exit code {code}" for name, code in codes.items() if code != 0]
         if failed:
-            raise LaunchError(f"not ended cleanly: {', '.join(failed)}; see {launcher.log_folder}")
+            raise LaunchError(f"did not exit cleanly: {', '.join(failed)}; see {launcher.log_folder}")
         return float(player.status()["wall_s"])

@@ -24,7 +24,7 @@ from fsw_scenario.scenario_file import parse
 #: bounds of an experiment about the operating point
 SAFE_MM, SAFE_C = 0.15, 8.0
 #: shares of the bounds that the process of the model may use, in closed loop and in open loop: in closed loop room is
-#: left for processes unlike the model; in open loop there is none to leave, because only the model says what rests
+#: left for processes that differ from the model; in open loop none can be left: only the model knows what is steady
 _SHARES = {True: (0.6, 0.45), False: (0.75, 0.75)}
 #: what relative standard deviations are measured by, for the choice between experiments
 AIMS = {
@@ -63,7 +63,7 @@ class Proposal:
     temperature_c: float
 
     def use(self, closed: bool) -> tuple[float, float]:
-        """How much of what may be used of the bounds is used, of depth and of temperature."""
+        """Used share of the permitted part of the bounds, of depth and of temperature."""
         return self.depth_mm / SAFE_MM / _SHARES[closed][0], self.temperature_c / SAFE_C / _SHARES[closed][1]
 
 

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
-from fsw_control.ranges import Range
-from fsw_control.schema import Many, Model, content_of, problem, read_text, shipped_names, validate
 from fsw_control.weld import TICK_S
 from fsw_model import ProcessModel
 from fsw_plant.event_schema import DURATION_S, TIME_S
+from fsw_schema.models import Many, Model, content_of, problem, read_text, shipped_names, validate
+from fsw_schema.ranges import Range
 
 COLUMNS = (
     *("time_s", "depth_mm", "temperature_c", "motor_torque_nm", "process_torque_nm", "power_kw"),
@@ -31,7 +31,7 @@ def _on_a_tick(time_s: float) -> float:
 
 
 class InputStep(Model):
-    """New inputs from a time on; one left out stays. Their ranges are far beyond what drives can do."""
+    """New inputs from a time on; an omitted one keeps its value. Their ranges are far beyond what drives can do."""
 
     at_s: Annotated[float, TIME_S, AfterValidator(_on_a_tick)]
     force_kn: Annotated[float, Range(0.0, 1000.0, "kN")] | None = None

@@ -1,4 +1,4 @@
-"""Starts the parts of the graph as processes, watches them and ends them all, whatever happens."""
+"""Starts the parts of the graph as processes, monitors them and ends them all in any case."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RESPAWN_DELAY_S, _SOON_S, _MOST_SOON = 0.5, 10.0, 6
 
 
 class LaunchError(RuntimeError):
-    """A process could not be started, ended too early, or did not do in time what was waited for."""
+    """A process could not be started, ended too early, or an awaited condition was not met in time."""
 
 
 @dataclass(slots=True)
@@ -43,7 +43,7 @@ class Child:
         return self.process.poll() is None
 
     def text(self) -> str:
-        """What it has printed so far."""
+        """Its output so far."""
         return self.log.read_bytes()[self.begin :].decode(errors="replace")
 
     def status(self) -> dict[str, Any]:
@@ -92,7 +92,7 @@ class Launcher:
     def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> Child:
         """Start the ``main`` of a Python module as a process.
 
-        One that has ended may be started again; its log goes on.
+        One that has ended may be restarted; its log is continued.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class Launcher:
         condition : callable
         timeout_s : float
         what : str
-            What is waited for, for the error.
+            What the condition is, for the error message.
         watch : sequence of str, optional
             Processes that must not end meanwhile; all by default.
 
@@ -174,7 +174,7 @@ class Launcher:
 
 @dataclass(slots=True)
 class _Restarts:
-    """What is known of a process that is started again when it ends."""
+    """State of a process that is restarted when it ends."""
 
     began_s: float
     due_s: float | None = None  #: when it is to be started again
@@ -207,7 +207,7 @@ class Respawn:
         self._restarts = {name: _Restarts(clock()) for name in names}
 
     def update(self) -> None:
-        """Start again what has ended; to be called often.
+        """Restart processes that have ended; to be called often.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A weld in real time with the operator's page beside it."""
+"""A weld in real time with the operator's page."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _PATIENCE_S = 120.0
 def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     """Weld to the scenario's end; Ctrl-C ends everything. Returns the exit code.
 
-    What dies is started again, but for plant and player: a weld cannot be begun half-way. Without its player it goes
-    on until Ctrl-C, so that the operator sees why it has stopped or can stop it.
+    Processes that die are restarted, except for plant and player: a weld cannot be started half-way. Without its player
+    it continues until Ctrl-C, so that the operator sees why it has stopped or can stop it.
     """
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
@@ -31,7 +31,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     print(f"operator's page: {url}")
     print(f"token: {token}")
     minutes = graph.scenario.duration_s / 60.0
-    print(f"{graph.scenario.name} takes {minutes:.0f} min and goes on if the page is closed; Ctrl-C ends it")
+    print(f"{graph.scenario.name} takes {minutes:.0f} min and continues if the page is closed; Ctrl-C ends it")
     print(f"bag: {graph.bag}", flush=True)
     player = graph.start(launcher)
     respawn = Respawn(launcher, [name for name in launcher.children if name not in ("plant", "scenario")])
@@ -50,7 +50,7 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
         player_ended = True
         code = player.process.returncode
         print(f"the scenario player has ended with exit code {code}: {player.last_lines()}", file=sys.stderr)
-        print("the other parts go on, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
+        print("the other processes keep running, also the page; Ctrl-C ends them", file=sys.stderr, flush=True)
         return False
 
     # an operator may hold the programme for as long as he likes

@@ -42,4 +42,4 @@ class OpenLoopController:
         return Proposal(self._limits.clip(self._wanted, applied))
 
     def reset(self, applied: Command) -> None:
-        """Nothing to forget: the timeline alone says what is proposed."""
+        """Nothing to reset: the proposals depend on the timeline alone."""

@@ -11,8 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.parameters import ParameterError
-from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM, Range
-from fsw_control.schema import Many, Model, Name, needs_one, problem, without_default
+from fsw_control.ranges import COMMAND_FORCE_KN, COMMAND_SPEED_RPM
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig
 from fsw_plant.config import flatten
@@ -21,6 +20,8 @@ from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_plant.schedule import EventEntry
 from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
 from fsw_scenario.weld_programme_file import joined, set_points
+from fsw_schema.models import Many, Model, Name, needs_one, problem, without_default
+from fsw_schema.ranges import Range
 
 #: Name of the controller in scenarios that drive the manipulated variables themselves.
 OPEN_LOOP = "none"
@@ -51,7 +52,7 @@ class Sine(Model):
 
 
 class ReferenceEntry(SetPointEntry):
-    """New set-points; one left out stays."""
+    """New set-points; an omitted one keeps its value."""
 
     sine: Sine | None = None
 
@@ -61,7 +62,7 @@ class ReferenceEntry(SetPointEntry):
 
 
 class CommandEntry(Model):
-    """New manipulated variables, only in open loop; one left out stays."""
+    """New manipulated variables, only in open loop; an omitted one keeps its value."""
 
     force_kn: Annotated[float, COMMAND_FORCE_KN] | None = None
     speed_rpm: Annotated[float, COMMAND_SPEED_RPM] | None = None
@@ -75,9 +76,9 @@ class Event(EventEntry):
     """Has its time and exactly one of `disturbance`, `fault`, `reference`, `switch`, `command`."""
 
     at_s: Annotated[float, TIME_S] = Field(0.0, json_schema_extra=without_default)
-    """time; the event takes effect at the first tick that is not before"""
+    """time; the event takes effect at the first tick at or after it"""
     at_deg: Annotated[float, ANGLE_DEG] | None = None
-    """instead of `at_s`, with `phases`: where on the path"""
+    """instead of `at_s`, with `phases`: angle on the path"""
     reference: ReferenceEntry | None = None
     switch: Name | None = None
     """the controller to apply; not in open loop"""
@@ -92,7 +93,7 @@ class Event(EventEntry):
 
 
 class _PlantParameters:
-    """What the JSON Schema says of ``plant``."""
+    """The JSON Schema of ``plant``."""
 
     @staticmethod
     def __get_pydantic_json_schema__(_: Any, __: Any) -> dict[str, Any]:
@@ -111,7 +112,7 @@ class Scenario(Model):
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of the experiment; with `phases` it is left out"""
     controller: Name = "decentral"
-    """the one that is applied at the start; `none`: open loop"""
+    """controller applied at the start; `none`: open loop"""
     plant: Annotated[dict[str, Any], _PlantParameters] = {}
     """parameters of the plant that differ from their defaults, see `plant.yaml`"""
     phases: Many[Phase] = ()
@@ -121,7 +122,7 @@ class Scenario(Model):
     figures: Many[Literal[4, 5, 6, 7, 8, 9]] = ()
     """figures of the paper that the scenario shows"""
     announced: bool = False
-    """whether controllers know the set-points beforehand, by `/fsw/reference_plan`"""
+    """whether set-points are announced to the controllers in advance, on `/fsw/reference_plan`"""
     _text: str = ""
 
     @field_validator("plant")

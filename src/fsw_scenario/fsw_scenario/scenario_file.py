@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from fsw_control import schema
-from fsw_control.schema import InputError, read_text, shipped_names, validate
 from fsw_scenario.scenario import Scenario
+from fsw_schema import models
+from fsw_schema.models import InputError, read_text, shipped_names, validate
 
 _SHIPPED = Path(__file__).parent / "scenarios"
 #: a step of a path such as ``events[2].disturbance.amplitude_mm``: a key or the number of a list's entry
@@ -37,7 +37,7 @@ def load(source: str | Path, overrides: Sequence[str] = ()) -> Scenario:
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If there is no such scenario or something in it is wrong.
     """
     return parse(text_of(source), str(source), overrides)
@@ -50,7 +50,7 @@ def text_of(source: str | Path) -> str:
 
 def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> Scenario:
     """Read a scenario from YAML text; see :func:`load`."""
-    content = content_of(text, where)
+    content = models.content_of(text, where)
     for override in overrides:
         _override(content, override)
     if overrides:
@@ -60,7 +60,7 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
 
 def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
     """What YAML text holds, if that is a mapping; nothing in it is checked. Errors as :func:`load`."""
-    content = schema.content_of(text, where)
+    content = models.content_of(text, where)
     if not isinstance(content, dict):
         keys = ", ".join(Scenario.model_fields)
         raise InputError(f"{where}: a scenario is a mapping with {keys}; see the shipped ones")
@@ -94,7 +94,7 @@ def _override(content: dict[str, Any], override: str) -> None:
     key, equals, value = override.partition("=")
     if not equals or not key:
         raise InputError(f"override {override!r}: give key=value, e.g. plant.noise=false")
-    put(content, key, schema.content_of(value, f"override {override!r}"), f"override {override!r}")
+    put(content, key, models.content_of(value, f"override {override!r}"), f"override {override!r}")
 
 
 def put(content: dict[str, Any], path: str, value: Any, where: str = "override") -> None:
@@ -102,12 +102,12 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If the path leads nowhere.
     """
     steps: list[Any] = [key or int(number) for key, number in _STEP.findall(path)]
     if _STEP.sub("", path) or not steps or path.startswith("."):
-        raise InputError(f"{where}: {path} is no path such as plant.seed or events[2].at_s")
+        raise InputError(f"{where}: {path} is not a path such as plant.seed or events[2].at_s")
     inside: Any = content
     for i, step in enumerate(steps):
         if isinstance(step, int):

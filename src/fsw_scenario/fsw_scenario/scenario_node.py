@@ -59,7 +59,7 @@ class ScenarioNode(Node):
 
     Raises
     ------
-    fsw_control.schema.InputError
+    fsw_schema.models.InputError
         If the scenario is wrong.
     """
 
@@ -144,13 +144,15 @@ class ScenarioNode(Node):
             self._ready.publish(Header(stamp=convert.stamp_from_ns(stamp_ns)))
 
     def _follow(self, sensor: str, stamp_ns: int, value: float) -> None:
-        """Go on with the depth; the other sensors confirm a jump of time."""
+        """Continue with the depth; the other sensors confirm a jump in time."""
         before_ns = self._stamps.newest_ns
         accepted = self._stamps.offer(sensor, stamp_ns, value, time.monotonic())
         if accepted is None:
             return
         if accepted.jumped and self._first_ns is not None and before_ns is not None and stamp_ns > before_ns:
-            self.get_logger().warning("time of the measurements has jumped: the scenario goes on where it is")
+            self.get_logger().warning(
+                "the measurements' time has jumped: the scenario continues from its present position"
+            )
             self._first_ns += stamp_ns - before_ns - TICK_NS
             present = self._course.programme_at(self._tick)
             if self._course.followed:
@@ -173,7 +175,9 @@ class ScenarioNode(Node):
             self._tick, self._held = machine.tick, machine.held
             self._received.at(stamp_ns)
             if self._course.followed and self._mark_received and self._received.mark != self._mark:
-                self.get_logger().warning("set-points by hand are in force: the programme's follow after a resume")
+                self.get_logger().warning(
+                    "manual set-points are in force; those of the programme follow after a resume"
+                )
                 self._course.leave()
                 self._announce()
             self._programme.on_tick(stamp_ns)
@@ -202,7 +206,7 @@ class ScenarioNode(Node):
         return self._received.at(self._stamp_ns) or self._course.programme_at(self._tick)
 
     def _restart(self, present: Reference) -> None:
-        """Send set-points that hold at once and void whatever was sent ahead, and then what is coming."""
+        """Send set-points that take effect at once and void those sent ahead, and then the future ones."""
         self._restarts += 1
         self._mark, self._mark_received = _MARK.format(self._restarts), False
         self._announce()
@@ -253,7 +257,7 @@ class ScenarioNode(Node):
     def destroy_node(self) -> None:
         """End; a scenario that was not played to its end is reported."""
         if not self.finished:
-            print("scenario: ended before the scenario was over", file=sys.stderr)
+            print("scenario: stopped before the end of the scenario", file=sys.stderr)
         super().destroy_node()
 
 

@@ -1,15 +1,16 @@
-"""Runs of controllers on standard cases and on processes unlike the model, many at a time, and how they are judged."""
+"""Runs of controllers on standard cases and on other processes, in parallel, and their evaluation."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,6 +32,8 @@ JUDGED = {
 }
 
 Figures = dict[str, Any]
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -82,26 +85,44 @@ def _figures_or_error(job: Job) -> Figures:
         return {"error": str(error)}
 
 
-def process_pool() -> ProcessPoolExecutor:
-    """A pool of as many processes as there are processors; spawned, because a forked one would share DDS and locks."""
-    return ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1) -> Iterator[R]:
+    """Results of a function for all jobs, in their order, by as many processes as there are processors.
+
+    They are spawned, because forked ones would share DDS and locks. An interrupt from the keyboard is for the caller
+    alone; when that takes no more results, the processes are ended.
+    """
+    pool = ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited by the processes, which ``map`` starts
+    try:
+        others = active_children()
+        results = pool.map(function, jobs, chunksize=chunksize)
+        processes = [one for one in active_children() if one not in others]
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    try:
+        yield from results
+    except BaseException:
+        for process in processes:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def run_all(jobs: Sequence[Job], progress: Callable[[float], None] | None = None) -> dict[Job, Figures]:
     """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
     results = {}
-    with process_pool() as pool:
-        worth_it = len(jobs) >= 8
-        work = pool.map(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
-        for job, found in zip(jobs, work, strict=True):
-            results[job] = found
-            if progress is not None:
-                progress(len(results) / len(jobs))
+    worth_it = len(jobs) >= 8
+    work = on_all_cores(_figures_or_error, jobs, chunksize=4) if worth_it else map(_figures_or_error, jobs)
+    for job, found in zip(jobs, work, strict=True):
+        results[job] = found
+        if progress is not None:
+            progress(len(results) / len(jobs))
     return results
 
 
 def judged(runs: Mapping[str, Figures]) -> Figures:
-    """The judged figures of a controller's runs by case, and whether something still swings; or the error of one."""
+    """The judged figures of a controller's runs by case, and whether an output oscillates; or the error of one."""
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}

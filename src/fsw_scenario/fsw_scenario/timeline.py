@@ -1,4 +1,4 @@
-"""What a scenario means at each tick: the set-points, the open-loop manipulated variables, the selected controller."""
+"""The content of a scenario by tick: the set-points, the open-loop manipulated variables, the selected controller."""
 
 from __future__ import annotations
 

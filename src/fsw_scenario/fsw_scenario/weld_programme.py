@@ -11,10 +11,11 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C, Range
-from fsw_control.schema import Many, Model, needs_one, without_default
+from fsw_control.ranges import REFERENCE_DEPTH_MM, REFERENCE_TEMPERATURE_C
 from fsw_control.weld import TICK_S
 from fsw_plant.event_schema import DURATION_S, TIME_S
+from fsw_schema.models import Many, Model, needs_one, without_default
+from fsw_schema.ranges import Range
 
 #: Diameter of the joint line: about 1 m in the paper; 1.05 m at 86 mm/min gives the published 38 to 40 min per turn.
 CANISTER_DIAMETER_MM = 1050.0
@@ -29,7 +30,7 @@ _CLOCK_JUMP_TICKS = 100
 
 
 class SetPointEntry(Model):
-    """New set-points; one left out stays."""
+    """New set-points; an omitted one keeps its value."""
 
     depth_mm: Annotated[float, REFERENCE_DEPTH_MM] | None = None
     temperature_c: Annotated[float, REFERENCE_TEMPERATURE_C] | None = None
@@ -42,7 +43,7 @@ class SetPointEntry(Model):
 
 
 class PhaseSetPoint(SetPointEntry):
-    """New set-points in a phase; one left out stays."""
+    """New set-points in a phase; an omitted one keeps its value."""
 
     at_s: Annotated[float, TIME_S] = 0.0
     """time from the phase's beginning"""
@@ -56,9 +57,9 @@ class Phase(Model):
     duration_s: Annotated[float, DURATION_S] = Field(0.0, json_schema_extra=without_default)
     """of a phase without travel"""
     to_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
-    """of one with travel: where it ends"""
+    """end of a phase with travel"""
     from_deg: Annotated[float, ANGLE_DEG] = Field(0.0, json_schema_extra=without_default)
-    """where the phase before ends, which is the default"""
+    """start of a phase with travel; default: the end of the previous phase"""
     length_mm: Annotated[float, LENGTH_MM] = Field(0.0, json_schema_extra=without_default)
     """of the path; default: the arc on the canister, and not less"""
     speed_mm_per_min: Annotated[float, Range(10.0, 300.0, "mm/min")] = 86.0
@@ -153,7 +154,7 @@ class PhaseMachine:
         return self._go(State.HELD, (State.RUNNING,))
 
     def resume(self) -> tuple[bool, str]:
-        """Go on after a hold."""
+        """Continue after a hold."""
         return self._go(State.RUNNING, (State.HELD,))
 
     def abort(self) -> tuple[bool, str]:

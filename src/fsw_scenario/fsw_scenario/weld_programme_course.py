@@ -40,11 +40,11 @@ class WayBack(NamedTuple):
 
 
 class Course:
-    """What goes out of a programme's set-points.
+    """Sends the set-points of a programme.
 
-    As long as it is *followed*, its set-points go out as planned. A hold, or set-points by hand, *leave* it: those
-    that are then in force stay. A resume goes back to where the programme is, by a ramp at the permitted rates, while
-    its time goes on; so nothing of it is lost, and nothing jumps that does not jump in the programme.
+    As long as it is *followed*, its set-points are sent as planned. A hold, or manual set-points, *leave* it: the
+    set-points then in force stay. A resume ramps back to the programme at the permitted rates while its time continues,
+    so that no part of it is skipped and nothing jumps that does not jump in the programme.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Course:
         self.followed = True
 
     def programme_at(self, tick: int) -> Reference:
-        """What the programme has at a tick."""
+        """The programme's set-points at a tick."""
         return self._programme[self._ticks[max(bisect_right(self._ticks, tick) - 1, 0)]]
 
     def leave(self) -> None:

@@ -1,4 +1,4 @@
-"""What the phases of a whole weld amount to: durations, and set-points over time.
+"""Results of the phases of a whole weld: durations, and set-points over time.
 
 All errors are for a validator of the scenario: they say at which of its ``phases`` something is wrong.
 """
@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from fsw_control.contract import Reference
-from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S, Range
-from fsw_control.schema import problem
+from fsw_control.ranges import WELD_RATE_DEPTH_MM_PER_S, WELD_RATE_TEMPERATURE_C_PER_S
 from fsw_scenario.weld_programme import ANGLE_DEG, LENGTH_MM, MM_PER_DEG, PHASES, Phase, PhaseSetPoint
+from fsw_schema.models import problem
+from fsw_schema.ranges import Range
 
 #: unit, largest step (chosen) and largest rate of the set-points
 LIMITS = {
@@ -34,7 +35,7 @@ def joined(entries: Sequence[Phase]) -> tuple[Phase, ...]:
             phases.append(entry.model_copy(update={"from_deg": here_deg, "to_deg": here_deg}))
             continue
         if "from_deg" in given and entry.from_deg != here_deg:
-            raise problem(f"= {entry.from_deg:g} jumps: the phase before ends at {here_deg:g} deg", *at, "from_deg")
+            raise problem(f"= {entry.from_deg:g} jumps: the previous phase ends at {here_deg:g} deg", *at, "from_deg")
         _check(entry.to_deg, Range(here_deg, ANGLE_DEG.high, "deg"), *at, "to_deg")
         arc_mm = (entry.to_deg - here_deg) * MM_PER_DEG
         length_mm = entry.length_mm if "length_mm" in given else arc_mm
@@ -59,7 +60,7 @@ def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[floa
             _check(one.at_s, Range(0.0, phase.duration_s, f"s, the duration of {phase.name}"), *at, "at_s")
             _check(one.over_s, Range(0.0, left_s, "s, what is left of the phase"), *at, "over_s")
             if one.at_s < free_s:
-                raise problem(f"= {one.at_s:g} is before the end of the set-point before it, {free_s:g} s", *at, "at_s")
+                raise problem(f"= {one.at_s:g} is before the end of the previous set-point, {free_s:g} s", *at, "at_s")
             free_s = one.at_s + one.over_s
             for name, (unit, step, rate) in LIMITS.items():
                 value = getattr(one, name)

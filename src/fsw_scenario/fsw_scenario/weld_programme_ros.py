@@ -25,7 +25,7 @@ _TICKS_PER_REPORT = 10
 class ProgrammeServer:
     """Publishes ``fsw/weld_progress``, serves ``fsw/weld/hold|resume|abort`` and asks the supervisor for a safe stop.
 
-    A safe stop that comes from elsewhere aborts the programme as well.
+    A safe stop from elsewhere aborts the programme, too.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class ProgrammeServer:
     machine : PhaseMachine
     course : Course
     in_force : callable
-        Set-points that hold now.
+        Set-points in force.
     restart : callable
-        Sends set-points that hold at once, and what is coming of the course.
+        Sends set-points that take effect at once, and the future ones of the course.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class ProgrammeServer:
         return self._keep(*self.machine.abort())  # the node asks for the safe stop at its next turn
 
     def _keep(self, ok: bool, answer: str) -> tuple[bool, str]:
-        """Keep the set-points in force: sent now, they void what was sent ahead."""
+        """Keep the set-points in force: sending them voids those sent ahead."""
         if ok:
             present = self._in_force()
             self._course.leave()
@@ -132,7 +132,7 @@ class ProgrammeServer:
             self.publish(stamp_ns)
 
     def _state(self) -> tuple[object, ...]:
-        """What is reported at once when it changes."""
+        """The fields that are reported at once when they change."""
         now = self.machine.progress()
         return now.state, now.phase, self._course.followed, self._course.programme_at(self.machine.tick)
 

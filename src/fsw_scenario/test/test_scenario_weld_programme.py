@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from fsw_control.contract import Reference
 from fsw_control.ramps import stair
-from fsw_control.schema import InputError
 from fsw_scenario import scenario_file, timeline
 from fsw_scenario.scenario import start_reference
 from fsw_scenario.weld_programme import PHASES, Phase, PhaseMachine, State, spans
+from fsw_schema.models import InputError
 
 WELD = [
     {"name": "dwell", "duration_s": 5.0},
@@ -64,7 +64,7 @@ BAD = [
     (changed(1, duration_s=3.0), "phases[1] has duration_s and to_deg"),
     (changed(1, speed=86.0), "phases[1].speed is an unknown key"),
     (changed(1, speed_mm_per_min=0.0), "phases[1].speed_mm_per_min = 0 is outside 10 to 300"),
-    (changed(2, from_deg=3.0), "phases[2].from_deg = 3 jumps: the phase before ends at 2 deg"),
+    (changed(2, from_deg=3.0), "phases[2].from_deg = 3 jumps: the previous phase ends at 2 deg"),
     (changed(2, to_deg=1.0), "phases[2].to_deg = 1 is outside 2 to 720 deg"),
     (changed(2, to_deg=721.0), "phases[2].to_deg = 721 is outside 0 to 720 deg"),
     (changed(2, to_deg=2.0), "phases[2] has a path without length"),

@@ -1,13 +1,13 @@
-"""The arbiter: one command per tick, whatever happens.
+"""The arbiter: one command per tick, under all conditions.
 
-Pure: no middleware, times are arguments (steady seconds), every input is a method, and what has to be sent is returned
-as a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
+Pure: no middleware, times are arguments (steady seconds), every input is a method, and commands to send are returned as
+a list of decisions. The modes and their transitions are the table in ``state_machine.py``.
 
 Invariants:
 
 - Each tick gets one command, or is counted as lost: before the first command, and in a gap.
-- Each command is finite, inside the limits and one move at most from the command in force; after a start or a gap,
-  from where the drives are.
+- Each command is finite, inside the limits and one move at most from the command in force; after a start or a gap, from
+the drives' actual values.
 - While an interlock is tripped the mode is safe stop, from the tick in which it is judged: interlocks act by level. A
   safe stop is left only by the operator, with valid sensors, after an acknowledgement that no cause has followed. A
   restart goes on with it.
@@ -86,7 +86,7 @@ class Arbiter:
         )
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Work with the node's parameters from now on, without forgetting."""
+        """Apply new parameters of the node, keeping the state."""
         self.machine.settings = ArbiterSettings.from_values(values)
         self.safety.configure(values)
 
@@ -149,7 +149,7 @@ class Arbiter:
         return decisions
 
     def on_command(self, stamp_ns: int, source: str, command: Command) -> bool:
-        """Take a message from the command topic; returns whether it was sent here, else it is a foreign writer's."""
+        """Take a message from the command topic; returns whether this supervisor sent it, not a foreign writer."""
         if self.watch.is_own(stamp_ns, source, command):
             return True
         self.in_force.on_foreign(command)
@@ -184,7 +184,7 @@ class Arbiter:
             self.machine.mirror(source)
 
     def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
-        """On standby: take over what the operator has asked the leader for, and who is inhibited there and why."""
+        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why."""
         self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
         self.registry.mirror_inhibitions(inhibited)
 
@@ -209,13 +209,13 @@ class Arbiter:
         self.machine.log(Level.WARN, "failover", f"on standby: {reason}")
 
     def start_again(self, unsent: list[Decision]) -> None:
-        """Find out which command is in force: the drives have moved while this process was held up."""
+        """Find out which command is in force: the drives have moved while this process was stalled."""
         self.ticks.take_back(unsent)
-        self.ticks.interrupt("the drives have moved while the arbiter was held up")
+        self.ticks.interrupt("the drives have moved while the arbiter was stalled")
 
 
 def problem(values: Mapping[str, Any]) -> str | None:
-    """Why the parameters of ``supervisor.yaml`` do not go together, or None."""
+    """Why the parameters of ``supervisor.yaml`` are inconsistent, or None."""
     try:
         ArbiterSettings.from_values(values)
         interlocks_from(values)

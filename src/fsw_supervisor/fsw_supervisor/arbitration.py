@@ -1,4 +1,4 @@
-"""How one tick is decided, mode by mode, and the changes of mode between two ticks that nobody has asked for."""
+"""How one tick is decided, mode by mode, and the automatic changes of mode between two ticks."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Arbitration:
             return
         if self.in_force.applied is None and not self.start_up.find_command(tick, now_s, final):
             if final:
-                self.machine.explain("starting: which command is in force is not known yet")
+                self.machine.explain("starting: the command in force is not known yet")
                 tick.settle()
             return
         if not self.start_up.may_command(tick, now_s, final):

@@ -58,7 +58,7 @@ class ControllerRecord:
 class ControllerRegistry:
     """All controllers ever seen, and their candidate commands, tick by tick.
 
-    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock means nothing, a
+    It is bounded, so that a babbling graph cannot fill the memory. In lockstep, where the wall clock is irrelevant, a
     shadow controller that lags behind does not count as failed.
     """
 
@@ -103,7 +103,7 @@ class ControllerRegistry:
         """Which invalid sensor controller ``name`` needs, in words; empty when there is none."""
         tolerated = self._records[name].tolerated_sensors
         needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
-        return f"{name} cannot do without the sensor {', '.join(needed)}" if needed else ""
+        return f"{name} requires the sensor {', '.join(needed)}" if needed else ""
 
     def all_ready(self) -> frozenset[str]:
         """Controllers that may be selected now."""
@@ -146,7 +146,7 @@ class ControllerRegistry:
             record.inhibited = reasons.get(record.name, "").removeprefix(_inhibited(record.name))
 
     def readmit_all(self, who: str) -> None:
-        """Let all inhibited controllers take part again."""
+        """Readmit all inhibited controllers."""
         names = [record.name for record in self if record.inhibited]
         self.mirror_inhibitions({})
         if names:
@@ -196,7 +196,7 @@ class ControllerRegistry:
                     self._count(self._records[name], checked)
 
     def close(self, tick: Tick) -> None:
-        """Count, at the end of a tick, who has answered and who has not."""
+        """Count, at the end of a tick, which controllers have answered."""
         self._past[tick.stamp_ns] = tick
         if len(self._past) > LOCKSTEP_LAG:
             del self._past[next(iter(self._past))]

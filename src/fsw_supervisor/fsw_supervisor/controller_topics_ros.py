@@ -18,13 +18,13 @@ RESERVED = (*BUILT_IN_SOURCES, "supervisor")
 
 
 class ControllerTopics:
-    """Proposals and status of every controller; whoever publishes proposals is one.
+    """Proposals and status of every controller, that is, of every node that publishes proposals.
 
     Parameters
     ----------
     node : rclpy.node.Node
     registry : ControllerRegistry
-        Records who joins and leaves.
+        Records joining and leaving controllers.
     on_proposal, on_status : callable
         Get the controller's name and its message.
     on_controller : callable

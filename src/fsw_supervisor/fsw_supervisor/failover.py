@@ -33,10 +33,10 @@ class Failover:
     """Stands between the arbiter and the command topic.
 
     On standby the arbiter decides every tick, sends nothing and takes over what the leader has commanded. When
-    ``takeover_ticks`` ticks in a row went unanswered, the decision on the last of them is sent. A leader that was held
-    up for so long that another one may have taken over withholds its commands for a tick, to learn what has happened
+    ``takeover_ticks`` ticks in a row went unanswered, the decision on the last of them is sent. A leader that was
+    stalled long enough for another one to take over withholds its commands for a tick, to learn what has happened
     meanwhile. Every failover begins a new term. Of two leaders the one with the greater term stays, so never the one
-    that was held up; in the same term (they started together) the one that has answered the newer tick, in a tie the
+    that was stalled; in the same term (they started together) the one that has answered the newer tick, in a tie the
     one with the greater identity.
 
     Parameters
@@ -195,14 +195,14 @@ class Failover:
 
     @property
     def _lease_s(self) -> float:
-        """Another one may have taken over when this one has not run for so long."""
+        """Another supervisor may have taken over after such a stall of this one."""
         settings = self._arbiter.settings
         if self._arbiter.lockstep:
             return settings.takeover_s(True) / 2.0
         return max(SILENT_PERIODS, self._needed - 0.5) * settings.tick_period_s
 
     def _leave_fence(self) -> list[Decision]:
-        """Commands that were kept back; none when something else has moved the drives meanwhile."""
+        """Withheld commands; none if something else has moved the drives meanwhile."""
         self._fence_s = None
         held, self._held = self._held, []
         tick, expected = self._arbiter.ticks.present, self._expected

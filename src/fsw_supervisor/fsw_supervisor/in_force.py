@@ -20,7 +20,7 @@ _FOREIGN_S = 5.0
 
 
 class CommandWatch:
-    """Tells the commands that are sent here from those of other writers.
+    """Distinguishes this supervisor's own commands from those of other writers.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class CommandWatch:
 class DriveOffset:
     """Offset between one drive's feedback and its command (kN or rpm): a load cell sees disturbances, too.
 
-    A difference may also mean that the machine does not obey: a PLC ramps down by itself, a drive stands still. So it
+    A difference may also mean that the machine does not obey: a PLC ramps down on its own, a drive stands still. So it
     counts as an offset only where the drive has followed the command: if the difference set in from one tick to the
     next by more than any command or safe ramp moves, and has stayed; or if it has drifted more slowly than a safe
     ramp. Otherwise control begins again where the drive is; so it does if the drive has not followed since the gap

@@ -18,7 +18,7 @@ class SwitchRequest:
     """A request to change the active controller."""
 
     name: str  #: of the controller
-    strict: bool  #: refuse unless it is ready now
+    strict: bool  #: refuse unless it is ready
     expires_s: float  #: steady time at which a best-effort request gives up
     last_tick: int  #: likewise as the number of a tick (in lockstep, where the steady clock means nothing)
     who: str  #: asked
@@ -50,7 +50,7 @@ class OperatorRequests:
 
     @property
     def waiting(self) -> bool:
-        """Whether a switch is asked for and has not been made."""
+        """Whether a requested switch is pending."""
         return self._pending is not None
 
     def ask_switch(self, name: str, strict: bool, timeout_s: float, who: str, now_s: float) -> SwitchRequest:
@@ -83,7 +83,7 @@ class OperatorRequests:
         return request
 
     def ask_mode(self, mode: str, manual: Command | None, who: str) -> tuple[bool, str]:
-        """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns whether, and why in words."""
+        """Ask for ``auto``, ``manual`` (with values), ``hold`` or ``safe_stop``; returns success and the reason."""
         ok, message = self._ask_mode(mode, manual, who)
         if not ok:
             self.machine.log(Level.WARN, who, f"mode {mode[:40]}: {message}")
@@ -119,7 +119,7 @@ class OperatorRequests:
         return True, f"{wanted} from the next command on" + (f", with {controller}" if controller else "")
 
     def acknowledge(self, who: str) -> tuple[bool, str]:
-        """Acknowledge the safe stop, so that it may be left; returns whether, and why in words.
+        """Acknowledge the safe stop, so that it may be left; returns success and the reason in words.
 
         Refused while a cause is there, or a sensor is invalid that could show it. Either voids it later, and so does
         another safe stop.
@@ -131,18 +131,18 @@ class OperatorRequests:
             self.machine.log(Level.WARN, who, f"acknowledge: {message}")
             return False, message
         self.machine.acknowledge(who)
-        return True, "acknowledged: ask for the mode to go on with"
+        return True, "acknowledged; now request a mode"
 
     def _why_stop(self) -> str:
         """Why the mode must be, or must stay, a safe stop; empty when it need not."""
         if self.safety.tripped:
-            return f"the cause is still there: {self.safety.causes}"
+            return f"the cause is still present: {self.safety.causes}"
         if self.machine.mode is Mode.SAFE_STOP and self.safety.blind:
-            return f"{self.safety.blind}: whether the cause is gone cannot be judged"
+            return f"{self.safety.blind}, so it is unknown whether the cause is gone"
         return ""
 
     def serve(self, now_s: float) -> None:
-        """Make the swap that is asked for, if it can be made; to be called between two ticks."""
+        """Make the requested swap, if possible; to be called between two ticks."""
         self.expire(now_s)
         request, machine = self._pending, self.machine
         if request is None:
@@ -158,7 +158,7 @@ class OperatorRequests:
             self._swapped_tick = machine.tick
 
     def expire(self, now_s: float) -> None:
-        """Give up a request that has waited long enough; a swap that was made may still be answered in its tick."""
+        """Time out a request that has waited too long; a swap that was made may still be answered in its tick."""
         request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return
@@ -167,7 +167,7 @@ class OperatorRequests:
         late = self.lockstep and self.machine.tick > request.last_tick
         if late or now_s > request.expires_s + guard_s:
             why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
-            self.drop(f"timed out: {why_not or 'no measurement came to swap at'}")
+            self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
 
     def on_applied(self, source: str, stamp_s: float) -> None:
         """Note the source of the command that was sent."""

@@ -145,7 +145,7 @@ def _process_status(arbiter: Arbiter) -> Report:
         level = ERROR if safety.tripped else WARN
         parts.append(", ".join(safety.active))
     reasons = {f"{name} state": why or "good" for name, why in safety.sensor_reasons.items()}
-    return Report("process", level, "; ".join(parts) or "sensors valid, inside all limits", reasons)
+    return Report("process", level, "; ".join(parts) or "sensors valid, all values within limits", reasons)
 
 
 def _controller_status(

@@ -101,7 +101,7 @@ class SafetyMonitor:
         self._causes = dict.fromkeys(_QUANTITIES, "")
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Judge by the node's parameters from now on, without forgetting."""
+        """Apply new parameters of the node, keeping the state."""
         self.hold_s = values["validity.hold"]
         self._guard.configure(sensor_limits(values))
         self._interlocks = interlocks_from(values)
@@ -139,7 +139,7 @@ class SafetyMonitor:
         return "; ".join(f"sensor {name} is invalid ({self.sensor_reasons[name]})" for name in self.invalid_sensors)
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick; ``acting``: force and speed that act. What is tripped leads to a safe stop."""
+        """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self._judged = True
         tick.dropouts = tuple(name for name in SENSORS if name not in tick.samples and not reasons[name])
@@ -170,8 +170,8 @@ class SafetyMonitor:
 
         A level takes effect when the last ``interlocks.persistence_ticks`` values were each at that level or worse: a
         spike does not trip. A trip is gone after as many values without it, not counting those of sensors that are
-        ``held``: a single one does not free a safe stop. It acts for as long as it is there, in every mode and not
-        only when it begins.
+        ``held``: a single one does not free a safe stop. It acts for as long as it lasts, in every mode, not only when
+        it begins.
         """
         for item in self._interlocks:
             value = values.get(item.quantity, nan)

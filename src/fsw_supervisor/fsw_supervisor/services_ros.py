@@ -1,4 +1,4 @@
-"""The services by which an operator asks the leading supervisor."""
+"""The services through which operators send requests to the leading supervisor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.tick import Decision
 
-_ON_STANDBY = False, "refused: this supervisor is on standby now; ask again"
+_ON_STANDBY = False, "refused: this supervisor is on standby now; send the request again"
 
 
 class OperatorServices:
@@ -32,7 +32,7 @@ class OperatorServices:
     leads : callable
         Whether this supervisor leads; otherwise requests are refused.
     publish : callable
-        Publishes what follows from a request.
+        Publishes the consequences of a request.
     """
 
     def __init__(

@@ -54,20 +54,20 @@ class ArbiterSettings:
         lim, period_s = self.limits, self.tick_period_s
         if self.deadline_s >= period_s:
             raise ValueError(
-                f"deadline_s is {self.deadline_s} s; it must lie between 0 and tick_period_s ({period_s} s)"
+                f"deadline_s is {self.deadline_s} s; it must be between 0 and tick_period_s ({period_s} s)"
             )
         if self.force_transition_kn > lim.force_step_kn:
-            raise ValueError(f"force_transition_kn must not lie above the step of {lim.force_step_kn} kN")
+            raise ValueError(f"force_transition_kn must not exceed the step of {lim.force_step_kn} kN")
         if self.speed_transition_rpm > lim.speed_step_rpm:
-            raise ValueError(f"speed_transition_rpm must not lie above the step of {lim.speed_step_rpm} rpm")
+            raise ValueError(f"speed_transition_rpm must not exceed the step of {lim.speed_step_rpm} rpm")
         if not lim.force_min_kn <= self.safe_force_kn <= lim.force_max_kn:
-            raise ValueError(f"safe_force_kn must lie in {lim.force_min_kn} to {lim.force_max_kn} kN")
+            raise ValueError(f"safe_force_kn must be within {lim.force_min_kn} to {lim.force_max_kn} kN")
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> ArbiterSettings:
-        """Settings from the parameters of ``supervisor.yaml``; what is left out has its default.
+        """Settings from the parameters of ``supervisor.yaml``; omitted ones have their defaults.
 
         Raises
         ------

@@ -13,8 +13,8 @@ from fsw_supervisor.tick import ProposalInput, Tick, check
 class StartUp:
     """Finds out which command is in force and which controller was active, and decides the mode ``start``.
 
-    Before the first command nobody can have seen one of this supervisor: a controller that says it is selected means
-    the supervisor before.
+    Before this supervisor's first command, a controller that reports itself as selected refers to the previous
+    supervisor.
     """
 
     def __init__(
@@ -27,12 +27,12 @@ class StartUp:
 
     @property
     def controller(self) -> str:
-        """Who is to control: who was active before, else who is configured."""
+        """The controller to apply: the one active before, else the configured one."""
         return self.was_active or self._machine.target
 
     @property
     def listening_ends_s(self) -> float | None:
-        """Steady time at which the controllers have had time to report who was selected; None: no longer relevant."""
+        """Steady time until which the controllers may report which of them was selected; None: no longer relevant."""
         if not self._in_force.before_first or self._measured_s is None:
             return None
         return self._measured_s + self._machine.settings.takeover_wait_s
@@ -43,7 +43,7 @@ class StartUp:
             self._measured_s = now_s
 
     def interrupt(self) -> None:
-        """At a gap in the measurements: find out again what is in force; who was active stays known."""
+        """At a gap in the measurements: determine again what is in force; who was active stays known."""
         self.was_active = self._machine.active or self.was_active
         if self._in_force.before_first:
             self._measured_s = None
@@ -83,7 +83,7 @@ class StartUp:
         return applied
 
     def _listened(self, now_s: float) -> bool:
-        """Whether the controllers have had time to report who of them was selected."""
+        """Whether the controllers have had time to report which of them was selected."""
         ends_s = self.listening_ends_s
         return ends_s is None or now_s >= ends_s
 
@@ -132,7 +132,7 @@ class StartUp:
         return machine.reason
 
     def _correct_command(self, tick: Tick) -> None:
-        """After a restart: tell the command in force from a disturbance that the drives report, too.
+        """After a restart: distinguish the command in force from a disturbance that the drives also report.
 
         Who was active proposes at most one move away from the command in force. The plant by itself only lowers the
         force and keeps the speed; so where the drives report another speed or more force, it is a disturbance.
@@ -148,7 +148,7 @@ class StartUp:
         tick.candidates[name] = check(name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits)
 
     def _substitute(self, tick: Tick) -> str:
-        """Fallback that has proposed well for so long that the configured controller need not be waited for."""
+        """Fallback whose proposals have been good for long enough not to wait for the configured controller."""
         settings = self._machine.settings
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:

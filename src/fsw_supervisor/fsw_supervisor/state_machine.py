@@ -10,7 +10,7 @@ from collections import deque
 from enum import StrEnum
 from typing import NamedTuple
 
-from fsw_control.contract import BUILT_IN_SOURCES
+from fsw_control.contract import BUILT_IN_SOURCES, OPERATOR_MODES
 from fsw_supervisor.settings import ArbiterSettings
 
 
@@ -45,12 +45,7 @@ class Trigger(StrEnum):
 
 
 #: the modes an operator can ask for, with the trigger that each fires
-OPERATOR_TRIGGERS: dict[Mode, Trigger] = {
-    Mode.AUTO: Trigger.OPERATOR_AUTO,
-    Mode.MANUAL: Trigger.OPERATOR_MANUAL,
-    Mode.HOLD: Trigger.OPERATOR_HOLD,
-    Mode.SAFE_STOP: Trigger.OPERATOR_SAFE_STOP,
-}
+OPERATOR_TRIGGERS = {Mode(mode): Trigger(f"operator_{mode}") for mode in OPERATOR_MODES}
 
 
 class Transition(NamedTuple):
@@ -66,22 +61,22 @@ def _but(mode: Mode) -> tuple[Mode, ...]:
     return tuple(item for item in Mode if item is not mode)
 
 
-_FREE = "operator, who has acknowledged a safe_stop"
+_FREE = "operator, after acknowledging a safe_stop"
 _BEFORE = "before its first command: a safe_stop was in force"
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Trigger.READY, Mode.AUTO, "first good proposal"),
-    Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the controller that was active is silent"),
+    Transition(Mode.START, Trigger.ABANDONED, Mode.HOLD, "in mid-weld, the previously active controller sends nothing"),
     Transition(Mode.AUTO, Trigger.INTERRUPTED, Mode.START, "measurements are back after a gap"),
     *(Transition(m, Trigger.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready") for m in _but(Mode.AUTO)),
     *(Transition(m, Trigger.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits") for m in _but(Mode.MANUAL)),
     *(Transition(m, Trigger.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
     *(Transition(m, Trigger.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator") for m in _but(Mode.SAFE_STOP)),
-    Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no controller left that may be applied"),
+    Transition(Mode.AUTO, Trigger.NO_CONTROLLER, Mode.HOLD, "no usable controller left"),
     Transition(Mode.AUTO, Trigger.STORM, Mode.HOLD, "too many automatic swaps"),
     Transition(Mode.HOLD, Trigger.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"),
     Transition(Mode.HOLD, Trigger.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
-    Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller has come"),
+    Transition(Mode.START, Trigger.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
     Transition(Mode.MANUAL, Trigger.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"),
     *(Transition(m, Trigger.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
     *(Transition(m, Trigger.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped") for m in _but(Mode.SAFE_STOP)),
@@ -114,7 +109,7 @@ class Event(NamedTuple):
 class Machine:
     """State of the arbiter as an operator sees it; changes only by the table above and by swaps in auto.
 
-    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` those that are wanted.
+    ``mode`` and ``active`` are the actual mode and controller, ``target_mode`` and ``target`` the requested ones.
     """
 
     def __init__(self, settings: ArbiterSettings) -> None:
@@ -174,7 +169,7 @@ class Machine:
         self.mode, self._mode_tick, self.acknowledged = mode, self.tick, False
 
     def renew(self) -> None:
-        """The present mode is asked for once more, or has a new cause: its time and its latch begin anew."""
+        """The present mode is requested again, or has a new cause: its time-out and latch restart."""
         self.revision += self.acknowledged
         self._enter(self.mode)
 
@@ -193,7 +188,7 @@ class Machine:
         self._note(reason, who, f"{before} -> {name}")
 
     def set_target(self, controller: str = "", mode: Mode | None = None) -> None:
-        """Set the controller and the mode that the operator wants; what is left out stays."""
+        """Set the controller and the mode requested by the operator; omitted ones stay."""
         wanted = (controller or self.target, mode or self.target_mode)
         if wanted != (self.target, self.target_mode):
             self.target, self.target_mode = wanted
@@ -214,7 +209,7 @@ class Machine:
             self.reason = f"as the leading supervisor: {source}"
 
     def lead(self, reason: str) -> None:
-        """Record that a standby leads from now on, in its present state, which nobody has acknowledged."""
+        """Record that a standby leads from now on, in its present state, which is not acknowledged."""
         self.acknowledged = False
         self.slewing = self.settings.transition_ticks
         if self.reason != self._takeover:

@@ -156,7 +156,7 @@ class SupervisorNode(Node):
         return self._commands
 
     def _open(self) -> None:
-        """Open what only the leader has."""
+        """Create the leader's publishers and services."""
         self._open_commands()
         self._kept_reference.open()
         if self._states is None:
@@ -164,7 +164,7 @@ class SupervisorNode(Node):
         self._operator_services.open()
 
     def _close(self) -> None:
-        """Close what only the leader has; some time after it has stepped down, so that open requests are answered."""
+        """Destroy the leader's publishers and services, after a delay in which open requests are answered."""
         self._operator_services.close()
         self._kept_reference.close()
         if self._states is not None:

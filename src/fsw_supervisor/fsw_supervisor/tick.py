@@ -18,11 +18,11 @@ class ProposalInput:
     stamp_ns : int
         Stamp of the measurement that it answers.
     source : str
-        Who claims to have computed it.
+        Claimed origin of the values.
     command : Command
         The manipulated variables proposed.
     healthy, reason : bool, str
-        The controller's own opinion, and why.
+        The controller's own assessment, and its reason.
     """
 
     stamp_ns: int
@@ -134,7 +134,7 @@ class Tick:
         if self.outcome is not None:
             return self.outcome.fault_excused_reason
         if self.stalled:
-            return "the arbiter was held up"
+            return "the arbiter was stalled"
         return "" if self.samples else "only the drives' feedback has arrived, no sensor sample"
 
     def settle(self, decision: Decision | None = None, fault_excused_reason: str = "") -> None:

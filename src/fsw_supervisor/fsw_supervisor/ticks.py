@@ -79,7 +79,7 @@ class Ticks:
                     tick.samples.setdefault(name, sample)
 
     def pass_time(self, now_s: float) -> None:
-        """Note the time, and whether this process was held up itself: then the queues get time to drain."""
+        """Note the time, and whether this process was itself stalled: then the queues get time to drain."""
         self.now_s = now_s
         tick, tolerance_s = self.present, self._machine.settings.stall_tolerance_s
         if tick is None or tick.settled or tick.stalled:
@@ -88,7 +88,7 @@ class Ticks:
             tick.stalled = True
             tick.deadline_s = now_s + tolerance_s / 2.0
             self.stalls += 1
-            self._machine.log(Level.WARN, "arbiter", f"was held up for {now_s - tick.started_s:.3f} s")
+            self._machine.log(Level.WARN, "arbiter", f"was stalled for {now_s - tick.started_s:.3f} s")
 
     def note_silence(self) -> None:
         """Report, once, that measurements have stopped."""
@@ -97,7 +97,7 @@ class Ticks:
             self._machine.log(Level.ERROR, "sensors", f"no measurement for {GAP_S:g} s")
 
     def _in_gap(self) -> bool:
-        """Whether the present tick is so old that the plant or this process was away."""
+        """Whether the present tick is so old that the plant or this process was suspended."""
         return self.present is not None and self.now_s - self.present.started_s > GAP_S
 
     def _begin(self, stamp_ns: int) -> None:
@@ -109,7 +109,7 @@ class Ticks:
             self._end(past, gap)
         self._machine.advance(stamp_ns)
         if back:
-            self._machine.log(Level.WARN, "clock", "time went back: counting on from there")
+            self._machine.log(Level.WARN, "clock", "time went back: continuing from there")
             self._arbitration.safety.forget_time()
             self._registry.forget_time(stamp_ns)
         self._silent = False
@@ -140,7 +140,7 @@ class Ticks:
             self._in_force.learn_offsets(tick, self._machine.settings.limits)
 
     def interrupt(self, reason: str) -> None:
-        """The plant or this process was away: find out again which command is in force."""
+        """The plant or this process was suspended: determine again which command is in force."""
         self._arbitration.start_up.interrupt()
         if self.present is not None:
             self.present.previous = None

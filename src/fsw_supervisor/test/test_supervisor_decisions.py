@@ -142,7 +142,7 @@ def test_what_is_applied_is_not_known_without_drives_and_controllers(make_rig):
     rig.names = []
     for _ in range(10):
         assert rig.tick() == []
-    assert rig.arbiter.machine.reason == "starting: which command is in force is not known yet"
+    assert rig.arbiter.machine.reason == "starting: the command in force is not known yet"
     assert (rig.arbiter.ticks.commands, rig.arbiter.ticks.lost) == (0, 10)
     assert rig.arbiter.applied is None
 
@@ -337,7 +337,7 @@ def test_who_only_cannot_see_is_replaced_and_not_inhibited(rig, blind):
     assert rig.last.source == ("nmpc" if blind else "decentral")
     assert rig.arbiter.registry.get("decentral").inhibited == ""
     if blind:
-        assert rig.arbiter.machine.reason == "decentral failed: decentral cannot do without the sensor torque"
+        assert rig.arbiter.machine.reason == "decentral failed: decentral requires the sensor torque"
 
 
 @pytest.mark.requirement("S6")

@@ -203,7 +203,9 @@ def test_two_controllers_of_one_name_are_distrusted_and_reported(rig):
     assert rig.last.source == "nmpc"
     assert "two controllers of this name" in rig.arbiter.machine.reason
     assert "more than once per tick" in rig.events()
-    assert rig.arbiter.registry.get("decentral").duplicates >= 4
+    record = rig.arbiter.registry.get("decentral")
+    assert record.duplicates >= 4
+    assert record.inhibited, "it has to prove itself again when the other one is gone"
 
 
 @pytest.mark.requirement("S12")

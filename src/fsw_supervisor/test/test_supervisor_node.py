@@ -281,7 +281,7 @@ def test_diagnostics_tell_the_timing_of_each_controller(bench):
     keys = {pair.key for pair in bench.peer.report("controller decentral").values}
     assert {"latency mean [ms]", "latency 99 % [ms]", "latency max [ms]", "jitter [ms]", "missed", "late"} <= keys
     assert bench.peer.report("arbiter").message.startswith("auto: decentral")
-    assert bench.peer.report("process").message == "sensors valid, inside all limits"
+    assert bench.peer.report("process").message == "sensors valid, all values within limits"
 
 
 def test_parameters_can_be_changed_while_running_and_are_checked(bench):
@@ -293,7 +293,7 @@ def test_parameters_can_be_changed_while_running_and_are_checked(bench):
     assert good.successful
     assert bench.supervisor._arbiter.settings.readmit_ticks == 7
     assert not bad.successful
-    assert "deadline_s is 0.9 s; it must lie between 0 and tick_period_s" in bad.reason
+    assert "deadline_s is 0.9 s; it must be between 0 and tick_period_s" in bad.reason
 
 
 def test_parameters_that_contradict_each_other_stop_the_start(make_bench):

@@ -46,7 +46,7 @@ def test_what_is_left_out_has_the_shipped_value():
         ({"force_transition_kn": 2.0}, "force_transition_kn"),
         ({"speed_transition_rpm": 4.0}, "speed_transition_rpm"),
         ({"limits.force_min_kn": 99.0}, "must be below force_max"),
-        ({"safe_force_kn": 10.0}, "safe_force_kn must lie in 60.0 to 95.0 kN"),
+        ({"safe_force_kn": 10.0}, "safe_force_kn must be within 60.0 to 95.0 kN"),
         ({"controller": ""}, "controller must name"),
         ({"interlocks.temperature_high.trip": 880.0}, "temperature_high"),
         ({"validity.depth.minimum": 7.0}, "minimum 7.0 must be below"),

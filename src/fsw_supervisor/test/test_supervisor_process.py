@@ -36,7 +36,7 @@ def test_a_controller_that_does_not_cope_gives_way_to_one_that_does(make_rig, fa
     assert rig.last.source == "decentral", "the last good sample stands in for a moment"
     rig.run(2)
     assert rig.last.source == "nmpc"
-    assert "decentral cannot do without the sensor depth" in rig.arbiter.machine.reason
+    assert "decentral requires the sensor depth" in rig.arbiter.machine.reason
     assert not rig.arbiter.registry.get("decentral").inhibited, "it has not failed"
     rig.values["depth"] = 2.66
     rig.run(5)

@@ -32,6 +32,16 @@ samples = st.sampled_from(["good"] * 8 + ["nan", "missing", "wild", "old", "trip
 delays = st.sampled_from([0.0, 0.001, 0.02, 0.05, 0.0799, 0.08, 0.09, 0.15])
 
 
+SETTINGS = {
+    "fallbacks": ("decentral", "nmpc", "third"),
+    "readmit_ticks": 3,
+    "hold_timeout_s": 0.5,
+    "storm_window_s": 2.0,
+    "operator_hold_timeout_s": 1.0,
+    "start_timeout_s": 1.0,
+}
+
+
 @pytest.mark.requirement("S4", "S5")
 class ArbiterMachine(RuleBasedStateMachine):
     """Plays plant, controllers, operator and clock against the arbiter."""
@@ -47,20 +57,8 @@ class ArbiterMachine(RuleBasedStateMachine):
     )
     def start(self, transition, lockstep, returning, storm, warm, drives, persistence):
         """Make an arbiter with some settings."""
-        self.settings = ArbiterSettings.from_values(
-            {
-                "fallbacks": ("decentral", "nmpc", "third"),
-                "force_transition_kn": transition,
-                "return_to_target": returning,
-                "storm_swaps": storm,
-                "warm_ticks": warm,
-                "readmit_ticks": 3,
-                "hold_timeout_s": 0.5,
-                "storm_window_s": 2.0,
-                "operator_hold_timeout_s": 1.0,
-                "start_timeout_s": 1.0,
-            }
-        )
+        drawn = {"force_transition_kn": transition, "return_to_target": returning}
+        self.settings = ArbiterSettings.from_values(SETTINGS | drawn | {"storm_swaps": storm, "warm_ticks": warm})
         self.arbiter = Arbiter(self.settings, lockstep=lockstep)
         values = defaults(load("fsw_supervisor", "supervisor.yaml"))
         self.arbiter.safety.configure(values | {"interlocks.persistence_ticks": persistence})

@@ -131,7 +131,7 @@ def test_in_lockstep_a_request_ends_when_no_tick_comes_for_long(make_rig):
     for after_s, done in ((1.01, False), (2.49, False), (2.51, True)):
         rig.arbiter.on_time(rig.now_s + after_s)
         assert request.done == done
-    assert request.message == "timed out: no measurement came to swap at"
+    assert request.message == "timed out: no measurement has arrived for the swap"
 
 
 def test_to_ask_for_the_active_one_takes_back_what_was_asked_before(waiting):
@@ -297,7 +297,7 @@ def test_an_acknowledgement_is_answered_and_logged_once(rig):
     assert desk.acknowledge("anna") == (False, "refused: there is no safe stop to acknowledge")
     desk.ask_mode("safe_stop", None, "operator")
     for _ in range(2):
-        assert desk.acknowledge("anna") == (True, "acknowledged: ask for the mode to go on with")
+        assert desk.acknowledge("anna") == (True, "acknowledged; now request a mode")
     assert rig.events().count("anna has acknowledged the safe stop") == 1
     revision = machine.revision
     machine.renew()

@@ -212,8 +212,8 @@ def test_the_reason_does_not_grow_when_two_supervisors_take_over_from_each_other
         ({"limits.force_min_kn": 95.0, "limits.force_max_kn": 95.0}, "force_min"),
         ({"limits.speed_min_rpm": 500.0, "limits.speed_max_rpm": 500.0}, "speed_min"),
         ({"deadline_s": 0.1}, "deadline_s is 0.1 s"),
-        ({"safe_force_kn": 59.9}, "safe_force_kn must lie in"),
-        ({"safe_force_kn": 95.1}, "safe_force_kn must lie in"),
+        ({"safe_force_kn": 59.9}, "safe_force_kn must be within"),
+        ({"safe_force_kn": 95.1}, "safe_force_kn must be within"),
     ],
 )
 def test_settings_at_the_edge_of_what_makes_no_sense_are_refused(values, words):

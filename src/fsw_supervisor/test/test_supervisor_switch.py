@@ -87,7 +87,7 @@ def test_best_effort_times_out_with_the_reason(rig):
 def test_a_request_without_measurements_times_out(rig):
     request = ask(rig, "nmpc", timeout_s=0.5)
     rig.arbiter.on_time(rig.now_s + 0.6)
-    assert request.message == "timed out: no measurement came to swap at"
+    assert request.message == "timed out: no measurement has arrived for the swap"
 
 
 def test_a_later_request_supersedes(rig):

@@ -70,7 +70,7 @@ def test_late_and_strong_plants_end_stability():
 def test_a_plant_that_cannot_run_is_named_on_the_page(nominal):
     data = study.sweep({"too weak": {"model.sliding_friction": 2.0, "model.sticking_stress_pa": 2.0}})
     assert all("error" in run for run in data["too weak"].values())
-    assert "- too weak: not run: start" in report.page({"nominal": nominal, "sweep": data})
+    assert "- too weak: not run: start" in report.pages({"nominal": nominal, "sweep": data})["other-processes.md"]
 
 
 def test_random_plants_are_the_same_each_time():
@@ -88,7 +88,7 @@ def test_ratios_take_the_better_rival():
     assert report.quantiles([0.5, 2.0])["share"] == 0.5
 
 
-def test_page_says_what_was_measured(nominal):
+def test_pages_say_what_was_measured(nominal):
     plants = {"nominal": SWEEP["nominal"]}
     data = {"nominal": nominal, "sweep": study.sweep(plants)}
     data["margins"] = {
@@ -97,14 +97,15 @@ def test_page_says_what_was_measured(nominal):
     data["aggressiveness"] = {"0.5": {"temperature_gain": 2.64, "tracking": 138.0, "disturbances": 33.2}}
     data["other_models"] = {"1": data["sweep"]["nominal"]}
     data["wins"] = {"tuning": [1, 2], "validation": [2, 2], "losses": [["nominal", "tracking", True, "IAE", 1.5]]}
-    page = report.page(data)
+    pages = report.pages(data)
+    page = pages["README.md"]
     iae = nominal[DEFAULT]["clean"]["events"]["z up"]["iae_depth_mm_s"]
     assert f"| {DEFAULT} | {iae:.3g} |" in page
-    assert "1 of 2 (50.0 %)" in page
-    assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in page
+    assert "1 of 2 won (50.0 %)" in pages["losses.md"]
+    assert "| IAE | 1 | 1.50 | 1.50 | tracking, noise, plant nominal |" in pages["losses.md"]
     assert "| > 8 | 2 |" in page
     assert "| 0.5 | 2.64 | 138 | 33.2 |" in page
-    assert "1 models with other gains" in page and "on 0 of these models" in page
+    assert "1 models with other gains" in (text := pages["other-models.md"]) and "on 0 of these models" in text
 
 
 @pytest.mark.full

@@ -1,4 +1,4 @@
-"""The shipped gains on processes unlike the model; the command."""
+"""The shipped gains on processes that differ from the model; the command."""
 
 import json
 import subprocess

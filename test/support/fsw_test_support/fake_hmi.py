@@ -29,6 +29,7 @@ from fsw_hmi.limits import EMULATOR, REFERENCE, limits
 from fsw_hmi.page_files import UPLOT
 from fsw_hmi.security import Security
 from fsw_test_support.machine import free_port
+from fsw_test_support.waiting import wait_until
 
 PAGE = Path(__file__).resolve().parents[3] / "src/fsw_hmi/fsw_hmi/page"
 BUILD = "test"
@@ -116,8 +117,7 @@ class FakeHmi:
     def start(self) -> FakeHmi:
         """Serve in a thread."""
         self._thread.start()
-        while not self._server.started:
-            time.sleep(0.01)
+        wait_until(lambda: self._server.started, "the server's start")
         return self
 
     def stop(self) -> None:

@@ -15,7 +15,7 @@ import yaml
 from fsw_machine.machine_file import MachineFile
 from fsw_plant import PlantConfig, PlantEmulator
 from fsw_test_support.machine_server import MachineServer
-from fsw_test_support.ros_graph import PATIENCE_S
+from fsw_test_support.waiting import PATIENCE_S
 
 
 def free_port() -> int:

@@ -10,7 +10,8 @@ from urllib.request import urlopen
 
 from websockets.sync.client import connect
 
-PATIENCE_S = 120.0
+from fsw_test_support.waiting import PATIENCE_S
+
 Frame = dict[str, Any]
 
 

@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from fsw_control.free_domain import free_domain
+from fsw_test_support.waiting import PATIENCE_S
 
 
 @pytest.fixture
@@ -20,10 +21,6 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield domain
-
-
-#: For what comes within seconds on an idle machine; the start of a process takes a minute on one with twenty to run.
-PATIENCE_S = 240.0
 
 
 class Spinner:

@@ -71,79 +71,91 @@ class SampleTypes:
         return store.types[type_name](**arguments)
 
 
+#: topic, values and delay of the receipt [ns]
+_Sample = tuple[str, dict[str, Any], int]
+
+
 def sample_messages(ticks: int) -> Iterator[tuple[str, int, bytes]]:
     """Topic, log time [ns] and serialized message of a made-up weld of ``ticks`` samples at 10 Hz."""
     types = SampleTypes()
-
-    def message(topic: str, time_ns: int, values: dict[str, Any], delay_ns: int) -> tuple[str, int, bytes]:
-        stamp = {"sec": time_ns // 1_000_000_000, "nanosec": time_ns % 1_000_000_000}
-        data = types.serialize(TOPICS[topic], {"header": {"stamp": stamp}, **values})
-        return topic, time_ns + delay_ns, data
-
     for tick in range(ticks):
-        now = START_NS + tick * TICK_NS
+        time_ns = START_NS + tick * TICK_NS
+        stamp = {"sec": time_ns // 1_000_000_000, "nanosec": time_ns % 1_000_000_000}
         phase = tick / 50.0
-        if tick % 600 == 0:
-            reference = {"depth": 0.00266 + 1e-4 * (tick // 600 % 2), "temperature": 816.0}
-            yield message("/fsw/reference", now, reference, 100_000)
-        if tick % 10 == 0:
-            controller = "decentral" if tick < ticks // 2 else "nmpc"
-            state = {
-                "actual_controller": controller,
-                "target_controller": controller,
-                "actual_mode": "auto",
-                "target_mode": "auto",
-                "reason": "",
-                "controllers": [{"name": "nmpc", "healthy": True}, {"name": "decentral", "healthy": True}],
-            }
-            yield message("/fsw/supervisor/state", now, state, 200_000)
-            level = 1 if ticks // 3 <= tick < ticks // 3 + 50 else 0
-            status = [{"name": "plant", "level": level, "message": "late" if level else "ok"}]
-            yield message("/diagnostics", now, {"status": status}, 300_000)
-        depth, temperature = 0.00266 + 1e-5 * math.sin(phase), 816.0 + math.cos(phase)
-        torque, force, speed = (
-            1052.86 + math.sin(phase),
-            78400.0 + 500.0 * math.sin(phase),
-            42.68 + 0.1 * math.cos(phase),
-        )
-        yield message("/fsw/depth", now, {"depth": depth}, 400_000)
-        yield message("/fsw/spindle_torque", now, {"torque": torque}, 500_000)
-        yield message("/fsw/thermocouple", now, {"temperature": temperature, "variance": 0.01}, 600_000)
-        yield message("/fsw/drives", now, {"axial_force": force, "spindle_speed": speed}, 650_000)
-        truth = {
-            "depth": depth,
-            "temperature": temperature,
-            "motor_torque": torque,
-            "process_power": 43600.0,
-            "axial_force": force,
-            "spindle_speed": speed,
-            "depth_disturbance": 5e-5 if tick >= ticks // 4 else 0.0,
-            "active_faults": ["thermocouple:freeze"] if ticks // 3 <= tick < ticks // 2 else [],
+        drives = {"axial_force": 78400.0 + 500.0 * math.sin(phase), "spindle_speed": 42.68 + 0.1 * math.cos(phase)}
+        for topic, values, delay_ns in (
+            *_now_and_then(tick, ticks),
+            *_of_the_plant(tick, ticks, drives),
+            *_of_the_controllers(tick, ticks, drives),
+        ):
+            data = types.serialize(TOPICS[topic], {"header": {"stamp": stamp}, **values})
+            yield topic, time_ns + delay_ns, data
+
+
+def _outputs(tick: int) -> tuple[float, float, float]:
+    phase = tick / 50.0
+    return 0.00266 + 1e-5 * math.sin(phase), 816.0 + math.cos(phase), 1052.86 + math.sin(phase)
+
+
+def _now_and_then(tick: int, ticks: int) -> Iterator[_Sample]:
+    if tick % 600 == 0:
+        yield "/fsw/reference", {"depth": 0.00266 + 1e-4 * (tick // 600 % 2), "temperature": 816.0}, 100_000
+    if tick % 10 == 0:
+        controller = "decentral" if tick < ticks // 2 else "nmpc"
+        state = {
+            "actual_controller": controller,
+            "target_controller": controller,
+            "actual_mode": "auto",
+            "target_mode": "auto",
+            "reason": "",
+            "controllers": [{"name": "nmpc", "healthy": True}, {"name": "decentral", "healthy": True}],
         }
-        yield message("/fsw/plant/truth", now, truth, 700_000)
-        for name, delay in (("decentral", 1_000_000), ("nmpc", 9_000_000)):
-            command = {"axial_force": force, "spindle_speed": speed, "source": name, "healthy": True}
-            yield message(f"/fsw/{name}/proposal", now, command, delay)
-            status_values = {
-                "controller": name,
-                "healthy": True,
-                "depth_estimate": depth,
-                "temperature_estimate": temperature,
-                "torque_estimate": torque,
-                "disturbance_names": ["depth [m]", "temperature [degC]"],
-                "disturbances": [1e-6 * tick, -0.5],
-                "solver_status": "optimal",
-                "iterations": 3,
-                "solve_time": 0.004,
-                "active_limits": ["force_max"] if tick % 7 == 0 else [],
-            }
-            yield message(f"/fsw/{name}/status", now, status_values, delay + 100_000)
-        times = [0.5 * step for step in range(60)]
-        prediction = {"time": times, "depth": times, "temperature": times, "axial_force": times, "spindle_speed": times}
-        yield message("/fsw/nmpc/prediction", now, prediction, 9_200_000)
-        source = "decentral" if tick < ticks // 2 else "nmpc"
-        applied = {"axial_force": force, "spindle_speed": speed, "source": source, "healthy": True}
-        yield message("/fsw/command", now, applied, 9_500_000)
+        yield "/fsw/supervisor/state", state, 200_000
+        level = 1 if ticks // 3 <= tick < ticks // 3 + 50 else 0
+        status = [{"name": "plant", "level": level, "message": "late" if level else "ok"}]
+        yield "/diagnostics", {"status": status}, 300_000
+
+
+def _of_the_plant(tick: int, ticks: int, drives: dict[str, float]) -> Iterator[_Sample]:
+    depth, temperature, torque = _outputs(tick)
+    yield "/fsw/depth", {"depth": depth}, 400_000
+    yield "/fsw/spindle_torque", {"torque": torque}, 500_000
+    yield "/fsw/thermocouple", {"temperature": temperature, "variance": 0.01}, 600_000
+    yield "/fsw/drives", {**drives}, 650_000
+    truth = {
+        "depth": depth,
+        "temperature": temperature,
+        "motor_torque": torque,
+        "process_power": 43600.0,
+        "depth_disturbance": 5e-5 if tick >= ticks // 4 else 0.0,
+        "active_faults": ["thermocouple:freeze"] if ticks // 3 <= tick < ticks // 2 else [],
+    }
+    yield "/fsw/plant/truth", {**truth, **drives}, 700_000
+
+
+def _of_the_controllers(tick: int, ticks: int, drives: dict[str, float]) -> Iterator[_Sample]:
+    depth, temperature, torque = _outputs(tick)
+    for name, delay_ns in (("decentral", 1_000_000), ("nmpc", 9_000_000)):
+        yield f"/fsw/{name}/proposal", {**drives, "source": name, "healthy": True}, delay_ns
+        status = {
+            "controller": name,
+            "healthy": True,
+            "depth_estimate": depth,
+            "temperature_estimate": temperature,
+            "torque_estimate": torque,
+            "disturbance_names": ["depth [m]", "temperature [degC]"],
+            "disturbances": [1e-6 * tick, -0.5],
+            "solver_status": "optimal",
+            "iterations": 3,
+            "solve_time": 0.004,
+            "active_limits": ["force_max"] if tick % 7 == 0 else [],
+        }
+        yield f"/fsw/{name}/status", status, delay_ns + 100_000
+    times = [0.5 * step for step in range(60)]
+    prediction = {"time": times, "depth": times, "temperature": times, "axial_force": times, "spindle_speed": times}
+    yield "/fsw/nmpc/prediction", prediction, 9_200_000
+    source = "decentral" if tick < ticks // 2 else "nmpc"
+    yield "/fsw/command", {**drives, "source": source, "healthy": True}, 9_500_000
 
 
 def sample_topics() -> list[RecordedTopic]:

@@ -76,7 +76,7 @@ export class Commands {
     }
     this.safeStopButton.disabled = !live;
     setText(this.safeStopButton.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
-    if (!live) closeForm();
+    if (!live && you) closeForm(); // a login may go on
   }
 
   /** Send a request and show what becomes of it. */

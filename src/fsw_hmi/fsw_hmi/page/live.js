@@ -61,13 +61,13 @@ export class LivePage {
       this.status.tell(state);
       this.status.progress.update(this);
       this.controllers.update(state);
+      this.map?.draw();
       this.commands.update();
       this.#judge();
     },
     progress: (progress) => {
       this.progress = progress;
       this.status.progress.update(this);
-      this.map?.draw();
       this.commands.update();
     },
     alarms: ({ alarms }) => {

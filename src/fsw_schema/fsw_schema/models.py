@@ -1,7 +1,7 @@
-"""Declarative checks of what people write, in files and requests: one base model, one kind of error, one text format.
+"""Declarative checks of user input, in files and requests: one base model, one kind of error, one text format.
 
 A model is a subclass of :class:`Model`. A number with a range is ``Annotated[float, RANGE]``, RANGE a
-:class:`fsw_control.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same
+:class:`fsw_schema.ranges.Range`, which brings the unit; a docstring below a field says what it is. From the same
 definition come the check, the error texts, the JSON Schema and the reference pages.
 """
 
@@ -26,8 +26,8 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
-from fsw_control.ranges import Range
-from fsw_control.yaml_text import load_yaml
+from fsw_schema.ranges import Range
+from fsw_schema.yaml_text import load_yaml
 
 _MOST_PROBLEMS = 10
 _NAME = "^[A-Za-z0-9_]+$"
@@ -56,7 +56,7 @@ def _is_whole(value: Any) -> bool:
 
 
 class InputError(ValueError):
-    """Something that a person or a file gave is wrong; the message is one line: where, what, and what is allowed."""
+    """Invalid input from a person or a file; the message is one line: where, what, and what is allowed."""
 
 
 class Model(BaseModel):

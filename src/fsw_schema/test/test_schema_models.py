@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field, ValidationError, model_validator
 
-from fsw_control import schema
-from fsw_control.ranges import Range
-from fsw_control.schema import InputError, Many, Model, Name, Whole
+from fsw_schema import models
+from fsw_schema.models import InputError, Many, Model, Name, Whole
+from fsw_schema.ranges import Range
 
 DEPTH_MM = Range(1.5, 4.0, "mm")
 
@@ -24,7 +24,7 @@ class Bump(Model):
     @model_validator(mode="after")
     def _check(self):
         if self.low_mm is not None and self.low_mm > self.height_mm:
-            raise schema.problem(f"= {self.low_mm:g} is above {{height_mm}}", "low_mm")
+            raise models.problem(f"= {self.low_mm:g} is above {{height_mm}}", "low_mm")
         if self.low_mm == self.height_mm:
             raise ValueError("is flat")
         return self
@@ -44,7 +44,7 @@ class Part(Model):
 
 
 def read(text: str) -> Part:
-    return schema.validate(Part, schema.content_of(text, "part.yaml"), "part.yaml")
+    return models.validate(Part, models.content_of(text, "part.yaml"), "part.yaml")
 
 
 def test_what_fits():
@@ -110,7 +110,7 @@ def test_all_problems_are_listed_but_not_hundreds():
 
 
 def test_json_schema_has_range_unit_and_meaning():
-    found = schema.json_schema(Part)
+    found = models.json_schema(Part)
     assert found["properties"]["count"] == {
         "type": "integer",
         "minimum": 1,
@@ -131,16 +131,16 @@ def test_json_schema_has_range_unit_and_meaning():
 
 
 def test_the_range_of_a_field():
-    assert schema.range_of(Part, "count") == Range(1, 100, "pieces")
-    assert schema.range_of(Bump, "height_mm") == schema.range_of(Bump, "low_mm") == DEPTH_MM
+    assert models.range_of(Part, "count") == Range(1, 100, "pieces")
+    assert models.range_of(Bump, "height_mm") == models.range_of(Bump, "low_mm") == DEPTH_MM
 
 
 def test_text_of_a_file_or_a_shipped_one(tmp_path):
     (tmp_path / "one.yaml").write_text("a: 1", encoding="utf-8")
     (tmp_path / "bad.yaml").write_bytes(b"\xff")
-    assert schema.read_text("one", "part", tmp_path) == schema.read_text(tmp_path / "one.yaml", "part") == "a: 1"
+    assert models.read_text("one", "part", tmp_path) == models.read_text(tmp_path / "one.yaml", "part") == "a: 1"
     with pytest.raises(InputError, match=r"cannot read part two: .*one of bad, one"):
-        schema.read_text("two", "part", tmp_path)
+        models.read_text("two", "part", tmp_path)
     for source in ("bad", "\0"):
         with pytest.raises(InputError, match="not a text file"):
-            schema.read_text(source, "part", tmp_path)
+            models.read_text(source, "part", tmp_path)
