@@ -83,6 +83,13 @@ def test_value_beyond_its_limit_is_told_in_words_and_colour(fake, open_page):
     expect(page.locator("#verdict strong")).to_have_text("Depth: beyond trip, high")
 
 
+def test_value_far_off_its_set_point_is_not_normal_though_inside_its_limits(fake, open_page):
+    page = ready(open_page(fake.url))
+    fake.temperature_offset_c = 37.0
+    expect(page.locator("#value-temperature_c .flag")).to_have_text("▲ off its aim, high")
+    expect(page.locator("#verdict strong")).to_have_text("Temperature: off its aim, high")
+
+
 def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     page = ready(open_page(fake.url))
     in_control(page)
@@ -95,6 +102,26 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     press(page, "Acknowledge: Depth sensor invalid: frozen")
     expect(page.locator("#actions .answer")).to_have_text("✓ Acknowledge alarm: done")
     assert fake.requests[-1]["ids"] == ["depth:stale"]
+
+
+def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_page):
+    page = ready(open_page(fake.url))
+    in_control(page)
+    fake.alarms = sample_alarms(time.time())
+    fake.push()
+    expect(page.locator(".reach")).to_have_text("✓ Commands reach the machine")
+    expect(page.locator(".alarm", has_text="Depth sensor")).to_contain_text("3 times")
+    expect(page.get_by_role("button", name="Shelve: Depth sensor")).to_have_count(0)  # of high priority
+    press(page, "Shelve: Temperature above 900 °C")
+    page.get_by_label("20 min").check()
+    page.get_by_label("Why").fill("set-point is being lowered")
+    page.locator("dialog").get_by_role("button", name="Shelve").click()
+    expect(page.locator("#actions .answer")).to_have_text("✓ Shelve an alarm: done")
+    asked = {"alarm": "temperature_high:warn", "minutes": 20, "reason": "set-point is being lowered"}
+    assert fake.requests[-1] == fake.requests[-1] | asked | {"do": "shelve"}
+    press(page, "Take back: x no longer reports")
+    expect(page.locator("#actions .answer")).to_have_text("✓ Take an alarm back: done")
+    assert fake.requests[-1]["alarm"] == "node:x"
 
 
 @pytest.mark.requirement("S16")
@@ -247,7 +274,7 @@ def test_everything_fits_the_screen_and_the_finger(fake, open_page, size):
     )
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url, *size)
-    expect(page.locator(".alarm")).to_have_count(4)
+    expect(page.locator(".alarm")).to_have_count(5)
     until(page, "document.querySelectorAll('.plot canvas').length === 4")
     is_phone = size[0] < 700
 
@@ -346,7 +373,7 @@ def test_accessible_by_axe(fake, bags, open_page, what):
     if what == "alarms":
         fake.alarms = sample_alarms(time.time())
         fake.push()
-        expect(page.locator(".alarm")).to_have_count(4)
+        expect(page.locator(".alarm")).to_have_count(5)
     if what == "form":
         in_control(page)
         press(page, "Mode")

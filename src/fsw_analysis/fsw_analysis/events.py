@@ -26,6 +26,9 @@ PROGRESS: dict[str, Kind] = {
     "angle": "number",
 }
 ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
+ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}
+#: events of the alarms' journal that are told; the others follow from them
+_ALARMS = ("raised", "re-raised", "worsened", "shelved")
 #: by former and present state of the programme
 _STATES = {("held", "running"): "resumed"}
 
@@ -72,6 +75,14 @@ def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
     for time_s, (who, action, outcome, message) in _in_order(times_s, actions, *ACTION):
         answer = f"{outcome}: {message}" if message else outcome
         yield WeldEvent(time_s, "operator", f"{who}: {action}: {answer}")
+
+
+def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
+    """Alarms that came, came again, became worse or were shelved, from the journal of the operator's page."""
+    for time_s, (event, priority, text, who, reason) in _in_order(times_s, journal, *ALARM):
+        if event in _ALARMS:
+            by = f" by {who}, {reason}" if event == "shelved" else ""
+            yield WeldEvent(time_s, "alarm", f"{priority} alarm {event}{by}: {text}")
 
 
 def _in_order(times_s: FloatArray, table: Table, *paths: str) -> list[tuple[float, Any]]:

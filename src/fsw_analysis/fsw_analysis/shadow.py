@@ -31,7 +31,7 @@ def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> 
     """
     shown = re.compile(
         rf"/clock|{namespace}/fsw/(depth|spindle_torque|thermocouple|drives|reference|reference_plan|command|plant/truth"
-        rf"|weld_progress|operator_action|supervisor/(state|reference)|{replay.controller}/reference)"
+        rf"|weld_progress|operator_action|alarms|supervisor/(state|reference)|{replay.controller}/reference)"
     )
     topic = f"{namespace}/fsw/{replay.controller}/proposal"
     node = f"{namespace}/fsw_{replay.controller}"

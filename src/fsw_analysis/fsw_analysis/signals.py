@@ -162,7 +162,9 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
 
 
 def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
-    """Add the programme that was played, its phases, and what operators did."""
+    """Add the programme that was played, its phases, alarms, and what operators did."""
+    journal = messages.table("/fsw/alarms", events.ALARM)
+    weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)
     actions = messages.table("/fsw/operator_action", events.ACTION)
     times_s = ticks.times_s(progress)

@@ -117,7 +117,8 @@ class WeldEvent:
     time_s : float
         On the clock of `WeldSignals.time_s`.
     kind : str
-        ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock`` or ``operator``.
+        ``phase``, ``weld`` (held, resumed, aborted, done), ``swap``, ``mode``, ``interlock``, ``alarm`` or
+        ``operator``.
     text : str
     """
 

@@ -76,6 +76,23 @@ def test_what_operators_did() -> None:
     ]
 
 
+def test_alarms_that_came_and_were_shelved() -> None:
+    times, journal = table(
+        list(events.ALARM),
+        (1.0, "raised", "medium", "Depth off its set-point", "", ""),
+        (2.0, "shelved", "medium", "Depth off its set-point", "anna (3f2a)", "5 min: known"),
+        (3.0, "cleared", "medium", "Depth off its set-point", "", ""),
+        (4.0, "re-raised", "medium", "Depth off its set-point", "", ""),
+        (5.0, "acknowledged", "medium", "Depth off its set-point", "anna (3f2a)", ""),
+    )
+    assert told(events.of_alarms(times, journal)) == [
+        (1.0, "alarm", "medium alarm raised: Depth off its set-point"),
+        (2.0, "alarm", "medium alarm shelved by anna (3f2a), 5 min: known: Depth off its set-point"),
+        (4.0, "alarm", "medium alarm re-raised: Depth off its set-point"),
+    ]
+
+
 def test_nothing_happens_where_nothing_was_recorded() -> None:
-    for names, of in ((events.PROGRESS, events.of_progress), (events.STATE, events.of_state)):
+    journal = (events.ALARM, events.of_alarms)
+    for names, of in ((events.PROGRESS, events.of_progress), (events.STATE, events.of_state), journal):
         assert told(of(*table(list(names)))) == []

@@ -1,79 +1,83 @@
-"""When there is an alarm. The texts are data."""
+"""When there is an alarm. The texts are data: one cause, one consequence, one action each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from math import isfinite
+from dataclasses import dataclass, field, replace
+from importlib.resources import files
+from math import isfinite, nan
 from typing import Any
+from zlib import crc32
+
+from pydantic import BaseModel
 
 from fsw_control.contract import SENSORS
 from fsw_hmi.alarms import Alarm
-from fsw_hmi.limits import QUALITY_DEPTH_MM, QUALITY_TEMPERATURE_C
+from fsw_hmi.limits import QUALITY_TEMPERATURE_C
+from fsw_schema.yaml_text import load_yaml
 
-#: time without measurements, without samples of one sensor, and without reports of a node, after which that is an alarm
-_NO_TICK_S, _NO_SAMPLE_S, NO_REPORT_S = 0.5, 0.5, 3.5
-#: time for which a controller must not be ready before that is an alarm
-_NOT_READY_S = 3.0
-#: how far a value must come back inside its quality limits, chosen
-_BACK_MM, _BACK_C = 0.02, 2.0
+#: time without reports of a node after which that is an alarm
+NO_REPORT_S = 3.5
+#: time without samples of one sensor
+_NO_SAMPLE_S = 0.5
+#: how far a value must come back inside its limits, chosen: a fifth of a deviation, 2 degC of the process window
+_BACK, _BACK_C = 0.2, 2.0
+#: a plant reports its watchdog once a second, so later than commands come again
+_WATCHDOG_S = 1.5
+#: nodes whose silence other alarms tell, by alarm
+_TOLD = {"measurements": ("fsw_plant", "fsw_machine"), "supervisor": ("fsw_supervisor",)}
 #: parts, behind the name of their node, that other rules cover
-_OTHER_RULES = ("controller", "process", "arbiter")
-
-_INTERLOCKS = {
-    "temperature_low": ("Temperature too low", "Look for the cause; raise the temperature's set-point"),
-    "temperature_high": ("Temperature too high", "Look for the cause; lower the temperature's set-point"),
-    "depth_high": ("Shoulder too deep", "Lower the depth's set-point; check the depth sensors"),
-    "force_high": ("Axial force too high", "Check force drive and load cell; lower the depth's set-point"),
-    "torque_high": ("Torque too high", "Check tool and temperature: cold copper is stiff"),
-    "power_high": ("Power too high", "Check spindle speed and torque; lower the temperature's set-point"),
-}
-#: priority and what follows, by level of an interlock
-_LEVELS = {"warn": ("medium", "warning"), "trip": ("high", "tripped")}
-#: by kind: priority, what is wrong, what to do
-_TEXTS: dict[str, tuple[str, str, str]] = {
-    "measurements": ("high", "No measurements: {why}", "Check plant or gateway; be ready to stop at the machine"),
-    "supervisor": ("high", "No supervisor: no commands", "Start one; the drives hold, then go to safe values"),
-    "safe_stop": (
-        "high",
-        "Safe stop: {why}",
-        "Remove the cause, acknowledge; then mode auto goes on",
-    ),
-    "hold": ("medium", "Command held: {why}", "Get a controller ready, or choose manual; a safe stop follows"),
-    "failover": (
-        "medium",
-        "{actual} commands in place of {target}: {why}",
-        "Find out why, then switch back",
-    ),
-    "inhibited": ("medium", "Controller {name} inhibited: {why}", "See its log; choosing mode auto readmits it"),
-    "not_ready": (
-        "low",
-        "Controller {name} not ready: {why}",
-        "No fallback while it lasts; restart its node",
-    ),
-    "sensor": ("medium", "Sensor {name}: {why}", "Check sensor and cable; no controller does without it for long"),
-    "quality_depth": ("medium", "Depth outside its quality limits", "Note time and angle; check set-point, controller"),
-    "quality_temperature": (
-        "medium",
-        "Temperature outside its quality limits",
-        "Note time and angle; check set-point, controller",
-    ),
-    "part_error": ("medium", "{name}: {why}", "See the log of this node"),
-    "node_silent": ("low", "{name}: no more reports", "Check whether this node still runs"),
-}
+_OTHER_RULES = ("controller", "process", "arbiter", "watchdog")
+#: parts of a gateway that say whether commands reach the machine
+_GATEWAY = ("connection", "machine", "writes")
+_LONGEST_ID = 100
 
 
-def _alarm(kind: str, **values: str) -> Alarm:
-    priority, text, advice = _TEXTS[kind]
-    return Alarm(text.format(**values), advice.format(**values), priority)
+class _Texts(BaseModel):
+    """Content of ``alarms.yaml``."""
+
+    kinds: dict[str, Alarm]
+    interlocks: dict[str, tuple[str, str]]
+    deviations: dict[str, tuple[str, str, str, str, str]]
+
+
+_TEXTS = _Texts(**load_yaml(files("fsw_hmi").joinpath("alarms.yaml").read_text(encoding="utf-8")))
+
+
+def alarm(kind: str, **values: object) -> Alarm:
+    """An alarm of a kind, with ``values`` in its texts."""
+    one = _TEXTS.kinds[kind]
+    return replace(one, text=one.text.format(**values), advice=one.advice.format(**values))
+
+
+def alarm_id(kind: str, name: str) -> str:
+    """Identifier of the alarm of something that others named: short, of printable ASCII, different for each name."""
+    plain = f"{kind}:{name}"
+    if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
+        return plain
+    kept = "".join(one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10])
+    return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
+
+
+def because(reason: str, name: str = "") -> str:
+    """A reason without what the text before it says already."""
+    said = [f"{name} is inhibited", f"{name} is not ready", f"{name} is not usable", f"controller {name}", name]
+    while name and (found := next((one for one in said if reason.startswith(one)), None)) is not None:
+        reason = reason.removeprefix(found).lstrip(": ")
+    reason = reason.removeprefix("safe stop: ")
+    return reason if reason not in ("", "is inhibited", "is not ready", "safe stop") else "no reason is told"
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Diagnostics of a part: ``ok``, ``warn``, ``error`` or ``stale``."""
+    """Diagnostics of a part: ``ok``, ``warn``, ``error`` or ``stale``; a machine's say whether it permits commands."""
 
     level: str
     text: str
+    permissive: bool | None = None
+
+
+_FINE = Part("ok", "")
 
 
 @dataclass(slots=True)
@@ -84,133 +88,199 @@ class Situation:
     ----------
     state : mapping or None
         The supervisor's state as the page gets it.
-    state_age_s, tick_age_s : float or None
+    state_age_s, tick_age_s, command_age_s : float or None
     sample_age_s : mapping of str to float
         Age of the last finite sample by sensor.
     sensor_reasons : mapping of str to str
         What the supervisor says of each sensor, ``good`` if nothing is wrong.
-    depth_error_mm, temperature_c : float
-        NaN where unknown.
-    parts : mapping of str to Part
+    values : mapping of str to float
+        The newest row by column; NaN where unknown.
+    parts : mapping of str to (mapping of str to Part)
+        By node and part.
     """
 
     state: Mapping[str, Any] | None = None
     state_age_s: float | None = None
     tick_age_s: float | None = None
+    command_age_s: float | None = None
     sample_age_s: Mapping[str, float] = field(default_factory=dict)
     sensor_reasons: Mapping[str, str] = field(default_factory=dict)
-    depth_error_mm: float = float("nan")
-    temperature_c: float = float("nan")
-    parts: Mapping[str, Part] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)
+
+    def value(self, column: str) -> float:
+        """A value of the newest row."""
+        return self.values.get(column, nan)
 
 
 class AlarmRules:
-    """Says which alarms are present; knows what must last for a while.
+    """Says which alarms are present; how long they must last is for the list.
 
     Parameters
     ----------
-    quality_persistence_s : callable
-        How long a value must be outside its quality limits, and inside again.
+    setting : callable
+        Returns a parameter of the node by its name.
     """
 
-    def __init__(self, quality_persistence_s: Callable[[], float]) -> None:
-        self._quality_persistence_s = quality_persistence_s
-        self._outside: dict[str, _Lasting] = {name: _Lasting() for name in ("quality_depth", "quality_temperature")}
-        self._not_ready: dict[str, _Lasting] = {}
-        self._no_supervisor = _Lasting()
+    def __init__(self, setting: Callable[[str], float]) -> None:
+        self._setting = setting
+        self._outside: set[str] = set()
+        self._mute_since_s: float | None = None
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         found: dict[str, Alarm] = {}
+        self._machine(now, found)
         self._measurements(now, found)
         self._supervisor(now, now_s, found)
-        self._quality(now, now_s, found)
+        self._watchdog(now, found)
+        self._values(now, found)
         self._parts(now, found)
         return found
 
-    def _parts(self, now: Situation, found: dict[str, Alarm]) -> None:
-        """Errors of parts, and nodes of which no part reports any longer."""
-        reporting: dict[str, bool] = {}
-        for name, part in now.parts.items():
-            node, _, what = name.partition(": ")
-            reporting[node] = reporting.get(node, False) or part.level != "stale"
-            if part.level == "error" and not what.startswith(_OTHER_RULES):
-                found[f"part:{name}"] = _alarm("part_error", name=name, why=part.text)
-        for node, reports in reporting.items():
-            if not reports:
-                found[f"node:{node}"] = _alarm("node_silent", name=node)
+    def reach(self, now: Situation, found: Mapping[str, Alarm]) -> dict[str, Any]:
+        """Whether commands reach the machine, for the page: ``ok`` None where it is not known, and a text."""
+        for name in ("machine", "measurements", "supervisor", "foreign"):
+            if name in found:
+                return {"ok": False, "text": found[name].text}
+        if now.command_age_s is None or now.tick_age_s is None:
+            return {"ok": None, "text": "No commands yet"}
+        gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
+        return {"ok": True, "text": "Commands reach the machine" + (", it permits them" if gates else "")}
+
+    # ---------------------------------------------------------------- the way of the commands
+
+    def _machine(self, now: Situation, found: dict[str, Alarm]) -> None:
+        """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
+        for parts in now.parts.values():
+            gate = parts.get("machine")
+            if gate is None or gate.level == "stale":
+                continue
+            why = next((parts[one].text for one in _GATEWAY if one in parts and parts[one].level == "error"), "")
+            if not why and gate.permissive is False:
+                why = "it does not permit them"
+            if why:
+                found["machine"] = alarm("machine", why=why)
+
+    def _watchdog(self, now: Situation, found: dict[str, Alarm]) -> None:
+        """Commands are sent, but those that arrive are none that the plant accepts."""
+        why = [parts["watchdog"].text for parts in now.parts.values() if parts.get("watchdog", _FINE).level == "error"]
+        if why and not {"supervisor", "measurements"} & found.keys():
+            found["machine"] = replace(alarm("machine", why=why[0]), on_s=_WATCHDOG_S)
+
+    def _measures(self, now: Situation) -> bool:
+        return now.tick_age_s is not None and now.tick_age_s <= self._setting("silence_s")
 
     def _measurements(self, now: Situation, found: dict[str, Alarm]) -> None:
         if now.tick_age_s is None:
             return
-        if now.tick_age_s > _NO_TICK_S:
-            found["measurements"] = _alarm("measurements", why="nothing comes from the plant")
+        if not self._measures(now):
+            if "machine" not in found:  # without it nothing is measured
+                found["measurements"] = alarm("measurements")
             return
         for name in SENSORS:
             why = now.sensor_reasons.get(name, "good")
             if name in now.sample_age_s and now.sample_age_s[name] > _NO_SAMPLE_S and why == "good":
                 why = "no samples"
             if why != "good":
-                found[f"sensor:{name}"] = _alarm("sensor", name=name, why=why)
+                found[f"sensor:{name}"] = alarm("sensor", name=name, why=why)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
-        never = self._no_supervisor.update(age_s is None and now.tick_age_s is not None, NO_REPORT_S, 0.0, now_s)
-        if never or (age_s is not None and age_s > NO_REPORT_S):
-            found["supervisor"] = _alarm("supervisor")
-        if state is None or "supervisor" in found:
+        measuring = self._measures(now)
+        if not (measuring and age_s is None):
+            self._mute_since_s = None
+        elif self._mute_since_s is None:
+            self._mute_since_s = now_s
+        never = self._mute_since_s is not None and now_s - self._mute_since_s > NO_REPORT_S
+        starts = state is not None and state["requested_by"] == "start" and state["actual_mode"] == "hold"
+        silent = measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
+        if never or silent or (age_s is not None and age_s > NO_REPORT_S):
+            found["supervisor"] = alarm("supervisor")
+        if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:
             name, _, level = interlock.partition(":")
-            priority, word = _LEVELS.get(level, ("medium", level))
-            text, advice = _INTERLOCKS.get(name, (name, "See the supervisor's log"))
-            found[f"interlock:{name}"] = Alarm(f"{text}: {word}", advice, priority)
+            what, advice = _TEXTS.interlocks.get(name, (name, "See the supervisor's log"))
+            kind = level if level in ("warn", "trip") else "warn"
+            found[alarm_id("interlock", name)] = alarm(kind, what=what, advice=advice)
+        replaced = self._mode(state, found)
+        for one in state["controllers"]:
+            if one["name"] != replaced:
+                self._controller(one, found)
+
+    def _mode(self, state: Mapping[str, Any], found: dict[str, Alarm]) -> str | None:
+        """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
+        why = because(state["reason"])
         if mode == "safe_stop":
-            found["safe_stop"] = _alarm("safe_stop", why=state["reason"])
+            asked = state["requested_by"].startswith("operator")
+            found["safe_stop"] = replace(alarm("safe_stop", why=why), trip=not asked)
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
-            found["hold"] = _alarm("hold", why=state["reason"])
+            found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:
-            found["failover"] = _alarm("failover", actual=actual, target=target, why=state["reason"])
-        for one in state["controllers"]:
-            self._controller(one, now_s, found)
+            found["failover"] = alarm("failover", actual=actual, target=target, why=because(why, target))
+            return str(target)
+        return None
 
-    def _controller(self, one: Mapping[str, Any], now_s: float, found: dict[str, Alarm]) -> None:
-        name = one["name"]
-        lasting = self._not_ready.setdefault(name, _Lasting()).update(not one["ready"], _NOT_READY_S, 0.0, now_s)
-        why = one["reason"] or "it has not proposed enough"
+    def _controller(self, one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
+        name, why = one["name"], one["reason"]
         if one["inhibited"]:
-            found[f"controller:{name}"] = _alarm("inhibited", name=name, why=why)
-        elif lasting:
-            found[f"controller:{name}"] = _alarm("not_ready", name=name, why=why)
+            found[alarm_id("controller", name)] = alarm("inhibited", name=name, why=because(why, name))
+        elif not one["ready"]:
+            if any(f"the sensor {sensor}" in why and f"sensor:{sensor}" in found for sensor in SENSORS):
+                return  # that sensor is the cause
+            why = because(why, name) if why else "it has not proposed enough"
+            found[alarm_id("controller", name)] = alarm("not_ready", name=name, why=why)
 
-    def _quality(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
-        values = {
-            "quality_depth": (now.depth_error_mm, QUALITY_DEPTH_MM, _BACK_MM),
-            "quality_temperature": (now.temperature_c, QUALITY_TEMPERATURE_C, _BACK_C),
-        }
-        persistence_s = self._quality_persistence_s()
-        for name, (value, (low, high), back) in values.items():
-            lasting = self._outside[name]
-            margin = back if lasting.on else 0.0
-            outside = isfinite(value) and not low + margin <= value <= high - margin
-            if lasting.update(outside, persistence_s, persistence_s, now_s):
-                found[name] = _alarm(name)
+    # ---------------------------------------------------------------- the weld
 
+    def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
+        if not self._measures(now):
+            return
+        for value, (aim, limit, persistence, kind, what) in _TEXTS.deviations.items():
+            name, off, most = f"deviation:{value}", now.value(value) - now.value(aim), self._setting(limit)
+            if self._is_outside(name, off, -most, most, _BACK * most):
+                found[name] = self._lasting(alarm(kind, what=what), persistence)
+        outside = self._is_outside("quality_temperature", now.value("temperature_c"), *QUALITY_TEMPERATURE_C, _BACK_C)
+        if outside and not any(name.startswith("interlock:temperature") for name in found):
+            found["quality_temperature"] = self._lasting(alarm("quality"), "quality_persistence_s")
 
-@dataclass(slots=True)
-class _Lasting:
-    """Becomes on or off only when that has lasted."""
+    def _lasting(self, one: Alarm, persistence: str) -> Alarm:
+        persistence_s = self._setting(persistence)
+        return replace(one, on_s=persistence_s, off_s=persistence_s)
 
-    on: bool = False
-    since_s: float | None = None
+    def _is_outside(self, name: str, value: float, low: float, high: float, back: float) -> bool:
+        """Whether a value is outside its limits, or has not come back inside by a margin."""
+        margin = back if name in self._outside else 0.0
+        if isfinite(value) and not low + margin <= value <= high - margin:
+            self._outside.add(name)
+        else:
+            self._outside.discard(name)
+        return name in self._outside
 
-    def update(self, wanted: bool, on_s: float, off_s: float, now_s: float) -> bool:
-        if wanted == self.on:
-            self.since_s = None
-        elif self.since_s is None:
-            self.since_s = now_s
-        if self.since_s is not None and now_s - self.since_s >= (on_s if wanted else off_s):
-            self.on, self.since_s = wanted, None
-        return self.on
+    # ---------------------------------------------------------------- the nodes
+
+    def _parts(self, now: Situation, found: dict[str, Alarm]) -> None:
+        """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
+        known = {one["name"] for one in now.state["controllers"]} if now.state else set()
+        told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
+        told += [node for name in known if alarm_id("controller", name) in found for node in (name, f"fsw_{name}")]
+        for node, parts in now.parts.items():
+            if parts and all(part.level == "stale" for part in parts.values()):
+                if node not in told:
+                    found[alarm_id("node", node)] = alarm("node_silent", node=node)
+                continue
+            if parts.get("command topic", _FINE).level == "error":
+                found["foreign"] = alarm("foreign")
+            covered = (*_OTHER_RULES, "command topic", *(_GATEWAY if "machine" in parts else ()))
+            errors = [
+                (what, part) for what, part in parts.items() if part.level == "error" and not what.startswith(covered)
+            ]
+            if errors:
+                (what, part), more = errors[0], len(errors) - 1
+                text = f"{node}: {what}: {part.text}" if what else f"{node}: {part.text}"
+                one = alarm("part_error", node=node, what=text + (f"; {more} more of its parts" if more else ""))
+                own = node.startswith("fsw_") or node in known
+                found[alarm_id("part", node)] = one if own else replace(one, priority="low")

@@ -1,96 +1,330 @@
-"""The list of alarms: present or gone, acknowledged or not, and which came first."""
+"""The list of alarms after ISA-18.2: present or gone, acknowledged or not, shelved; and which came first before a trip.
+
+Delays and shelves run on a steady clock (``now_s``); the times that people read are of the wall clock (``wall_s``).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-_RANK = {"high": 0, "medium": 1, "low": 2}
+Priority = Literal["high", "medium", "low"]
+RANK = {"high": 0, "medium": 1, "low": 2}
+#: chosen, after the usual definition of a chattering alarm: so many times in this time; it then stays until it has
+#: been gone for as long
+_CHATTERS, _CHATTER_S = 3, 60.0
+#: chosen, after the usual definition of a flood: more new ones of low priority in this time are one alarm
+_FLOOD, _FLOOD_S = 10, 10.0
+FLOOD_ID = "flood"
+#: alarms that led to a trip came at most so long before it, and went at most so long before it (chosen)
+_LED_S, _JUST_GONE_S = 60.0, 10.0
+#: entries, and alarms whose earlier times are known, at most; one of high priority is always listed
+_MOST = 300
+#: after a restart the graph has so long to tell what is still present (chosen; every node reports once a second)
+_RESTART_S = 5.0
 
 
-class Alarm(NamedTuple):
-    """What is wrong, what to do about it, and how soon: ``high``, ``medium`` or ``low``."""
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One cause, one consequence, one action.
+
+    Attributes
+    ----------
+    text, consequence, advice : str
+        What is wrong, what follows from it, what to do.
+    priority : str
+        How soon: ``high``, ``medium`` or ``low``. One of high priority cannot be shelved, and is never left out.
+    trip : bool
+        Whether it stops the weld, so that what came first before it is marked.
+    on_s, off_s : float
+        How long the cause must last, and be gone, before that counts.
+    """
 
     text: str
+    consequence: str
     advice: str
-    priority: str
+    priority: Priority
+    trip: bool = False
+    on_s: float = 0.0
+    off_s: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A line of the journal; ``event`` as ``fsw_msgs/AlarmEvent`` names it."""
+
+    id: str
+    event: str
+    alarm: Alarm
+    count: int
+    who: str = ""
+    reason: str = ""
 
 
 @dataclass(slots=True)
-class _Entry:
+class Entry:
+    """An alarm in the list; times named ``..._wall_s`` are of the wall clock, the others of the steady one."""
+
     alarm: Alarm
     raised_s: float
-    changed_s: float
+    raised_wall_s: float
+    changed_wall_s: float
+    number: int  #: in the order of raising
+    count: int = 1
     present: bool = True
     acknowledged: bool = False
+    absent_s: float | None = None  #: since when the cause is gone
+    chatters: bool = False
+    shelved_until_s: float | None = None
+    shelved: str = ""  #: by whom, until when and why
+    first: str = ""  #: of a trip: what came first
+    led_to: str = ""  #: the trip that this one came first of
 
     @property
     def state(self) -> str:
+        """``active``, ``acknowledged``, ``cleared`` (not acknowledged) or ``shelved``."""
+        if self.shelved_until_s is not None:
+            return "shelved"
         if not self.present:
             return "cleared"
         return "acknowledged" if self.acknowledged else "active"
+
+    def show_if_high(self) -> None:
+        """One of high priority does not stay on the shelf."""
+        if self.alarm.priority == "high":
+            self.shelved_until_s, self.shelved = None, ""
 
 
 class AlarmList:
     """Keeps every alarm until it is gone and acknowledged.
 
-    The one of them that came first is marked: most that follow it are consequences. One that comes back before it was
-    acknowledged keeps its place; one that comes back after that is new.
+    One that comes back before it was acknowledged has a new time and a count. Of each trip the alarm that came first
+    is marked until the trip is acknowledged: most that follow are consequences.
+
+    Parameters
+    ----------
+    flood : callable
+        The alarm that stands for so many that come at once.
+
+    Attributes
+    ----------
+    entries : dict of str to Entry
+    events : list of Event
+        What has happened since the caller last emptied it.
     """
 
-    def __init__(self) -> None:
-        self._entries: dict[str, _Entry] = {}
+    def __init__(self, flood: Callable[[int], Alarm]) -> None:
+        self._flood = flood
+        self.entries: dict[str, Entry] = {}
+        self.events: list[Event] = []
+        self._coming_s: dict[str, float] = {}
+        self._raised_s: dict[str, deque[float]] = {}
+        self._low_s: deque[float] = deque(maxlen=_FLOOD)
+        self._grouped: set[str] = set()
+        self._number = 0
 
-    def update(self, present: Mapping[str, Alarm], now_s: float) -> bool:
+    def restore(self, entries: Mapping[str, Entry], shift_s: float, now_s: float) -> None:
+        """Go on with the entries of a server before; ``shift_s`` is from its steady clock to this one."""
+        for name, one in entries.items():
+            if name == FLOOD_ID:  # whoever is in it, is raised anew
+                continue
+            until_s = one.shelved_until_s
+            self.entries[name] = replace(
+                one,
+                raised_s=one.raised_s + shift_s,
+                absent_s=now_s + _RESTART_S if one.present else (one.absent_s or 0.0) + shift_s,
+                shelved_until_s=None if until_s is None else until_s + shift_s,
+            )
+            self._number = max(self._number, one.number)
+
+    # ---------------------------------------------------------------- what is present
+
+    def update(self, present: Mapping[str, Alarm], now_s: float, wall_s: float) -> bool:
         """Take the alarms that are present by name; returns whether the list has changed."""
-        changed = False
-        for name, alarm in present.items():
-            entry = self._entries.get(name)
-            if entry is None:
-                self._entries[name] = _Entry(alarm, now_s, now_s)
-                changed = True
-            elif not entry.present:
-                entry.present, entry.changed_s, entry.alarm = True, now_s, alarm
-                changed = True
-            elif entry.alarm != alarm:
-                changed = True
-                if _RANK[alarm.priority] < _RANK[entry.alarm.priority]:  # it has become worse: to be seen again
-                    entry.acknowledged, entry.changed_s = False, now_s
-                entry.alarm = alarm
-        for name, entry in [*self._entries.items()]:
-            if name not in present and entry.present:
-                changed = True
-                entry.present, entry.changed_s = False, now_s
-                if entry.acknowledged:
-                    del self._entries[name]
+        changed = self._unshelve_expired(now_s, wall_s)
+        self._coming_s = {name: self._coming_s.get(name, now_s) for name in present}
+        listed = self._without_flood(present, now_s)
+        for name, alarm in sorted(listed.items(), key=lambda item: item[1].trip):  # what led to a trip before it
+            changed = self._take(name, alarm, now_s, wall_s) or changed
+        for name, entry in [*self.entries.items()]:
+            if name not in listed and entry.present:
+                changed = self._leave(name, entry, now_s, wall_s) or changed
         return changed
 
-    def acknowledge(self, names: Iterable[str], now_s: float) -> int:
+    def _without_flood(self, present: Mapping[str, Alarm], now_s: float) -> dict[str, Alarm]:
+        """Those to be listed, the flood as one of them."""
+        listed: dict[str, Alarm] = {}
+        grouped: set[str] = set()
+        room = _MOST - len(self.entries)
+        for name, alarm in present.items():
+            entry = self.entries.get(name)
+            known = entry is not None and entry.present
+            if not known and now_s - self._coming_s[name] < alarm.on_s:
+                continue
+            if not known and alarm.priority != "high":
+                is_low = alarm.priority == "low"
+                if (entry is None and room <= 0) or (is_low and (name in self._grouped or self._floods(now_s))):
+                    grouped.add(name)
+                    continue
+                if is_low:
+                    self._low_s.append(now_s)
+            room -= entry is None
+            listed[name] = alarm
+        self._grouped = grouped
+        if grouped:
+            listed[FLOOD_ID] = self._flood(len(grouped))
+        return listed
+
+    def _floods(self, now_s: float) -> bool:
+        return len(self._low_s) == _FLOOD and now_s - self._low_s[0] <= _FLOOD_S
+
+    def _take(self, name: str, alarm: Alarm, now_s: float, wall_s: float) -> bool:
+        entry = self.entries.get(name)
+        if entry is None or not entry.present:
+            self._raise(name, alarm, entry, now_s, wall_s)
+            return True
+        entry.absent_s = None
+        if entry.alarm == alarm:
+            return False
+        before, entry.alarm = entry.alarm, alarm
+        if RANK[alarm.priority] < RANK[before.priority]:  # it has become worse: to be seen again
+            entry.acknowledged, entry.changed_wall_s = False, wall_s
+            entry.show_if_high()
+            self.events.append(Event(name, "worsened", alarm, entry.count))
+        if alarm.trip and not before.trip:
+            self._mark_first(name, entry, now_s)
+        return True
+
+    def _raise(self, name: str, alarm: Alarm, entry: Entry | None, now_s: float, wall_s: float) -> None:
+        times = self._raised_s.pop(name, None) or deque(maxlen=_CHATTERS)
+        times.append(now_s)
+        self._raised_s[name] = times  # the latest last
+        if len(self._raised_s) > _MOST:
+            del self._raised_s[next(iter(self._raised_s))]
+        self._number += 1
+        again = entry is not None
+        if entry is None:
+            self.entries[name] = entry = Entry(alarm, now_s, wall_s, wall_s, self._number)
+        else:
+            entry.alarm, entry.present, entry.acknowledged, entry.absent_s = alarm, True, False, None
+            entry.raised_s, entry.raised_wall_s, entry.changed_wall_s = now_s, wall_s, wall_s
+            entry.number, entry.count = self._number, entry.count + 1
+            entry.show_if_high()
+        entry.chatters = alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
+        self.events.append(Event(name, "re-raised" if again else "raised", alarm, entry.count))
+        if alarm.trip:
+            self._mark_first(name, entry, now_s)
+
+    def _leave(self, name: str, entry: Entry, now_s: float, wall_s: float) -> bool:
+        if entry.absent_s is None:
+            entry.absent_s = now_s
+        if now_s - entry.absent_s < (_CHATTER_S if entry.chatters else entry.alarm.off_s):
+            return False
+        entry.present, entry.chatters, entry.changed_wall_s = False, False, wall_s
+        self.events.append(Event(name, "cleared", entry.alarm, entry.count))
+        if entry.acknowledged and entry.shelved_until_s is None:
+            del self.entries[name]
+        return True
+
+    def _mark_first(self, name: str, trip: Entry, now_s: float) -> None:
+        """Mark the first of the alarms that led to a trip."""
+        led = [
+            one
+            for one in self.entries.values()
+            if one is trip
+            or (
+                RANK[one.alarm.priority] < RANK["low"]
+                and now_s - one.raised_s <= _LED_S
+                and (one.present or now_s - (one.absent_s or 0.0) <= _JUST_GONE_S)
+            )
+        ]
+        for one in self.entries.values():
+            if one.led_to == name:
+                one.led_to = ""
+        first = min(led, key=lambda one: one.number)
+        first.led_to, trip.first = name, first.alarm.text
+
+    # ---------------------------------------------------------------- what people do
+
+    def acknowledge(self, names: Iterable[str], who: str, wall_s: float) -> int:
         """Note that somebody has seen alarms; returns how many that were not acknowledged before."""
         count = 0
         for name in names:
-            entry = self._entries.get(name)
-            if entry is None or entry.acknowledged:
+            entry = self.entries.get(name)
+            if entry is None or entry.state not in ("active", "cleared"):
                 continue
             count += 1
-            entry.acknowledged, entry.changed_s = True, now_s
+            entry.acknowledged, entry.changed_wall_s, entry.first = True, wall_s, ""
+            self.events.append(Event(name, "acknowledged", entry.alarm, entry.count, who))
+            for one in self.entries.values():
+                if one.led_to == name:
+                    one.led_to = ""
             if not entry.present:
-                del self._entries[name]
+                del self.entries[name]
         return count
 
-    def rows(self) -> list[dict[str, Any]]:
-        """The list for the page, the most urgent first."""
-        first = next(iter(self._entries), None)
-        listed = sorted(self._entries.items(), key=lambda item: (_RANK[item[1].alarm.priority], item[1].raised_s))
+    def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float, wall_s: float) -> str:
+        """Put an alarm aside for a while; returns why not, empty when it was done."""
+        entry = self.entries.get(name)
+        if entry is None:
+            return "this alarm is no longer in the list"
+        if entry.alarm.priority == "high":
+            return "an alarm of high priority cannot be shelved"
+        entry.shelved_until_s, entry.changed_wall_s = now_s + 60.0 * minutes, wall_s
+        entry.shelved = f"{who}: {reason}"
+        self.events.append(Event(name, "shelved", entry.alarm, entry.count, who, f"{minutes:g} min: {reason}"))
+        return ""
+
+    def unshelve(self, name: str, who: str, wall_s: float) -> str:
+        """Take an alarm back from the shelf; returns why not, empty when it was done."""
+        entry = self.entries.get(name)
+        if entry is None or entry.shelved_until_s is None:
+            return "this alarm is not shelved"
+        entry.shelved_until_s, entry.shelved, entry.changed_wall_s = None, "", wall_s
+        self.events.append(Event(name, "unshelved", entry.alarm, entry.count, who))
+        if entry.present:
+            entry.acknowledged = False
+        else:
+            del self.entries[name]
+        return ""
+
+    def _unshelve_expired(self, now_s: float, wall_s: float) -> bool:
+        over = [
+            name
+            for name, one in self.entries.items()
+            if one.shelved_until_s is not None and now_s >= one.shelved_until_s
+        ]
+        for name in over:
+            self.unshelve(name, "", wall_s)
+        return bool(over)
+
+    # ---------------------------------------------------------------- for the page
+
+    def rows(self, now_s: float, wall_s: float) -> list[dict[str, Any]]:
+        """The list: present ones by priority, then in the order of raising; below those that are gone, then shelved."""
+        place = {"active": 0, "acknowledged": 0, "cleared": 1, "shelved": 2}
+        listed = sorted(
+            self.entries.items(), key=lambda item: (place[item[1].state], RANK[item[1].alarm.priority], item[1].number)
+        )
         return [
             {
                 "id": name,
-                **entry.alarm._asdict(),
-                "state": entry.state,
-                "first_out": name == first,
-                "raised_s": entry.raised_s,
-                "changed_s": entry.changed_s,
+                "text": one.alarm.text,
+                "consequence": one.alarm.consequence,
+                "advice": one.alarm.advice,
+                "priority": one.alarm.priority,
+                "state": one.state,
+                "present": one.present,
+                "count": one.count,
+                "chatters": one.chatters,
+                "first_out": bool(one.led_to),
+                "first": one.first,
+                "raised_s": round(one.raised_wall_s, 3),
+                "changed_s": round(one.changed_wall_s, 3),
+                "shelved": one.shelved,
+                "shelved_until_s": one.shelved_until_s and round(wall_s + one.shelved_until_s - now_s),
             }
-            for name, entry in listed
+            for name, one in listed
         ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import time
 from collections.abc import Iterable, Mapping
 from math import isfinite
 from typing import Any
@@ -45,3 +47,14 @@ def _number(value: float) -> str:
 def short(value: float) -> float | None:
     """Five digits; None where it is no number."""
     return float(f"{value:.5g}") if isfinite(value) else None
+
+
+#: seconds of the epoch from 2001 on, in a text
+_EPOCH = re.compile(r"\b[1-9]\d{9}(?:\.\d+ s|\.\d+| s)\b")
+
+
+def readable(text: str, longest: int = 200) -> str:
+    """A text of another node as a person can read it: short, of printable characters, times as clock times."""
+    text = "".join(one if one.isprintable() else "?" for one in text[: 2 * longest])
+    text = _EPOCH.sub(lambda found: time.strftime("%H:%M:%S UTC", time.gmtime(float(found[0].rstrip(" s")))), text)
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"

@@ -7,6 +7,8 @@ from collections import deque
 #: ticks in a frame
 BLOCK = 600
 _BLOCKS = 60
+#: ticks that are kept at least
+KEPT = BLOCK * _BLOCKS
 
 
 class History:

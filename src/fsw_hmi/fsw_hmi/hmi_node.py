@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from functools import partial
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,18 @@ from fsw_control import messages_ros as convert
 from fsw_control.parameters_ros import declare
 from fsw_control.status_file import write_status
 from fsw_control.topics_ros import LATCHED
+from fsw_control.units import NANOSECONDS
 from fsw_hmi import tokens
-from fsw_hmi.alarm_rules import NO_REPORT_S, AlarmRules, Situation
-from fsw_hmi.alarms import AlarmList
+from fsw_hmi.alarm_desk_ros import AlarmDesk
+from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control_room import DONE, REFUSED, ControlRoom
-from fsw_hmi.frames import COLUMNS, frame, row
-from fsw_hmi.limits import EMULATOR, PARAMETERS, REFERENCE, limits, safe_state
+from fsw_hmi.frames import frame, readable, row
+from fsw_hmi.keeper import Keeper, Kept
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.reports_ros import NO_STATE
-from fsw_hmi.requests import Acknowledge, SetReference
+from fsw_hmi.requests import Acknowledge, SetReference, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
 from fsw_hmi.web_server import address, application, is_local, listen
@@ -40,11 +41,17 @@ from fsw_hmi.web_thread import WebThread
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
 
-_LOOK_S, _JUDGE_S, _REPORT_S = 0.05, 0.25, 1.0
+_LOOK_S, _REPORT_S = 0.05, 1.0
 #: shortest time between two ticks on the page, when time runs faster than the wall clock
 _TICK_PERIOD_S = 0.04
 #: A programme reports once a second; one that is silent for longer no longer runs.
 _PROGRAMME_SILENT_S = 5.0
+#: The supervisor's interlocks are asked for again, as they can be changed.
+_ASK_AGAIN_S = 5.0
+#: in simulated time silence lasts so much longer
+_SIMULATED_SILENCE = 10.0
+#: parts in the frame ``state``, the bad ones first, and actions that survive a restart
+_SHOWN_PARTS, _KEPT_ACTIONS = 200, 50
 
 
 class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -63,14 +70,13 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._received: deque[Order] = deque()
         self._frames: dict[str, str] = {}
         self._tick_sent_s = 0.0
-        self._alarms = AlarmList()
-        self._rules = AlarmRules(lambda: self._settings["quality_persistence_s"])
         self._interlocks: dict[str, float] = {}
-        self._asked_leader = ""
+        self._asked_leader, self._asked_s = "", float("-inf")
         self._emulator = False
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
         self._watch = Watch(self, self._on_rows, self._on_prediction, self._show_state)
+        self._desk = AlarmDesk(self, self._watch, self._setting)
         self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
         self._page = LivePage(
@@ -81,11 +87,12 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             patience_s=values["patience_s"],
             max_pages=values["max_pages"],
         )
+        self._restore(Path(values["state_folder"]).expanduser() if values["state_folder"] else None)
         self._web = WebThread(
             self._page, application(self._page.routes(), [values["host"], *values["allow_hosts"]]), listening
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        for period_s, look in ((_LOOK_S, self._look), (_JUDGE_S, self._judge), (_REPORT_S, self._report)):
+        for period_s, look in ((_LOOK_S, self._look), (_REPORT_S, self._report)):
             self.create_timer(period_s, look, clock=steady)
         self._say_hello()
         self._web.start()
@@ -97,10 +104,33 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         if not values["token_file"]:
             print(f"token: {token}", flush=True)
 
+    def _setting(self, name: str) -> float:
+        value: float = self._settings[name]
+        simulated = name == "silence_s" and self.get_parameter("use_sim_time").value
+        return value * _SIMULATED_SILENCE if simulated else value
+
+    def _restore(self, folder: Path | None) -> None:
+        """Go on where the server before has ended."""
+        now_s, wall_s = time.monotonic(), time.time()
+        self._keeper = Keeper(folder, self.get_logger().warning)
+        self._done = deque[dict[str, Any]](maxlen=_KEPT_ACTIONS)
+        kept, rows = self._keeper.load(wall_s)
+        if kept is not None:
+            self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
+            self._done.extend(kept.actions)
+            self._page.restore(rows, kept.actions)
+        if rows:
+            self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
+        self._show_alarms()
+
+    def _keep(self) -> None:
+        self._keeper.keep(Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done)))
+
     def destroy_node(self) -> None:
         """Close the pages, then end."""
         if hasattr(self, "_web"):
             self._web.stop()
+            self._keep()
         super().destroy_node()
 
     # ---------------------------------------------------------------- to the pages
@@ -109,8 +139,10 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         now_s = time.monotonic()
         if restarted:
             self._web.call(self._page.forget)
+            self._keeper.forget()
         for one in rows:
             text = row(one.stamp_ns, one.values)
+            self._keeper.add(text)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
@@ -140,14 +172,20 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _show_state(self) -> None:
         watch = self._watch
         known = time.monotonic() - watch.state_s <= NO_REPORT_S
-        parts = [{"name": name, "level": one.level, "text": one.text} for name, one in watch.parts().items()]
-        self._frames["state"] = frame("state", {"known": known, **(watch.state or NO_STATE), "parts": parts})
+        parts = [
+            {"name": f"{node}: {what}" if what else node, "level": one.level, "text": one.text}
+            for node, parts in watch.parts().items()
+            for what, one in parts.items()
+        ]
+        parts.sort(key=lambda one: one["level"] == "ok")
+        shown = {"known": known, **(watch.state or NO_STATE), "parts": parts[:_SHOWN_PARTS]}
+        self._frames["state"] = frame("state", shown)
 
     def _say_hello(self) -> None:
         hello = {
             "commands": True,
             "emulator": self._emulator,
-            "limits": limits(self._interlocks),
+            "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
             "reference": REFERENCE,
             "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
@@ -159,27 +197,12 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-
-    def _judge(self) -> None:
-        """Find out which alarms are present."""
-        watch, now_s = self._watch, time.monotonic()
-        view, values = watch.view, dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {}
-        situation = Situation(
-            state=watch.state,
-            state_age_s=None if watch.state is None else now_s - watch.state_s,
-            tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
-            sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
-            sensor_reasons=watch.sensor_reasons,
-            depth_error_mm=values.get("depth_mm", nan) - values.get("reference_depth_mm", nan),
-            temperature_c=values.get("temperature_c", nan),
-            parts=watch.parts(),
-        )
-        if self._alarms.update(self._rules.present(situation, now_s), round(time.time(), 3)):
+        if self._desk.judge():
             self._show_alarms()
-        self._flush()
+            self._flush()
 
     def _show_alarms(self) -> None:
-        self._frames["alarms"] = frame("alarms", {"alarms": self._alarms.rows()})
+        self._frames["alarms"] = frame("alarms", self._desk.frame())
 
     def _report(self) -> None:
         watch = self._watch
@@ -188,8 +211,11 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._show_state()
         if watch.progress is not None and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S:
             self._frames["progress"] = frame("progress", watch.progress)
-        if watch.leader != self._asked_leader and self._get_parameters.service_is_ready():
-            self._asked_leader = watch.leader
+        self._flush()
+        self._keep()
+        is_old = watch.leader != self._asked_leader or time.monotonic() - self._asked_s > _ASK_AGAIN_S
+        if watch.leader and is_old and self._get_parameters.service_is_ready():
+            self._asked_leader, self._asked_s = watch.leader, time.monotonic()
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
             future.add_done_callback(self._on_parameters)
         if self._orders.emulator != self._emulator:
@@ -224,15 +250,22 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         action, answer = order.action, partial(self._answer, order)
         if action is None:
             self._record(order, order.outcome, order.message)
-        elif isinstance(action, Acknowledge):
-            count = self._alarms.acknowledge(action.ids, round(time.time(), 3))
+        elif isinstance(action, Acknowledge | Shelve | Unshelve):
+            ok, words = self._desk.carry_out(action, order.who)
             self._show_alarms()
             self._flush()
-            answer(DONE, f"{count} acknowledged")
-        elif isinstance(action, SetReference) and self._programme_runs():
-            answer(REFUSED, "the programme of the weld runs and would override it: hold the programme first")
+            answer(DONE if ok else REFUSED, words)
+        elif isinstance(action, SetReference) and (why := self._why_not(action)):
+            answer(REFUSED, why)
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
+
+    def _why_not(self, action: SetReference) -> str:
+        """Why set-points are not even asked for; empty when they are."""
+        if self._programme_runs():
+            return "the programme of the weld runs and would override it: hold the programme first"
+        wanted = {"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}
+        return beyond_trip(wanted, self._interlocks)
 
     def _programme_runs(self) -> bool:
         watch = self._watch
@@ -241,10 +274,13 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         return running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
+        message = readable(message)
         self._record(order, outcome, message)
         self._web.call(partial(self._page.on_outcome, order.number, outcome, message))
 
     def _record(self, order: Order, outcome: str, message: str) -> None:
+        done = {"who": order.who, "action": order.asked, "outcome": outcome, "message": message}
+        self._done.append(done | {"server_s": round(time.time(), 3)})
         self._actions.publish(
             OperatorAction(
                 header=convert.header(int(self.get_clock().now().nanoseconds)),

@@ -63,13 +63,19 @@ PARAMETERS = (
 )
 
 
-def limits(parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+#: the page's parameters that say how far a value may be off what it should follow
+DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("depth_mm", "temperature_c", "force_kn", "speed_rpm"))
+
+
+def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None = None) -> dict[str, dict[str, Any]]:
     """Limits of every quantity for the page, in its protocol's words.
 
     Parameters
     ----------
     parameters : mapping of str to number
         Of the supervisor, as far as they are known: ``interlocks.<name>.warn`` and ``.trip``.
+    deviations : mapping of str to float, optional
+        By name of ``DEVIATIONS``; that of the depth is its quality limit.
     """
     found: dict[str, dict[str, Any]] = {}
     for quantity, (scale, known, low, high) in _QUANTITIES.items():
@@ -78,6 +84,10 @@ def limits(parameters: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             pair = [parameters.get(f"interlocks.{name}.{level}") for name in (low, high)]
             if any(one is not None for one in pair):
                 found[quantity][level] = pair
+        if deviations is not None and f"deviation_{quantity}" in deviations:
+            found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
+    if deviations is not None:
+        found["depth_mm"]["quality"] = [-deviations["deviation_depth_mm"], deviations["deviation_depth_mm"]]
     return found
 
 
@@ -86,6 +96,27 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
     if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
         return None
     return {"force_kn": parameters["safe_force_kn"], "rate_kn_per_s": parameters["safe_rate_kn_per_s"]}
+
+
+def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) -> str:
+    """Why set-points lead to a trip of the supervisor's interlocks; empty if they do not, or the trips are unknown.
+
+    Parameters
+    ----------
+    set_points : mapping of str to float
+        By quantity, with its unit: ``depth_mm`` and ``temperature_c``.
+    parameters : mapping of str to number
+        As for :func:`limits`.
+    """
+    for quantity, value in set_points.items():
+        _, _, low, high = _QUANTITIES[quantity]
+        for name, sign in ((low, -1.0), (high, 1.0)):
+            trip = parameters.get(f"interlocks.{name}.trip")
+            if trip is not None and sign * (value - trip) >= 0.0:
+                what, _, unit = quantity.rpartition("_")
+                unit, side = {"c": "degC"}.get(unit, unit), "below" if sign < 0.0 else "above"
+                return f"{what} {value:g} {unit} would trip the interlock: not {side} {trip:g} {unit}, nor at it"
+    return ""
 
 
 def _range(allowed: Range) -> dict[str, Any]:

@@ -8,10 +8,11 @@ from typing import Any
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.units import NANOSECONDS
-from fsw_hmi.frames import short
+from fsw_hmi.frames import readable, short
 from fsw_msgs.msg import ControllerHealth, Prediction, SupervisorState, WeldProgress
 
 _WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode", "reason", "requested_by")
+MOST_CONTROLLERS = 20
 #: before the supervisor has reported
 NO_STATE: dict[str, Any] = {
     **dict.fromkeys(_WORDS, ""),
@@ -20,23 +21,23 @@ NO_STATE: dict[str, Any] = {
 
 
 def state(message: SupervisorState) -> dict[str, Any]:
-    """The supervisor's state."""
+    """The supervisor's state; of more controllers or interlocks than can be, the first."""
     return {
-        **{name: getattr(message, name) for name in _WORDS},
+        **{name: readable(getattr(message, name)) for name in _WORDS},
         "since_s": convert.stamp_ns(message.since) / NANOSECONDS,
-        "controllers": [_controller(one) for one in message.controllers],
-        "interlocks": list(message.interlocks),
+        "controllers": [_controller(one) for one in message.controllers[:MOST_CONTROLLERS]],
+        "interlocks": [readable(one) for one in message.interlocks[:MOST_CONTROLLERS]],
         "acknowledged": bool(message.acknowledged),
     }
 
 
 def _controller(one: ControllerHealth) -> dict[str, Any]:
     return {
-        "name": one.name,
+        "name": readable(one.name, 100),
         "ready": bool(one.warm) and not one.reason,
         "healthy": bool(one.healthy),
         "inhibited": bool(one.latched_out),
-        "reason": one.reason,
+        "reason": readable(one.reason),
         "latency_ms": short(1e3 * one.latency_mean),
         "latency_max_ms": short(1e3 * one.latency_max),
         "missed": one.missed,
@@ -48,8 +49,8 @@ def _controller(one: ControllerHealth) -> dict[str, Any]:
 def progress(message: WeldProgress) -> dict[str, Any]:
     """How far the programme has come."""
     return {
-        "state": message.state,
-        "phase": message.phase,
+        "state": readable(message.state),
+        "phase": readable(message.phase),
         "angle_deg": short(degrees(message.angle)),
         "length_mm": short(units.mm_from_m(message.length)),
         "time_left_s": short(message.time_left),

@@ -91,6 +91,32 @@ class Acknowledge(Action):
         return f"acknowledge {', '.join(self.ids[:3])}{' ...' if len(self.ids) > 3 else ''}"
 
 
+class Shelve(Action):
+    """An alarm put aside for some minutes, and why."""
+
+    alarm: _AlarmId
+    minutes: Annotated[float, Range(1.0, 60.0, "min")]
+    reason: Annotated[str, Field(min_length=1, max_length=100)]
+
+    @model_validator(mode="after")
+    def _check_reason(self) -> Shelve:
+        if not self.reason.strip() or not self.reason.isprintable():
+            raise ValueError("say why in words")
+        return self
+
+    def __str__(self) -> str:
+        return f"shelve {self.alarm} for {self.minutes:g} min: {self.reason}"
+
+
+class Unshelve(Action):
+    """An alarm taken back from the shelf."""
+
+    alarm: _AlarmId
+
+    def __str__(self) -> str:
+        return f"unshelve {self.alarm}"
+
+
 class Disturb(Action):
     """A disturbance of the emulated plant; the amplitude in the paper's unit of the channel."""
 
@@ -135,6 +161,8 @@ ACTIONS: dict[Any, type[Action]] = {
     "mode": ChangeMode,
     "weld": Programme,
     "acknowledge": Acknowledge,
+    "shelve": Shelve,
+    "unshelve": Unshelve,
     "disturb": Disturb,
     "fault": Fail,
 }

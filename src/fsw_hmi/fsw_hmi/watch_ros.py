@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from math import degrees
 from typing import Any
@@ -18,16 +20,20 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
 from fsw_hmi import reports_ros
 from fsw_hmi.alarm_rules import NO_REPORT_S, Part
+from fsw_hmi.frames import readable
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import ControllerStatus, Prediction, SupervisorState, WeldCommand, WeldProgress
 
 #: A plant that is silent for longer may be gone; the next one must not take this node for a part of its graph.
 _SILENT_S = 1.0
-#: A part that has not reported for longer is forgotten; so many are kept at most.
-_FORGET_S, _MOST_PARTS = 600.0, 200
+#: A part that has not reported for longer is forgotten.
+_FORGET_S = 600.0
+#: parts of this software's own nodes, and of all others, at most
+_MOST_PARTS = 400
 _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
-_MOST_CONTROLLERS, _LONGEST_TEXT = 20, 200
+#: what can be a part of a topic's name
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,99}")
 
 
 class Watch:
@@ -78,7 +84,7 @@ class Watch:
         self.leader = ""
         self.sensor_reasons: dict[str, str] = {}
         self.row: Row | None = None
-        self._parts: dict[str, tuple[Part, float]] = {}
+        self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
         subscribe_references(node, self.references)  # what is refused, the supervisor and every controller report
@@ -123,7 +129,8 @@ class Watch:
         self.state, self.state_s = reports_ros.state(message), time.monotonic()
         self.leader = message.header.frame_id
         for one in message.controllers:
-            if one.name not in self._controllers and len(self._controllers) < _MOST_CONTROLLERS:
+            fits = len(self._controllers) < reports_ros.MOST_CONTROLLERS and _NAME.fullmatch(one.name)
+            if fits and one.name not in self._controllers and not one.name.endswith("_"):
                 self._follow(one.name)
         self._show_state()
 
@@ -151,19 +158,34 @@ class Watch:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now_s = time.monotonic()
         for status in message.status:
+            node, _, what = (readable(one, 100) for one in status.name.partition(": "))
+            parts = self._parts.get(node, {})
+            if what not in parts and self._is_full(node):
+                continue
+            self._parts[node] = parts
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
-            if status.name in self._parts or len(self._parts) < _MOST_PARTS:
-                self._parts[status.name] = (Part(level, status.message[:_LONGEST_TEXT]), now_s)
+            values = {pair.key: pair.value for pair in status.values} if what in ("machine", "process") else {}
+            permissive = None if "permissive" not in values else values["permissive"] == "True"
+            parts[what] = Part(level, readable(status.message), permissive), now_s
             if status.name == "fsw_supervisor: process":
-                values = {pair.key: pair.value for pair in status.values}
-                self.sensor_reasons = {name: values.get(f"{name} state", "good") for name in SENSORS}
+                self.sensor_reasons = {name: readable(values.get(f"{name} state", "good")) for name in SENSORS}
 
-    def parts(self) -> dict[str, Part]:
-        """Diagnostics of every part by name."""
+    def _is_full(self, node: str) -> bool:
+        """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
+        own = node.startswith("fsw_")
+        return sum(len(parts) for name, parts in self._parts.items() if name.startswith("fsw_") == own) >= _MOST_PARTS
+
+    def parts(self) -> dict[str, dict[str, Part]]:
+        """Diagnostics by node and part."""
         now_s = time.monotonic()
-        for name in [name for name, (_, heard_s) in self._parts.items() if now_s - heard_s > _FORGET_S]:
-            del self._parts[name]
+        for parts in self._parts.values():
+            for what in [what for what, (_, heard_s) in parts.items() if now_s - heard_s > _FORGET_S]:
+                del parts[what]
+        self._parts = {node: parts for node, parts in self._parts.items() if parts}
         return {
-            name: part if now_s - heard_s <= NO_REPORT_S else Part("stale", part.text)
-            for name, (part, heard_s) in sorted(self._parts.items())
+            node: {
+                what: part if now_s - heard_s <= NO_REPORT_S else replace(part, level="stale")
+                for what, (part, heard_s) in sorted(parts.items())
+            }
+            for node, parts in sorted(self._parts.items())
         }

@@ -125,6 +125,12 @@ class LivePage:
         for page in self._pages:
             self._begin(page)
 
+    def restore(self, rows: list[str], actions: list[dict[str, Any]]) -> None:
+        """Go on with rows and actions of a server before; to be called before the first page."""
+        for row in rows:
+            self._hub.history.add(row)
+        self._actions.extend(actions)
+
     def tick(self, row: str, text: str | None, came_s: float) -> None:
         """Take an encoded row and its frame (None: not sent); ``came_s`` on ``time.monotonic``."""
         self._tick_s = came_s

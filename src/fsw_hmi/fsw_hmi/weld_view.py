@@ -39,6 +39,8 @@ class WeldView:
         Stamp of the newest tick.
     tick_s : float or None
         When it came, on a steady clock.
+    command_s : float or None
+        When the last command came, on the same clock; None before the first of a weld.
     good_s : dict of str to float
         When the last finite sample of each sensor came.
     solve_ms, angle_deg : float
@@ -60,6 +62,7 @@ class WeldView:
         self._latency_ms = nan
         self.solve_ms = nan
         self.angle_deg = nan
+        self.command_s: float | None = None
 
     def on_drives(self, stamp_ns: int, acting: Command, now_s: float) -> tuple[list[Row], bool]:
         """Begin a tick; returns the rows that are over, and whether another weld has begun."""
@@ -89,7 +92,7 @@ class WeldView:
 
     def on_command(self, stamp_ns: int, command: Command, now_s: float) -> None:
         """Take the command that answers a tick."""
-        self._command = command
+        self._command, self.command_s = command, now_s
         if stamp_ns in self._came_s:
             self._latency_ms = 1e3 * (now_s - self._came_s.pop(stamp_ns))
 

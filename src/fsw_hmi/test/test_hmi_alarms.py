@@ -1,168 +1,324 @@
-"""The list of alarms and the rules that raise them."""
+"""The list of alarms: its states, its order, what is told of it, floods, shelves and what came first."""
 
-from math import nan
+from dataclasses import replace
 
 import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from fsw_hmi.alarm_rules import AlarmRules, Part, Situation
-from fsw_hmi.alarms import Alarm, AlarmList
+from fsw_hmi.alarms import FLOOD_ID, RANK, Alarm, AlarmList
 
-LOW, MEDIUM, HIGH = (Alarm(f"{name} text", "do this", name) for name in ("low", "medium", "high"))
-
-
-def row(alarms, name):
-    return next((one for one in alarms.rows() if one["id"] == name), None)
-
-
-@pytest.mark.requirement("S17")
-def test_alarm_goes_through_its_states():
-    alarms = AlarmList()
-    assert alarms.update({"a": HIGH}, 1.0)
-    assert row(alarms, "a") == {
-        **{"id": "a", "text": "high text", "advice": "do this", "priority": "high", "state": "active"},
-        **{"first_out": True, "raised_s": 1.0, "changed_s": 1.0},
-    }
-    assert not alarms.update({"a": HIGH}, 2.0)
-    assert alarms.acknowledge(["a"], 3.0) == 1
-    assert (row(alarms, "a")["state"], row(alarms, "a")["changed_s"]) == ("acknowledged", 3.0)
-    assert alarms.update({}, 4.0)
-    assert alarms.rows() == []
+LOW, MEDIUM, HIGH = (Alarm(f"{name} text", "that follows", "do this", name) for name in ("low", "medium", "high"))
+TRIP = Alarm("stopped", "no weld", "look", "high", trip=True, off_s=0.0)
+#: of the wall clock, at the steady clock's zero
+WALL_S = 1_700_000_000.0
 
 
-@pytest.mark.requirement("S17")
-def test_alarm_that_is_gone_stays_until_acknowledged():
-    alarms = AlarmList()
-    alarms.update({"a": HIGH}, 1.0)
-    alarms.update({}, 2.0)
-    assert row(alarms, "a")["state"] == "cleared"
-    alarms.update({"a": HIGH}, 3.0)
-    assert (row(alarms, "a")["state"], row(alarms, "a")["raised_s"]) == ("active", 1.0)
-    alarms.update({}, 4.0)
-    assert alarms.acknowledge(["a", "unknown"], 5.0) == 1
-    assert alarms.rows() == []
+class Desk:
+    """A list with a clock that is set by hand."""
 
+    def __init__(self):
+        self.list = AlarmList(lambda count: Alarm(f"{count} more", "", "", "low"))
+        self.now_s = 0.0
 
-@pytest.mark.requirement("S17")
-def test_the_first_of_a_group_is_marked():
-    alarms = AlarmList()
-    alarms.update({"first": LOW}, 1.0)
-    alarms.update({"first": LOW, "second": HIGH}, 2.0)
-    assert [one["id"] for one in alarms.rows()] == ["second", "first"]  # the most urgent on top
-    assert [one["id"] for one in alarms.rows() if one["first_out"]] == ["first"]
-    alarms.update({"second": HIGH}, 3.0)  # gone, but not acknowledged
-    assert [one["id"] for one in alarms.rows() if one["first_out"]] == ["first"]
-    alarms.acknowledge(["first"], 4.0)
-    assert [one["id"] for one in alarms.rows() if one["first_out"]] == ["second"]
+    def update(self, now_s, **present):
+        self.now_s = now_s
+        return self.list.update(present, now_s, WALL_S + now_s)
 
+    def rows(self):
+        return self.list.rows(self.now_s, WALL_S + self.now_s)
 
-def test_alarm_that_becomes_worse_has_to_be_seen_again():
-    alarms = AlarmList()
-    alarms.update({"a": MEDIUM}, 1.0)
-    alarms.acknowledge(["a"], 2.0)
-    assert alarms.update({"a": HIGH}, 3.0)
-    assert (row(alarms, "a")["state"], row(alarms, "a")["priority"]) == ("active", "high")
-    alarms.acknowledge(["a"], 4.0)
-    alarms.update({"a": MEDIUM}, 5.0)
-    assert row(alarms, "a")["state"] == "acknowledged"
+    def row(self, name):
+        return next((one for one in self.rows() if one["id"] == name), None)
 
+    def states(self):
+        return {one["id"]: one["state"] for one in self.rows()}
 
-def controller(name="nmpc", ready=True, inhibited=False, reason=""):
-    return {"name": name, "ready": ready, "inhibited": inhibited, "reason": reason}
+    def acknowledge(self, *names):
+        return self.list.acknowledge(names, "anna", WALL_S + self.now_s)
 
+    def shelve(self, name, minutes=1.0):
+        return self.list.shelve(name, minutes, "anna", "it is known", self.now_s, WALL_S + self.now_s)
 
-def state(**changed):
-    usual = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
-    return {
-        **usual,
-        "reason": "so",
-        "requested_by": "operator",
-        "controllers": [controller()],
-        "interlocks": [],
-        **changed,
-    }
-
-
-def situation(**changed):
-    usual = {"state": state(), "state_age_s": 0.1, "tick_age_s": 0.05, "depth_error_mm": 0.0, "temperature_c": 816.0}
-    usual["sample_age_s"] = {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}
-    return Situation(**usual | changed)
+    def told(self):
+        events, self.list.events = self.list.events, []
+        return [(one.id, one.event, one.count, one.who) for one in events]
 
 
 @pytest.fixture
-def rules():
-    return AlarmRules(lambda: 2.0)
+def desk():
+    return Desk()
 
 
 @pytest.mark.requirement("S17")
-def test_no_alarm_in_a_good_weld(rules):
-    assert rules.present(situation(), 0.0) == {}
-    assert rules.present(Situation(), 0.0) == {}
+def test_alarm_goes_through_its_states(desk):
+    assert desk.update(1.0, a=HIGH)
+    row = desk.row("a")
+    assert (row["state"], row["count"], row["raised_s"]) == ("active", 1, WALL_S + 1.0)
+    assert (row["text"], row["consequence"], row["advice"]) == ("high text", "that follows", "do this")
+    assert not desk.update(2.0, a=HIGH)
+    assert desk.acknowledge("a") == 1
+    assert desk.acknowledge("a") == 0
+    row = desk.row("a")
+    assert (row["state"], row["changed_s"]) == ("acknowledged", WALL_S + 2.0)
+    assert not desk.update(3.0)
+    assert desk.update(4.0)
+    assert desk.rows() == []
+    assert desk.told() == [("a", "raised", 1, ""), ("a", "acknowledged", 1, "anna"), ("a", "cleared", 1, "")]
 
 
 @pytest.mark.requirement("S17")
-@pytest.mark.parametrize(
-    ("changed", "name", "priority"),
-    [
-        ({"tick_age_s": 0.6}, "measurements", "high"),
-        ({"state_age_s": 4.0}, "supervisor", "high"),
-        ({"state": state(actual_mode="safe_stop")}, "safe_stop", "high"),
-        ({"state": state(actual_mode="hold")}, "hold", "medium"),
-        ({"state": state(actual_controller="decentral")}, "failover", "medium"),
-        ({"state": state(interlocks=["depth_high:warn"])}, "interlock:depth_high", "medium"),
-        ({"state": state(interlocks=["depth_high:trip"])}, "interlock:depth_high", "high"),
-        ({"state": state(interlocks=["new_one:trip"])}, "interlock:new_one", "high"),
-        ({"state": state(controllers=[controller(ready=False, inhibited=True)])}, "controller:nmpc", "medium"),
-        ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
-        ({"sensor_reasons": {"torque": "frozen"}}, "sensor:torque", "medium"),
-        ({"parts": {"fsw_recorder: recording": Part("error", "disk full")}}, "part:fsw_recorder: recording", "medium"),
-        ({"parts": {"fsw_nmpc: a": Part("stale", ""), "fsw_nmpc: b": Part("stale", "")}}, "node:fsw_nmpc", "low"),
-    ],
-)
-def test_alarm_of_a_situation(rules, changed, name, priority):
-    present = rules.present(situation(**changed), 0.0)
-    assert {name: one.priority for name, one in present.items()} == {name: priority}
-    assert all(one.text and one.advice for one in present.values())
+def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_time_and_a_count(desk):
+    desk.update(1.0, a=HIGH)
+    desk.update(2.0)
+    desk.update(3.0)
+    assert desk.states() == {"a": "cleared"}
+    desk.update(4.0, a=HIGH)
+    row = desk.row("a")
+    assert (row["state"], row["raised_s"], row["count"]) == ("active", WALL_S + 4.0, 2)
+    desk.update(5.0)
+    desk.update(6.0)
+    assert desk.acknowledge("a", "unknown") == 1
+    assert desk.rows() == []
+    assert [event for _, event, _, _ in desk.told()] == ["raised", "cleared", "re-raised", "cleared", "acknowledged"]
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {"state": state(actual_mode="hold", target_mode="hold")},  # somebody wants it
-        {"state": state(actual_mode="hold", requested_by="start")},  # the weld has not begun
-        {"parts": {"fsw_supervisor: controller nmpc": Part("error", "told by its health")}},
-        {"parts": {"fsw_nmpc: a": Part("stale", ""), "fsw_nmpc: b": Part("ok", "")}},
-        {"depth_error_mm": nan, "temperature_c": nan},
-    ],
-)
-def test_no_alarm_of_what_is_wanted_or_told_otherwise(rules, changed):
-    assert rules.present(situation(**changed), 0.0) == {}
+def test_present_ones_stand_above_those_that_are_gone_and_those_above_the_shelved(desk):
+    desk.update(1.0, gone=HIGH, shelved=MEDIUM, low=LOW)
+    desk.shelve("shelved")
+    desk.update(2.0, shelved=MEDIUM, low=LOW, late=MEDIUM)
+    desk.update(3.0, shelved=MEDIUM, low=LOW, late=MEDIUM, later=MEDIUM, last=HIGH)
+    desk.acknowledge("late")
+    assert list(desk.states()) == ["last", "late", "later", "low", "gone", "shelved"]
 
 
-def test_controller_has_time_to_become_ready(rules):
-    waiting = situation(state=state(controllers=[controller(ready=False, reason="no set-point yet")]))
-    assert "controller:nmpc" not in rules.present(waiting, 0.0)
-    assert "controller:nmpc" not in rules.present(waiting, 2.9)
-    assert "no set-point yet" in rules.present(waiting, 3.0)["controller:nmpc"].text
-    assert rules.present(situation(), 3.1) == {}
+@pytest.mark.requirement("S17")
+def test_alarm_that_becomes_worse_has_to_be_seen_again(desk):
+    desk.update(1.0, a=MEDIUM)
+    desk.acknowledge("a")
+    desk.shelve("a", 10.0)
+    assert desk.update(2.0, a=HIGH)
+    row = desk.row("a")
+    assert (row["state"], row["priority"], row["raised_s"]) == ("active", "high", WALL_S + 1.0)
+    desk.acknowledge("a")
+    desk.update(3.0, a=MEDIUM)
+    assert desk.states() == {"a": "acknowledged"}
+    assert ("a", "worsened", 1, "") in desk.told()
 
 
-def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
-    def present(now_s, **changed):
-        return list(rules.present(situation(state=None, state_age_s=None, **changed), now_s))
-
-    assert present(0.0, tick_age_s=None) == []
-    assert present(10.0) == []
-    assert present(14.0) == ["supervisor"]
+# ---------------------------------------------------------------- delays
 
 
-def test_quality_must_be_lost_for_a_while_and_regained_with_a_margin(rules):
-    def alarm(error_mm, now_s):
-        return "quality_depth" in rules.present(situation(depth_error_mm=error_mm), now_s)
+def test_cause_must_last_and_be_gone_for_the_delays_of_its_alarm(desk):
+    slow = replace(MEDIUM, on_s=2.0, off_s=3.0)
+    desk.update(0.0, a=slow)
+    desk.update(1.9, a=slow)
+    desk.update(1.95)
+    desk.update(2.0, a=slow)
+    assert desk.rows() == []
+    desk.update(4.0, a=slow)
+    assert desk.states() == {"a": "active"}
+    desk.update(5.0)
+    desk.update(6.0, a=slow)
+    desk.update(7.0)
+    desk.update(9.9)
+    assert desk.states() == {"a": "active"}
+    desk.update(10.0)
+    assert desk.states() == {"a": "cleared"}
 
-    assert not alarm(0.15, 0.0)
-    assert not alarm(0.05, 1.0)  # a spike
-    assert not alarm(-0.15, 2.0)
-    assert alarm(-0.15, 4.0)
-    assert alarm(-0.09, 10.0)  # inside, but not by the margin
-    assert alarm(-0.05, 11.0)
-    assert not alarm(-0.05, 13.0)
+
+def test_alarm_that_chatters_stays_until_it_is_calm_for_a_minute(desk):
+    for now_s in (0.0, 10.0, 20.0):
+        desk.update(now_s, a=MEDIUM)
+        desk.acknowledge("a")
+        desk.update(now_s + 3.0)
+        desk.update(now_s + 6.0)
+    assert (desk.row("a")["chatters"], desk.row("a")["present"]) == (True, True)
+    desk.update(30.0, a=MEDIUM)
+    desk.update(40.0)
+    assert [event for _, event, _, _ in desk.told()].count("raised") == 3
+    desk.update(100.0)
+    assert desk.rows() == []
+
+
+def test_alarm_of_high_priority_is_told_each_time(desk):
+    for now_s in range(0, 50, 10):
+        desk.update(now_s, a=HIGH)
+        desk.update(now_s + 3.0)
+        desk.update(now_s + 6.0)
+    assert desk.row("a")["count"] == 5
+
+
+# ---------------------------------------------------------------- floods
+
+
+def test_flood_of_low_ones_is_one_alarm_with_their_number_and_hides_no_other(desk):
+    few = {f"low{i}": LOW for i in range(10)}
+    desk.update(0.0, **few)
+    assert len(desk.rows()) == 10
+    many = {f"low{i}": LOW for i in range(196)}
+    desk.update(1.0, **many, bad=HIGH, worse=MEDIUM)
+    assert (len(desk.rows()), desk.row(FLOOD_ID)["text"]) == (13, "186 more")
+    assert list(desk.states())[:2] == ["bad", "worse"]
+    desk.update(2.0, **many | {"low100": HIGH})
+    assert (desk.row("low100")["state"], desk.row(FLOOD_ID)["text"]) == ("active", "185 more")
+    desk.update(30.0, **many)
+    assert desk.row(FLOOD_ID)["text"] == "185 more"
+    desk.update(31.0, **few)
+    desk.update(33.0, **few)
+    assert desk.states()[FLOOD_ID] == "cleared"
+    assert [event for name, event, _, _ in desk.told() if name == FLOOD_ID] == ["raised", "cleared"]
+
+
+def test_list_has_an_end_but_for_high_priority(desk):
+    desk.update(0.0, **{f"medium{i}": MEDIUM for i in range(1000)})
+    assert len(desk.rows()) == 301
+    desk.update(1.0, **{f"high{i}": HIGH for i in range(5)})
+    assert list(desk.states())[:5] == [f"high{i}" for i in range(5)]
+
+
+# ---------------------------------------------------------------- shelves
+
+
+def test_shelved_alarm_is_back_when_its_time_is_over(desk):
+    desk.update(0.0, a=MEDIUM, b=LOW)
+    assert desk.shelve("a", 2.0) == ""
+    assert desk.shelve("b", 2.0) == ""
+    row = desk.row("a")
+    assert (row["state"], row["shelved_until_s"], row["shelved"]) == ("shelved", WALL_S + 120, "anna: it is known")
+    assert desk.acknowledge("a") == 0
+    desk.update(10.0, a=MEDIUM)
+    desk.update(12.0, a=MEDIUM)
+    assert desk.states() == {"a": "shelved", "b": "shelved"}
+    assert not desk.update(119.9, a=MEDIUM)
+    desk.update(120.0, a=MEDIUM)
+    assert desk.states() == {"a": "active"}
+    assert [one for one in desk.told() if "shelved" in one[1]] == [
+        ("a", "shelved", 1, "anna"),
+        ("b", "shelved", 1, "anna"),
+        ("a", "unshelved", 1, ""),
+        ("b", "unshelved", 1, ""),
+    ]
+
+
+def test_shelf_refuses_high_priority_and_what_is_not_there(desk):
+    desk.update(0.0, a=HIGH, b=MEDIUM)
+    assert "high priority" in desk.shelve("a")
+    assert "no longer" in desk.shelve("c")
+    assert "not shelved" in desk.list.unshelve("b", "anna", WALL_S)
+    desk.shelve("b")
+    assert desk.list.unshelve("b", "otto", WALL_S) == ""
+    assert desk.states() == {"a": "active", "b": "active"}
+
+
+# ---------------------------------------------------------------- first-out
+
+
+@pytest.mark.requirement("S17")
+def test_what_came_first_before_a_trip_is_marked_until_the_trip_is_acknowledged(desk):
+    desk.update(0.0, old=MEDIUM)
+    desk.update(100.0, old=MEDIUM, node=LOW)
+    desk.update(101.0, old=MEDIUM, node=LOW, cause=MEDIUM)
+    assert not any(one["first_out"] for one in desk.rows())
+    desk.update(105.0, old=MEDIUM, node=LOW)
+    desk.update(106.0, old=MEDIUM, node=LOW, next=HIGH, stop=TRIP)
+    assert [one["id"] for one in desk.rows() if one["first_out"]] == ["cause"]
+    assert desk.row("stop")["first"] == MEDIUM.text
+    desk.acknowledge("cause")
+    assert desk.row("stop")["first"] == MEDIUM.text
+    desk.acknowledge("stop")
+    assert desk.row("stop")["first"] == ""
+    assert not any(one["first_out"] for one in desk.rows())
+
+
+def test_each_trip_has_its_own_first(desk):
+    desk.update(0.0, stop=TRIP, cause=MEDIUM)
+    desk.update(1.0)
+    desk.update(200.0)
+    assert desk.row("cause")["first_out"]
+    desk.update(201.0, stop=TRIP)
+    assert (desk.row("stop")["first_out"], desk.row("cause")["first_out"]) == (True, False)
+    assert (desk.row("stop")["first"], desk.row("stop")["count"]) == (TRIP.text, 2)
+
+
+# ---------------------------------------------------------------- any order of it all
+
+NAMES = st.sampled_from("abcdef")
+ALARMS = st.sampled_from([LOW, MEDIUM, HIGH, TRIP, replace(LOW, on_s=2.0), replace(MEDIUM, off_s=5.0)])
+
+
+class AnyOrder(RuleBasedStateMachine):
+    """Nothing of high priority is missing, nothing unseen is lost, and the journal tells what is present."""
+
+    def __init__(self):
+        super().__init__()
+        self.desk, self.present, self.told = Desk(), {}, {}
+
+    @rule(present=st.dictionaries(NAMES, ALARMS), step_s=st.sampled_from([0.0, 0.5, 2.0, 30.0, 100.0]))
+    def look(self, present, step_s):
+        unseen = {name for name, state in self.desk.states().items() if state in ("active", "cleared")}
+        self.present = present
+        self.desk.update(self.desk.now_s + step_s, **present)
+        assert unseen <= self.desk.states().keys()
+
+    @rule(names=st.sets(NAMES))
+    def acknowledge(self, names):
+        open_ones = {name for name, state in self.desk.states().items() if state in ("active", "cleared")}
+        assert self.desk.acknowledge(*names) == len(names & open_ones)
+
+    @rule(name=NAMES, minutes=st.sampled_from([1.0, 60.0]))
+    def shelve(self, name, minutes):
+        row = self.desk.row(name)
+        refused = self.desk.shelve(name, minutes)
+        assert bool(refused) == (row is None or row["priority"] == "high")
+
+    @rule(name=NAMES)
+    def unshelve(self, name):
+        was = self.desk.states().get(name)
+        assert (self.desk.list.unshelve(name, "anna", WALL_S) == "") == (was == "shelved")
+
+    @rule()
+    def restart(self):
+        before, self.desk = self.desk, Desk()
+        self.desk.now_s = before.now_s
+        self.desk.list.restore(before.list.entries, 0.0, before.now_s)
+        kept = before.states()
+        kept.pop(FLOOD_ID, None)
+        assert self.desk.states() == kept
+        self.desk.list.events = before.list.events
+
+    @invariant()
+    def high_ones_are_shown(self):
+        states = self.desk.states()
+        for name, alarm in self.present.items():
+            if alarm.priority == "high":
+                assert states.get(name) in ("active", "acknowledged")
+
+    @invariant()
+    def the_order_is_by_state_then_priority(self):
+        place = {"active": 0, "acknowledged": 0, "cleared": 1, "shelved": 2}
+        keys = [(place[one["state"]], RANK[one["priority"]]) for one in self.desk.rows()]
+        assert keys == sorted(keys)
+
+    @invariant()
+    def the_journal_tells_what_is_present(self):
+        for one in self.desk.list.events:
+            if one.event in ("raised", "re-raised"):
+                assert not self.told.get(one.id)
+                self.told[one.id] = True
+            elif one.event == "cleared":
+                assert self.told[one.id]
+                self.told[one.id] = False
+        self.desk.list.events = []
+        present = {one["id"] for one in self.desk.rows() if one["present"]}
+        assert present == {name for name, is_present in self.told.items() if is_present}
+
+    @invariant()
+    def one_first_for_a_trip_at_most(self):
+        led = [entry.led_to for entry in self.desk.list.entries.values() if entry.led_to]
+        assert len(led) == len(set(led))
+
+
+AnyOrder.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestAnyOrder = AnyOrder.TestCase

@@ -8,9 +8,13 @@ from math import radians
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from fsw_control import messages_ros as convert
@@ -19,6 +23,7 @@ from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_hmi import hmi_node, main
 from fsw_hmi.hmi_node import HmiNode
 from fsw_msgs.msg import (
+    AlarmEvent,
     ControllerHealth,
     DriveFeedback,
     OperatorAction,
@@ -38,6 +43,10 @@ TOKEN = "a token of some length"
 START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
 
 
+def states(frame):
+    return [(one["id"], one["state"]) for one in frame["alarms"]]
+
+
 class Graph:
     """Nodes in an executor of their own thread: the page, and one that stands in for all others."""
 
@@ -47,10 +56,12 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = rclpy.create_node("others", context=self.context)
         given = {"port": 0, "token_file": str(token_file), "request_timeout_s": 1.0}
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        given["state_folder"] = str(token_file.with_name("state"))
+        self.overrides = [Parameter(name, value=value) for name, value in given.items()]
+        self.capsys = capsys
         monkeypatch.setattr(hmi_node, "PageFiles", partial(hmi_node.PageFiles, folder=folder))
-        self.hmi = HmiNode(context=self.context, parameter_overrides=overrides)
-        self.url = capsys.readouterr().out.split()[-1]
+        self.hmi = None
+        self.start_page()
         self.actions = []
         node = self.node
         node.create_subscription(OperatorAction, "fsw/operator_action", self.actions.append, LATCHED)
@@ -61,9 +72,17 @@ class Graph:
         self.progress = node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)
         self.stated = node.create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
         self.executor.add_node(self.node)
-        self.executor.add_node(self.hmi)
         self.thread = threading.Thread(target=self.executor.spin)
         self.thread.start()
+
+    def start_page(self):
+        """Start the page's server, again where one runs; in the executor's thread once that spins."""
+        if self.hmi is not None:
+            self.executor.remove_node(self.hmi)
+            self.hmi.destroy_node()
+        self.hmi = HmiNode(context=self.context, parameter_overrides=self.overrides)
+        self.executor.add_node(self.hmi)
+        self.url = self.capsys.readouterr().out.split()[-1]
 
     def serve(self, kind, name, answer):
         self.node.create_service(kind, name, answer)
@@ -107,6 +126,19 @@ def page(graph):
         yield one
 
 
+def test_trends_actions_and_alarms_survive_a_restart_of_the_page(graph, page):
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+    page.ask("mode", mode="hold")
+    page.seen("alarms", lambda frame: ("measurements", "active") in states(frame))
+    assert page.ask("acknowledge", ids=["measurements"])["outcome"] == "done"
+    wait_until(graph.executor.create_task(graph.start_page).done, "the page's server")
+    with Page(graph.url) as again:
+        rows = again.until("history")["rows"]
+        assert len(rows) >= 1
+        assert [one["action"] for one in again.seen("actions")["actions"]][-1] == "acknowledge measurements"
+        assert states(again.seen("alarms")) == [("measurements", "acknowledged")]
+
+
 def test_node_alone_publishes_no_set_points_and_is_no_subscriber_that_a_plant_waits_for(graph, page):
     names = [f"/fsw/{name}" for name in ("reference", "reference_plan", "command", "switch_request")]
     assert [name for name in names if graph.node.count_publishers(name)] == []
@@ -133,8 +165,12 @@ def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhi
     page.seen("alarms", lambda frame: frame["alarms"])
     graph.drives.publish(convert.drives_message(Command(78.0, 400.0), START_NS - 100 * TICK_NS))
     page.until("hello")
-    (alarm,) = page.until("alarms", lambda frame: frame["alarms"][0]["state"] == "cleared")["alarms"]
-    assert alarm["id"] == "measurements"
+
+    def is_cleared():
+        frame = page.receive()
+        return frame["t"] == "alarms" and ("measurements", "cleared") in states(frame)
+
+    graph.tick_until(is_cleared, "the end of the alarm")
 
 
 def test_state_prediction_and_alarms_reach_the_page(graph, page):
@@ -150,10 +186,9 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page):
     predictions.publish(Prediction(header=convert.header(START_NS), time=[0.1], depth=[2.66e-3], temperature=[816.0]))
     plan = page.until("prediction")
     assert (plan["controller"], plan["time_s"], plan["depth_mm"]) == ("nmpc", [1_700_000_000.1], [2.66])
-    listed = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
-    assert [(one["id"], one["state"]) for one in listed] == [("interlock:depth_high", "active")]
+    page.seen("alarms", lambda frame: states(frame) == [("interlock:depth_high", "active")])
     assert page.ask("acknowledge", ids=["interlock:depth_high"])["message"] == "1 acknowledged"
-    page.seen("alarms", lambda frame: frame["alarms"][0]["state"] == "acknowledged")
+    page.seen("alarms", lambda frame: states(frame) == [("interlock:depth_high", "acknowledged")])
     page.until("state", lambda frame: not frame["known"])  # the supervisor is silent
 
 
@@ -265,13 +300,91 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
     assert told is None or (told["left"], told["way_back_s"], told["depth_mm"]) == (True, 31.5, 2.66)
 
 
-def test_part_with_an_error_is_an_alarm(graph, page):
+@pytest.mark.requirement("S17")
+def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_journal(graph, page):
+    told = []
+    graph.node.create_subscription(AlarmEvent, "fsw/alarms", told.append, LATCHED)
     diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
     wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
-    status = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
-    diagnostics.publish(DiagnosticArray(status=[status]))
-    (alarm,) = page.seen("alarms", lambda frame: frame["alarms"])["alarms"]
+
+    def report(level, message):
+        status = DiagnosticStatus(name="fsw_recorder: recording", level=level, message=message)
+        diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def now(state):
+        return lambda frame: [one["state"] for one in frame["alarms"]] == [state]
+
+    report(DiagnosticStatus.ERROR, "disk full")
+    (alarm,) = page.seen("alarms", now("active"))["alarms"]
     assert alarm["text"] == "fsw_recorder: recording: disk full"
+    shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "disk is being changed"}
+    assert page.ask("shelve", **shelve | {"reason": " "})["message"] == "shelve: say why in words"
+    assert page.ask("shelve", **shelve | {"alarm": "other"})["outcome"] == "refused"
+    assert page.ask("shelve", **shelve)["outcome"] == "done"
+    page.seen("alarms", now("shelved"))
+    assert page.ask("unshelve", alarm=alarm["id"])["outcome"] == "done"
+    page.seen("alarms", now("active"))
+    report(DiagnosticStatus.OK, "")
+    page.seen("alarms", now("cleared"))
+    report(DiagnosticStatus.ERROR, "disk full")
+    (again,) = page.seen("alarms", now("active"))["alarms"]
+    assert (again["count"], again["raised_s"] > alarm["raised_s"]) == (2, True)
+    assert page.ask("acknowledge", ids=[alarm["id"]])["outcome"] == "done"
+    wait_until(lambda: len(told) == 6, "the journal")
+    assert [one.event for one in told] == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
+    assert (told[1].reason, told[1].who.startswith("anna (")) == ("20 min: disk is being changed", True)
+    assert {(one.id, one.priority) for one in told} == {("part:fsw_recorder", "medium")}
+
+
+def test_odd_names_and_floods_leave_the_page_alive(graph, page):
+    diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+    wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
+    odd = ["näme/x", "a b", "1st", "x" * 300, "ends_", "", "{why}", "tab\t"]
+    health = [ControllerHealth(name=name, reason=f"{name} is inhibited", latched_out=True) for name in odd * 10]
+    graph.states.publish(
+        SupervisorState(actual_mode="\n", actual_controller="ü", controllers=health, interlocks=odd * 100)
+    )
+    page.seen("state", lambda frame: len(frame["controllers"]) == 20)
+    broken = serialize_message(SupervisorState(reason="no UTF-8")).replace(b"UTF-8", b"\xff\xfe-\xff8")
+    graph.states.publish(broken)
+    flood = [
+        DiagnosticStatus(name=f"rogue{i}: {name}", level=DiagnosticStatus.ERROR, message=name)
+        for i in range(200)
+        for name in odd
+    ]
+    diagnostics.publish(DiagnosticArray(status=flood))
+    own = DiagnosticStatus(name="fsw_recorder: recording", level=DiagnosticStatus.ERROR, message="disk full")
+    diagnostics.publish(DiagnosticArray(status=[own]))
+    shown = page.seen("alarms", lambda frame: {"flood", "part:fsw_recorder"} <= {name for name, _ in states(frame)})
+    page.seen("state", lambda frame: len(frame["parts"]) == 200)
+    assert page.ask("acknowledge", ids=[name for name, _ in states(shown)])["outcome"] == "done"
+    graph.tick_until(lambda: page.receive()["t"] == "tick", "a tick")
+
+
+def test_set_points_beyond_a_trip_are_refused_before_they_are_sent(graph, page):
+    asked = []
+
+    def on_set_points(request, response):
+        asked.append(request.depth)
+        response.ok = True
+        return response
+
+    def on_parameters(request, response):
+        trips = {"interlocks.depth_high.trip": 3.0}
+        response.values = [
+            ParameterValue(type=3, double_value=trips[name]) if name in trips else ParameterValue()
+            for name in request.names
+        ]
+        return response
+
+    graph.serve(SetReference, "fsw/set_reference", on_set_points)
+    graph.serve(GetParameters, "fsw_supervisor/get_parameters", on_parameters)
+    graph.states.publish(SupervisorState(header=Header(frame_id="1.leader")))
+    page.seen("hello", lambda frame: frame["limits"]["depth_mm"].get("trip") == [None, 3.0])
+    refused = page.ask("set_reference", depth_mm=3.0, temperature_c=820)
+    assert (refused["outcome"], "would trip the interlock" in refused["message"]) == ("refused", True)
+    assert page.ask("set_reference", depth_mm=2.9, temperature_c=820)["outcome"] == "done"
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize(

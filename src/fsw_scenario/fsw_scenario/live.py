@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import sys
+import tempfile
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -23,7 +25,8 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
     _write_secret(token_file, token)
-    hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file)])
+    kept = ["--ros-args", "-p", f"state_folder:={json.dumps(tempfile.mkdtemp(prefix='page_', dir=graph.folder))}"]
+    hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", str(port), "--token-file", str(token_file), *kept])
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
     # the same port when it is started again

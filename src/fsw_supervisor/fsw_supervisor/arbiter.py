@@ -148,13 +148,16 @@ class Arbiter:
         self.ticks.note_silence()
         return decisions
 
-    def on_command(self, stamp_ns: int, source: str, command: Command) -> bool:
-        """Take a message from the command topic; returns whether this supervisor sent it, not a foreign writer."""
+    def on_command(self, stamp_ns: int, source: str, command: Command, by_supervisor: bool = False) -> bool:
+        """Take a message from the command topic; returns whether this supervisor sent it, not a foreign writer.
+
+        ``by_supervisor``: another supervisor has signed it.
+        """
         if self.watch.is_own(stamp_ns, source, command):
             return True
         self.in_force.on_foreign(command)
         self.on_source(source)
-        if self.watch.note_foreign(self.ticks.now_s, self.machine.tick):
+        if self.watch.note_foreign(self.ticks.now_s, self.machine.tick, by_supervisor):
             text = f"a foreign writer commands {command.force_kn:g} kN, {command.speed_rpm:g} rpm as {source[:40]!r}"
             self.machine.log(Level.ERROR, "command topic", text)
         return False

@@ -109,9 +109,10 @@ class Failover:
 
     def on_command(self, token: str, stamp_ns: int, source: str, command: Command) -> None:
         """Take a message seen on the command topic; ``token`` is that of its writer."""
-        if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command):
-            return
         term, identity = _parsed(token)
+        by_supervisor = identity not in ("", self._identity)
+        if self.role is Role.ACTIVE and self._arbiter.on_command(stamp_ns, source, command, by_supervisor):
+            return
         if not identity or refusal(command) is not None:
             return
         tick = self._arbiter.ticks.present

@@ -17,6 +17,8 @@ _DRIFT = 0.05
 _LARGEST_OFFSET = 10.0
 #: time for which a foreign command counts as recent [s]
 _FOREIGN_S = 5.0
+#: time for which commands of another supervisor belong to a takeover, and are no foreign writer's (chosen) [s]
+_TAKEOVER_S = 2.0
 
 
 class CommandWatch:
@@ -35,6 +37,7 @@ class CommandWatch:
         self.foreign_tick = -10
         self._sent: deque[Decision] = deque(maxlen=50)
         self._foreign_s: float | None = None
+        self._rival_s = self._rival_since_s = float("-inf")
 
     def sent(self, decision: Decision) -> None:
         """Record a decision that is sent."""
@@ -48,11 +51,21 @@ class CommandWatch:
                 return True
         return False
 
-    def note_foreign(self, now_s: float, tick: int) -> bool:
-        """Record a foreign command; returns whether it is the first for a while."""
+    def note_foreign(self, now_s: float, tick: int, by_supervisor: bool = False) -> bool:
+        """Record a foreign command; returns whether it is the first for a while that is to be reported.
+
+        One ``by_supervisor``, signed by another supervisor, is only reported if they do not end with the takeover.
+        """
         first = not self.seen_lately(now_s)
         self.foreign_commands += 1
-        self._foreign_s, self.foreign_tick = now_s, tick
+        self.foreign_tick = tick
+        if by_supervisor:
+            if now_s - self._rival_s > _FOREIGN_S:
+                self._rival_since_s = now_s
+            self._rival_s = now_s
+            if now_s - self._rival_since_s <= _TAKEOVER_S:
+                return False
+        self._foreign_s = now_s
         return first
 
     def seen_lately(self, now_s: float) -> bool:

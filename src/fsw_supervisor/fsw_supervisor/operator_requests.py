@@ -169,12 +169,12 @@ class OperatorRequests:
             why_not = f"swapped, but {request.name} is not applied yet" if swapped else self._why_not(request.name)
             self.drop(f"timed out: {why_not or 'no measurement has arrived for the swap'}")
 
-    def on_applied(self, source: str, stamp_s: float) -> None:
+    def on_applied(self, source: str) -> None:
         """Note the source of the command that was sent."""
         request = self._pending
         if request is not None and request.name == source:
             self._pending = None
-            self._answer(request, True, f"{source} is applied from {stamp_s:.3f} s on")
+            self._answer(request, True, f"{source} is applied")
 
     def failed(self, name: str, reason: str) -> None:
         """Note that ``name`` has failed while active."""

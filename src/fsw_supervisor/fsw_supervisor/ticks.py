@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fsw_control.contract import SENSORS
 from fsw_control.message_synchronizer import StampFilter
-from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.state_machine import Level, Trigger
 from fsw_supervisor.tick import Decision, Tick
@@ -177,7 +176,7 @@ class Ticks:
         self.commands += 1
         self._outbox.append(decision)
         self._arbitration.watch.sent(decision)
-        self._arbitration.operator.on_applied(decision.source, decision.stamp_ns / NANOSECONDS)
+        self._arbitration.operator.on_applied(decision.source)
 
     def take_back(self, unsent: list[Decision]) -> None:
         """Count commands as lost that were decided and must not be sent any more."""

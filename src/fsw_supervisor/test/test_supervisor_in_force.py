@@ -56,6 +56,16 @@ def test_a_foreign_writer_is_remembered_for_five_seconds():
     assert watch.note_foreign(17.1, 90), "it is the first for a while"
 
 
+def test_commands_of_another_supervisor_are_foreign_only_when_the_takeover_does_not_end():
+    watch = CommandWatch()
+    assert not any(watch.note_foreign(10.0 + 0.1 * tick, tick, by_supervisor=True) for tick in range(20))
+    assert (watch.foreign_commands, watch.foreign_tick, watch.seen_lately(12.0)) == (20, 19, False)
+    assert not watch.note_foreign(20.0, 100, by_supervisor=True), "the next takeover"
+    assert not watch.note_foreign(22.0, 120, by_supervisor=True)
+    assert watch.note_foreign(22.1, 121, by_supervisor=True)
+    assert watch.seen_lately(22.1)
+
+
 # ---------------------------------------------------------------- offsets of the drives
 
 

@@ -62,8 +62,10 @@ def test_commands_seen_of_its_own_are_nobodys(leader):
     own = leader.sent[-1]
     leader.failover.on_command(leader.failover.token, own.stamp_ns, own.source, own.command)
     assert leader.arbiter.watch.foreign_commands == 0
+    leader.failover.on_command("0.other", own.stamp_ns, own.source, own.command)
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (1, 0)
     leader.failover.on_command("", own.stamp_ns, own.source, own.command)
-    assert leader.arbiter.watch.foreign_commands == 1
+    assert (leader.arbiter.watch.foreign_commands, leader.events().count("foreign writer")) == (2, 1)
 
 
 @pytest.mark.requirement("S9")

@@ -190,7 +190,7 @@ def test_the_state_is_latched_for_those_who_come_later(bench):
 def test_switches_by_service_and_says_what_happened(bench):
     answer = bench.switch("nmpc")
     assert answer.ok
-    assert "nmpc is applied from" in answer.message
+    assert "nmpc is applied" in answer.message
     bench.until(lambda: bench.peer.commands[-1].source == "nmpc")
     bench.until(lambda: bench.peer.states[-1].actual_controller == "nmpc")
     assert bench.peer.states[-1].requested_by == "operator"

@@ -84,7 +84,7 @@ def test_a_swap_that_was_made_in_time_is_not_told_to_be_too_late(rig):
     assert not request.done
     out = rig.arbiter.on_proposal("nmpc", rig.proposal("nmpc"), rig.now_s + 0.03)
     assert [decision.source for decision in out] == ["nmpc"]
-    assert (request.ok, request.message) == (True, f"nmpc is applied from {rig.stamp_ns / 1e9:.3f} s on")
+    assert (request.ok, request.message) == (True, "nmpc is applied")
 
 
 def test_a_swap_to_a_controller_that_then_fails_is_told_as_such_though_its_time_is_over(rig):
@@ -172,7 +172,7 @@ def test_a_fallback_swap_to_the_controller_that_is_waited_for_answers_the_reques
     rig.run(1)
     assert rig.last.source == "nmpc"
     assert request.ok
-    assert f"nmpc is applied from {rig.stamp_ns / 1e9:.3f} s on" == request.message
+    assert request.message == "nmpc is applied"
 
 
 def test_a_failure_of_the_active_one_does_not_end_a_request_for_another(rig):

@@ -40,7 +40,8 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.warn": 800.0, "interlocks.temperature_high.warn": 900.0},
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
-LIMITS = limits(_INTERLOCKS)
+_DEVIATIONS = {"deviation_depth_mm": 0.1, "deviation_temperature_c": 15.0}
+LIMITS = limits(_INTERLOCKS, _DEVIATIONS)
 
 
 def weld_row(time_s: float) -> list[float]:
@@ -69,7 +70,7 @@ class FakeHmi:
         self.silent = False  #: no frames at all, though the connection stands
         self.measuring = True  #: whether ticks come
         self.emulator = True
-        self.depth_offset_mm = 0.0
+        self.depth_offset_mm = self.temperature_offset_c = 0.0
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.holder: dict[str, str] | None = None
         self.local_stop = False
@@ -138,7 +139,8 @@ class FakeHmi:
         you = bool(self.holder and self.holder["session"] == session)
         control = {"t": "control", "holder": self.holder, "you": you, "authenticated": bool(known)}
         control["may_stop"] = self.local_stop or bool(known)
-        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms}, control]
+        reach = {"ok": True, "text": "Commands reach the machine"}
+        frames = [{"t": "state", **self.state}, {"t": "alarms", "alarms": self.alarms, "reach": reach}, control]
         frames.append({"t": "actions", "actions": self.actions[-50:]})
         if self.progress:
             frames.append({"t": "progress", **self.progress})
@@ -178,6 +180,7 @@ class FakeHmi:
     def _row(self, time_s: float) -> list[float]:
         row = weld_row(time_s)
         row[1] += self.depth_offset_mm
+        row[2] += self.temperature_offset_c
         row[4] = row[4] if self.force_kn is None else self.force_kn
         return row
 
@@ -276,10 +279,11 @@ class FakeHmi:
 def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     """Alarms of all priorities and states."""
     return [
+        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
-        _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15),
         _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
         _alarm("force_high:warn", "Force near the limit of the drive", "medium", "cleared", now_s - 90),
+        _alarm("node:x", "x no longer reports", "low", "shelved", now_s - 300, shelved_until_s=now_s + 300),
     ]
 
 
@@ -305,16 +309,14 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
     }
 
 
-def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, first_out: bool = False) -> dict[str, Any]:
+def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
     return {
-        "id": name,
-        "text": text,
+        **{"id": name, "text": text, "priority": priority, "state": state, "present": state != "cleared", "count": 1},
+        "consequence": "The controllers do without it for a short time only.",
         "advice": "Check the sensor, then swap the controller or stop.",
-        "priority": priority,
-        "state": state,
-        "first_out": first_out,
-        "raised_s": raised_s,
-        "changed_s": raised_s,
+        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s, "changed_s": raised_s},
+        **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
+        **changed,
     }
 
 

@@ -38,7 +38,7 @@ export class LivePage {
     this.actions = new Actions();
     this.commands = new Commands(this, this.connection, this.actions);
     this.status = new Status(byId("status"), this.commands.safeStopButton);
-    this.alarms = new Alarms((ids) => this.commands.acknowledge(ids));
+    this.alarms = new Alarms((ids) => this.commands.acknowledge(ids), (...request) => this.commands.ask(...request));
     this.controllers = new Controllers();
     byId("side").append(this.alarms.root, this.commands.root, this.controllers.root, this.actions.root);
   }
@@ -70,9 +70,9 @@ export class LivePage {
       this.status.progress.update(this);
       this.commands.update();
     },
-    alarms: ({ alarms }) => {
+    alarms: ({ alarms, reach }) => {
       this.alarmList = alarms;
-      this.alarms.update(alarms);
+      this.alarms.update(alarms, reach);
       this.#judge();
     },
     control: (control) => {

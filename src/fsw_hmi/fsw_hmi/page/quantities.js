@@ -43,5 +43,7 @@ export function judge(key, limits, value, aim) {
   if (warn) return { level: "medium", text: `warning, ${warn}` };
   const quality = outside(qualityLimits(key, limits, aim ?? null));
   if (quality) return { level: "medium", text: `outside quality, ${quality}` };
+  const off = value === null || value === undefined || aim === null || aim === undefined ? 0 : value - aim;
+  if (own.deviation && Math.abs(off) > own.deviation) return { level: "medium", text: `off its aim, ${off < 0 ? "low" : "high"}` };
   return { level: null, text: "" };
 }

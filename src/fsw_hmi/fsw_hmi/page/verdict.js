@@ -17,7 +17,7 @@ export const TICK_AGE_S = 0.5;
  */
 export function verdict(now) {
   if (now.tickAgeS === null || now.tickAgeS === undefined) return { level: "attention", text: "No measurements yet", detail: "" };
-  const present = byUrgency(now.alarms.filter((alarm) => alarm.state !== "cleared"));
+  const present = byUrgency(now.alarms.filter((alarm) => alarm.state !== "cleared" && alarm.state !== "shelved"));
   const urgent = [fromTickAge, fromAlarms("high"), fromMode, fromAlarms("medium"), fromValues, fromState, fromAlarms("low")];
   for (const look of urgent) {
     const found = look(now, present);

@@ -1,0 +1,93 @@
+"""The alarms of the running graph: judged, listed, and told as a journal on ``fsw/alarms``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from fsw_control import messages_ros as convert
+from fsw_control.topics_ros import LATCHED
+from fsw_hmi.alarm_rules import AlarmRules, Situation, alarm
+from fsw_hmi.alarms import AlarmList
+from fsw_hmi.frames import COLUMNS
+from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
+from fsw_hmi.watch_ros import Watch
+from fsw_msgs.msg import AlarmEvent
+
+
+class AlarmDesk:
+    """Judges what a :class:`Watch` has heard.
+
+    Parameters
+    ----------
+    node : Node
+    watch : Watch
+    setting : callable
+        Returns a parameter of the node by its name.
+    """
+
+    def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
+        self.list = AlarmList(lambda count: alarm("flood", count=count))
+        self._node, self._watch = node, watch
+        self._rules = AlarmRules(setting)
+        self._reach: dict[str, Any] = {"ok": None, "text": ""}
+        self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
+
+    def judge(self) -> bool:
+        """Find out which alarms are present; returns whether there is something new to show."""
+        now_s, situation = time.monotonic(), self._situation()
+        present = self._rules.present(situation, now_s)
+        changed = self.list.update(present, now_s, time.time())
+        listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
+        before, self._reach = self._reach, self._rules.reach(situation, listed)
+        self._publish()
+        return changed or before != self._reach
+
+    def frame(self) -> dict[str, Any]:
+        """Content of the frame ``alarms``."""
+        return {"alarms": self.list.rows(time.monotonic(), time.time()), "reach": self._reach}
+
+    def carry_out(self, action: Acknowledge | Shelve | Unshelve, who: str) -> tuple[bool, str]:
+        """Do what a person asked for; returns whether it was done, and words."""
+        wall_s = time.time()
+        if isinstance(action, Acknowledge):
+            refused, done = "", f"{self.list.acknowledge(action.ids, who, wall_s)} acknowledged"
+        elif isinstance(action, Shelve):
+            now_s, reason = time.monotonic(), action.reason
+            refused, done = self.list.shelve(action.alarm, action.minutes, who, reason, now_s, wall_s), "shelved"
+        else:
+            refused, done = self.list.unshelve(action.alarm, who, wall_s), "back in the list"
+        self._publish()
+        return not refused, refused or done
+
+    def _situation(self) -> Situation:
+        watch, view, now_s = self._watch, self._watch.view, time.monotonic()
+        return Situation(
+            state=watch.state,
+            state_age_s=None if watch.state is None else now_s - watch.state_s,
+            tick_age_s=None if view.tick_s is None else now_s - view.tick_s,
+            command_age_s=None if view.command_s is None else now_s - view.command_s,
+            sample_age_s={name: now_s - good_s for name, good_s in view.good_s.items()},
+            sensor_reasons=watch.sensor_reasons,
+            values=dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {},
+            parts=watch.parts(),
+        )
+
+    def _publish(self) -> None:
+        events, self.list.events = self.list.events, []
+        for one in events:
+            self._journal.publish(
+                AlarmEvent(
+                    header=convert.header(int(self._node.get_clock().now().nanoseconds)),
+                    id=one.id,
+                    event=one.event,
+                    priority=one.alarm.priority,
+                    text=one.alarm.text,
+                    count=one.count,
+                    who=one.who,
+                    reason=one.reason,
+                )
+            )

@@ -1,0 +1,132 @@
+"""What survives a restart of the page's server: a small JSON file, and the rows of the trends in another."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from pydantic import TypeAdapter, ValidationError
+
+from fsw_hmi.alarms import Entry
+from fsw_hmi.frames import COLUMNS
+from fsw_hmi.history import KEPT
+
+#: what was kept longer ago is of another weld [s] (chosen)
+_OLD_S = 600.0
+
+
+@dataclass(slots=True)
+class Kept:
+    """State of the page; ``now_s`` and ``wall_s`` are the steady and the wall clock when it was kept."""
+
+    now_s: float
+    wall_s: float
+    alarms: dict[str, Entry] = field(default_factory=dict)
+    actions: list[dict[str, str | float]] = field(default_factory=list)
+
+
+_KEPT: TypeAdapter[Kept] = TypeAdapter(Kept)
+
+
+class Keeper:
+    """Keeps state and rows in a folder; without one (None), or when the disk does not take them, does nothing.
+
+    The state is replaced as a whole. Rows are appended: a kill loses those since the last :meth:`keep`.
+
+    Parameters
+    ----------
+    folder : Path or None
+    warn : callable
+        Is told in a line, once each, why nothing can be kept, and why what was kept before is not used.
+    """
+
+    def __init__(self, folder: Path | None, warn: Callable[[str], object]) -> None:
+        self._folder, self._warn = folder, warn
+        self._file: TextIO | None = None
+
+    def load(self, wall_s: float) -> tuple[Kept | None, list[str]]:
+        """State and rows of the server before; none where there was none, or they are damaged or of another weld."""
+        if self._folder is None:
+            return None, []
+        path, state, rows = self._folder / "hmi_state.json", None, list[str]()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if path.exists():
+                state = _KEPT.validate_json(path.read_bytes())
+                if not 0.0 <= wall_s - state.wall_s <= _OLD_S:
+                    self._warn(f"{path}: kept by the page of another weld, not used")
+                    state = None
+                else:
+                    rows = self._rows(self._folder / "hmi_rows.jsonl")
+        except ValidationError:
+            self._warn(f"{path}: damaged, not used")
+        except OSError as error:
+            self._give_up(error)
+        self._begin(rows)
+        return state, rows
+
+    def _rows(self, path: Path) -> list[str]:
+        lines, damaged = deque[str](maxlen=KEPT), 0
+        if path.exists():
+            with path.open(encoding="utf-8", errors="replace") as file:
+                for line in file:
+                    if _is_row(line):
+                        lines.append(line.rstrip("\n"))
+                    else:
+                        damaged += 1
+        if damaged:
+            self._warn(f"{path}: {damaged} damaged lines, left out")
+        return list(lines)
+
+    def _begin(self, rows: list[str]) -> None:
+        """Begin the file of the rows anew."""
+        if self._folder is None:
+            return
+        try:
+            if self._file is not None:
+                self._file.close()
+            self._file = (self._folder / "hmi_rows.jsonl").open("w", encoding="utf-8")
+            self._file.writelines(f"{row}\n" for row in rows)
+        except OSError as error:
+            self._give_up(error)
+
+    def forget(self) -> None:
+        """Another weld begins."""
+        self._begin([])
+
+    def add(self, row: str) -> None:
+        """Take a row of the trends, encoded."""
+        if self._file is not None:
+            try:
+                self._file.write(f"{row}\n")
+            except OSError as error:
+                self._give_up(error)
+
+    def keep(self, state: Kept) -> None:
+        """Write the state, and the rows so far."""
+        if self._folder is None or self._file is None:
+            return
+        part = self._folder / "hmi_state.json.part"
+        try:
+            self._file.flush()
+            part.write_bytes(_KEPT.dump_json(state))
+            part.replace(self._folder / "hmi_state.json")
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self._warn(f"{self._folder}: {error.strerror}: nothing survives a restart of the page")
+        self._folder = self._file = None
+
+
+def _is_row(line: str) -> bool:
+    try:
+        row: Any = json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    is_list = isinstance(row, list) and len(row) == len(COLUMNS) and isinstance(row[0], float)
+    return is_list and all(one is None or type(one) in (int, float) for one in row)

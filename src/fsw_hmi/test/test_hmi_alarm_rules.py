@@ -1,0 +1,275 @@
+"""The rules that raise alarms."""
+
+import pytest
+
+from fsw_control.parameters import defaults, load
+from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id, because
+from fsw_hmi.alarms import RANK, Alarm, AlarmList
+from fsw_hmi.frames import readable
+from fsw_hmi.limits import beyond_trip, limits
+from fsw_hmi.requests import Acknowledge
+
+SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
+GOOD = {"depth_mm": 2.66, "reference_depth_mm": 2.66, "temperature_c": 850.0, "reference_temperature_c": 850.0}
+GOOD |= {"force_kn": 80.0, "command_force_kn": 80.0, "speed_rpm": 400.0, "command_speed_rpm": 400.0}
+
+
+def controller(name="nmpc", ready=True, inhibited=False, reason=""):
+    return {"name": name, "ready": ready, "inhibited": inhibited, "reason": reason}
+
+
+def state(**changed):
+    usual = {"target_controller": "nmpc", "actual_controller": "nmpc", "target_mode": "auto", "actual_mode": "auto"}
+    usual |= {"reason": "so", "requested_by": "operator", "controllers": [controller()], "interlocks": []}
+    return usual | changed
+
+
+def situation(values=None, **changed):
+    usual = {"state": state(), "state_age_s": 0.1, "tick_age_s": 0.05, "command_age_s": 0.05}
+    usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}, "values": GOOD | (values or {})}
+    return Situation(**usual | changed)
+
+
+def gateway(connection="ok", machine="ok", permissive=True, writes="ok"):
+    gate = {"connection": Part(connection, "link lost"), "machine": Part(machine, "counter stands", permissive)}
+    return {"fsw_machine": gate | {"writes": Part(writes, "3 not taken")}}
+
+
+@pytest.fixture
+def rules():
+    return AlarmRules(SETTINGS.__getitem__)
+
+
+def test_every_alarm_has_one_cause_one_consequence_and_one_action():
+    for one in _TEXTS.kinds.values():
+        assert one.text and one.consequence and one.advice
+        assert one.priority in RANK
+
+
+@pytest.mark.requirement("S17")
+def test_no_alarm_in_a_good_weld(rules):
+    assert rules.present(situation(), 0.0) == {}
+    assert rules.present(situation(parts=gateway()), 0.0) == {}
+    assert rules.present(Situation(), 0.0) == {}
+
+
+@pytest.mark.requirement("S17")
+@pytest.mark.parametrize(
+    ("changed", "name", "priority"),
+    [
+        ({"tick_age_s": 0.21}, "measurements", "high"),
+        ({"tick_age_s": 9.0, "command_age_s": 9.0}, "measurements", "high"),  # one cause: nothing to answer
+        ({"command_age_s": 0.21}, "supervisor", "high"),
+        ({"state_age_s": 4.0}, "supervisor", "high"),
+        ({"state": state(actual_mode="safe_stop")}, "safe_stop", "high"),
+        ({"state": state(actual_mode="hold")}, "hold", "medium"),
+        ({"state": state(actual_controller="decentral")}, "failover", "medium"),
+        (
+            {"state": state(actual_controller="decentral", controllers=[controller(ready=False, inhibited=True)])},
+            *("failover", "medium"),
+        ),
+        ({"state": state(interlocks=["depth_high:warn"])}, "interlock:depth_high", "medium"),
+        ({"state": state(interlocks=["depth_high:trip"])}, "interlock:depth_high", "high"),
+        ({"state": state(interlocks=["new_one:trip"])}, "interlock:new_one", "high"),
+        ({"state": state(interlocks=["odd"])}, "interlock:odd", "medium"),
+        ({"state": state(controllers=[controller(ready=False, inhibited=True)])}, "controller:nmpc", "medium"),
+        ({"state": state(controllers=[controller(ready=False)])}, "controller:nmpc", "low"),
+        ({"sample_age_s": {"depth": 0.7}}, "sensor:depth", "medium"),
+        ({"sensor_reasons": {"torque": "frozen"}}, "sensor:torque", "medium"),
+        (
+            {
+                "sensor_reasons": {"torque": "frozen"},
+                "state": state(
+                    controllers=[controller(ready=False, reason="nmpc cannot do without the sensor torque")]
+                ),
+            },
+            *("sensor:torque", "medium"),
+        ),
+        ({"parts": gateway(connection="error")}, "machine", "high"),
+        ({"parts": gateway(machine="error")}, "machine", "high"),
+        ({"parts": gateway(writes="error")}, "machine", "high"),
+        ({"parts": gateway(machine="warn", permissive=False)}, "machine", "high"),
+        ({"parts": gateway(permissive=False), "tick_age_s": 5.0}, "machine", "high"),
+        ({"parts": {"fsw_plant": {"watchdog": Part("error", "no valid command for 2.0 s")}}}, "machine", "high"),
+        ({"parts": {"fsw_recorder": {"recording": Part("error", "disk full")}}}, "part:fsw_recorder", "medium"),
+        ({"parts": {"nmpc": {"solver": Part("error", "none")}}}, "part:nmpc", "medium"),
+        ({"parts": {"rogue": {f"{i}": Part("error", "bad") for i in range(196)}}}, "part:rogue", "low"),
+        ({"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("stale", "")}}}, "node:fsw_nmpc", "low"),
+        (
+            {
+                "parts": {"fsw_nmpc": {"a": Part("stale", "")}},
+                "state": state(controllers=[controller(ready=False, reason="nmpc has left the graph")]),
+            },
+            *("controller:nmpc", "low"),
+        ),
+        ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
+        ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
+        ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
+        ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
+        ({"values": {"force_kn": 86.0}}, "deviation:force_kn", "medium"),
+        ({"values": {"command_speed_rpm": 421.0}}, "deviation:speed_rpm", "medium"),
+        ({"values": {"temperature_c": 911.0, "reference_temperature_c": 911.0}}, "quality_temperature", "medium"),
+        (
+            {
+                "values": {"temperature_c": 911.0, "reference_temperature_c": 911.0},
+                "state": state(interlocks=["temperature_high:trip"]),
+            },
+            *("interlock:temperature_high", "high"),
+        ),
+    ],
+)
+def test_alarm_of_a_situation(rules, changed, name, priority):
+    present = rules.present(situation(**changed), 0.0)
+    assert {name: one.priority for name, one in present.items()} == {name: priority}
+    assert all(one.text and one.consequence and one.advice for one in present.values())
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"state": state(actual_mode="hold", target_mode="hold")},  # somebody wants it
+        {"state": state(actual_mode="hold", requested_by="start"), "command_age_s": 60.0},  # the weld has not begun
+        {"command_age_s": None},
+        {"parts": {"fsw_supervisor": {"controller nmpc": Part("error", "told by its health")}}},
+        {"parts": {"fsw_nmpc": {"a": Part("stale", ""), "b": Part("ok", "")}}},
+        {"parts": {"fsw_machine": {"machine": Part("stale", "", False), "clock": Part("ok", "")}}},
+        {"values": dict.fromkeys(GOOD, float("nan"))},
+    ],
+)
+def test_no_alarm_of_what_is_wanted_or_told_otherwise(rules, changed):
+    assert rules.present(situation(**changed), 0.0) == {}
+
+
+def test_safe_stop_of_an_operator_is_no_trip(rules):
+    stopped = state(actual_mode="safe_stop", requested_by="interlock")
+    assert rules.present(situation(state=stopped), 0.0)["safe_stop"].trip
+    asked = stopped | {"requested_by": "operator"}
+    assert not rules.present(situation(state=asked), 0.0)["safe_stop"].trip
+
+
+def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
+    alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
+    tripped = state(actual_mode="safe_stop", requested_by="interlock", interlocks=["depth_high:trip"])
+    alarms.update(rules.present(situation(state=tripped), 0.0), 0.0, 0.0)
+    assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
+
+
+def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
+    def present(now_s, **changed):
+        return list(rules.present(situation(state=None, state_age_s=None, command_age_s=None, **changed), now_s))
+
+    assert present(0.0, tick_age_s=None) == []
+    assert present(10.0) == []
+    assert present(14.0) == ["supervisor"]
+
+
+@pytest.mark.parametrize(("age", "name"), [("tick_age_s", "measurements"), ("command_age_s", "supervisor")])
+def test_silence_is_told_within_three_tenths_of_a_second(rules, age, name):
+    alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
+    for look in range(100):  # the node looks every 0.05 s; here at the worst moment
+        now_s = 0.049 + 0.05 * look
+        alarms.update(rules.present(situation(**{age: now_s}), now_s), now_s, now_s)
+        if name in alarms.entries:
+            break
+    assert now_s < 0.3
+
+
+def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
+    alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
+    alarms.update(rules.present(situation(tick_age_s=1.0), 1.0), 1.0, 1.0)
+    alarms.update(rules.present(situation(), 1.05), 1.05, 1.05)
+    assert alarms.entries == {}
+
+
+def test_value_must_be_back_by_a_margin_and_both_must_last(rules):
+    def one(off_mm):
+        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get("deviation:depth_mm")
+
+    assert one(0.09) is None
+    assert (one(-0.11).on_s, one(-0.11).off_s) == (2.0, 2.0)
+    assert one(-0.09) is not None  # inside, but not by the margin
+    assert one(-0.07) is None
+    assert one(0.09) is None
+
+
+def test_whether_commands_reach_the_machine_is_told(rules):
+    def reach(**changed):
+        now = situation(**changed)
+        return rules.reach(now, rules.present(now, 0.0))
+
+    assert reach() == {"ok": True, "text": "Commands reach the machine"}
+    assert reach(parts=gateway())["text"] == "Commands reach the machine, it permits them"
+    assert reach(command_age_s=None)["ok"] is None
+    refused = reach(parts=gateway(permissive=False))
+    assert refused == {"ok": False, "text": "Commands do not reach the machine: it does not permit them"}
+    assert reach(command_age_s=1.0)["text"] == "No commands from the supervisor"
+
+
+@pytest.mark.parametrize(
+    ("reason", "told"),
+    [
+        ("nmpc is inhibited", "no reason is told"),
+        ("nmpc is inhibited: no proposal at the deadline", "no proposal at the deadline"),
+        ("nmpc is inhibited: nmpc is inhibited: jump", "jump"),
+        ("nmpc is not ready: 3 of 5 good proposals in a row", "3 of 5 good proposals in a row"),
+        ("controller nmpc is unknown", "is unknown"),
+        ("nmpc has left the graph", "has left the graph"),
+        ("", "no reason is told"),
+    ],
+)
+def test_no_text_goes_in_a_circle(rules, reason, told):
+    assert because(reason, "nmpc") == told
+    inhibited = state(controllers=[controller(inhibited=True, reason=reason)])
+    assert (
+        rules.present(situation(state=inhibited), 0.0)["controller:nmpc"].text
+        == f"Controller nmpc is inhibited: {told}"
+    )
+
+
+@pytest.mark.parametrize("name", ["näme", "a" * 300, "tab\there", "\udcff\ud800", "", "{why}", "x:warn:trip", "\n"])
+def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
+    odd = state(
+        **dict.fromkeys(("reason", "actual_controller"), name),
+        interlocks=[name],
+        controllers=[controller(name, ready=False, reason=name)],
+    )
+    found = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)
+    assert len(found) >= 3
+    Acknowledge(ids=tuple(found))
+    assert alarm_id("part", name) != alarm_id("part", f"{name}ü")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("nmpc is applied from 1795369262.973 s on", "nmpc is applied from 17:41:02 UTC on"),
+        ("it answers 1795369262 s, which", "it answers 17:41:02 UTC, which"),
+        ("counter 4294967295, 2.5 s", "counter 4294967295, 2.5 s"),
+        ("a\nb\u202e\udcff", "a?b??"),
+        ("x" * 500, "x" * 199 + "…"),
+    ],
+)
+def test_texts_of_others_are_made_readable(text, shown):
+    assert readable(text) == shown
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "temperature_c", "told"),
+    [
+        (2.66, 850.0, ""),
+        (3.69, 850.0, ""),
+        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
+        (2.66, 790.0, "temperature 790 degC would trip the interlock: not below 790 degC, nor at it"),
+        (2.66, 911.0, "temperature 911 degC would trip the interlock: not above 910 degC, nor at it"),
+    ],
+)
+def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
+    trips = defaults(load("fsw_supervisor", "supervisor.yaml"))
+    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, trips) == told
+    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, {}) == ""
+
+
+def test_page_gets_the_limits_that_the_alarms_have():
+    found = limits({}, {name: SETTINGS[name] for name in SETTINGS if name.startswith("deviation_")})
+    assert found["depth_mm"]["quality"] == [-0.1, 0.1]
+    assert [found[name]["deviation"] for name in ("temperature_c", "force_kn", "speed_rpm")] == [15.0, 5.0, 20.0]
