@@ -5,7 +5,8 @@ usage: test.py [--full] [--lint] [--fast] [--oldest] [pytest arguments]
 
 Without arguments all tests run that need no minutes of computing, several at a time, and those against the clock after
 the others. ``--full`` runs these, too: sanitizers, other processors, FMUs, comparisons, tuning. ``--fast`` leaves out
-all tests marked as slow. ``--lint`` also runs ruff and mypy and builds the documentation. ``--oldest`` runs the unit
+all tests marked as slow. ``--lint`` also runs ruff, mypy and, on the operator's page, tsc and ESLint, and builds the
+documentation. ``--oldest`` runs the unit
 tests of the packages that compute, draw and read bags in an environment of its own with the oldest supported versions
 of numpy, scipy, matplotlib, ... (Python 3.11). Where pytest gets arguments (paths, -k, -m), the tests that these choose
 run one after another.
@@ -16,6 +17,7 @@ import signal
 import subprocess
 import sys
 
+import _page_lint
 from _bootstrap import WORKSPACE, ensure
 
 OLDEST = "--oldest"
@@ -51,6 +53,7 @@ def main() -> int:
         codes.append(run("ruff check", "ruff", "check", "."))
         codes.append(run("ruff format", "ruff", "format", "--check", "."))
         codes.append(run("mypy", "mypy"))
+        codes.append(_page_lint.lint())
         print("== documentation", flush=True)
         codes.append(subprocess.run([sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]).returncode)
     full, fast = "--full" in arguments, "--fast" in arguments

@@ -18,7 +18,13 @@ STATE: dict[str, Kind] = {
     "requested_by": "text",
     "interlocks": "texts",
 }
-PROGRESS: dict[str, Kind] = {"state": "text", "phase": "text", "depth": "number", "temperature": "number"}
+PROGRESS: dict[str, Kind] = {
+    "state": "text",
+    "phase": "text",
+    "depth": "number",
+    "temperature": "number",
+    "angle": "number",
+}
 ACTION: dict[str, Kind] = {"who": "text", "action": "text", "outcome": "text", "message": "text"}
 ALARM: dict[str, Kind] = {"event": "text", "priority": "text", "text": "text", "who": "text", "reason": "text"}
 #: events of the alarms' journal that are told; the others follow from them

@@ -171,7 +171,8 @@ def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> Non
     weld.phases = events.phases(times_s, progress)
     weld.events += [*events.of_progress(times_s, progress), *events.of_actions(ticks.times_s(actions), actions)]
     weld.events.sort()
-    depth, temperature = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature"))
+    depth, temperature, angle = (ticks.held(progress, path, np.nan) for path in ("depth", "temperature", "angle"))
+    weld.angle_deg = np.degrees(angle)
     # where no programme is played, the set-points in force stand for its own
     weld.programme_depth_mm = np.where(depth > 0.0, depth * MM, weld.reference_depth_mm)
     weld.programme_temperature_c = np.where(depth > 0.0, temperature, weld.reference_temperature_c)

@@ -175,6 +175,8 @@ class WeldSignals:
     programme_depth_mm, programme_temperature_c : FloatArray
         Set-points of the programme at the tick, which are not those in force while it is held or steered by hand; those
         in force where the bag has no programme.
+    angle_deg : FloatArray
+        Where the tool was about the canister's axis, by the programme; NaN where the bag has none.
     """
 
     path: Path
@@ -204,11 +206,14 @@ class WeldSignals:
     events: list[WeldEvent] = field(default_factory=list)
     programme_depth_mm: FloatArray = field(default_factory=lambda: np.empty(0))
     programme_temperature_c: FloatArray = field(default_factory=lambda: np.empty(0))
+    angle_deg: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if not self.programme_depth_mm.size:
             self.programme_depth_mm = self.reference_depth_mm
             self.programme_temperature_c = self.reference_temperature_c
+        if not self.angle_deg.size:
+            self.angle_deg = np.full(self.n_ticks, np.nan)
 
     @property
     def n_ticks(self) -> int:

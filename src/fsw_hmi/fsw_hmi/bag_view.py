@@ -146,6 +146,7 @@ def _rows(signals: WeldSignals) -> list[list[Any]]:
         "command_speed_rpm": signals.speed_rpm,
         "latency_ms": 1e3 * signals.command_latency_s,
         "solve_ms": 1e3 * _solve_time_s(signals),
+        "angle_deg": signals.angle_deg,
     }
     numbers = [_short(columns[name]) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()

@@ -26,6 +26,7 @@ COLUMNS = (
     "command_speed_rpm",
     "latency_ms",
     "solve_ms",
+    "angle_deg",
 )
 
 

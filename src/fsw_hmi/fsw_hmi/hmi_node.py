@@ -30,7 +30,7 @@ from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Rules
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.reports_ros import NO_STATE
@@ -192,6 +192,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             "emulator": self._emulator,
             "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
             "reference": REFERENCE,
+            "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
         self._web.call(partial(self._page.set_hello, hello))

@@ -50,12 +50,16 @@ _QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
     "power_kw": (_POWER_KW, {}, "", "power_high"),
 }
 #: the supervisor's parameters that are looked at
-PARAMETERS = tuple(
-    f"interlocks.{name}.{level}"
-    for _, _, low, high in _QUANTITIES.values()
-    for name in (low, high)
-    if name
-    for level in ("warn", "trip")
+PARAMETERS = (
+    *(
+        f"interlocks.{name}.{level}"
+        for _, _, low, high in _QUANTITIES.values()
+        for name in (low, high)
+        if name
+        for level in ("warn", "trip")
+    ),
+    "safe_force_kn",
+    "safe_rate_kn_per_s",
 )
 
 
@@ -85,6 +89,13 @@ def limits(parameters: Mapping[str, Any], deviations: Mapping[str, float] | None
     if deviations is not None:
         found["depth_mm"]["quality"] = [-deviations["deviation_depth_mm"], deviations["deviation_depth_mm"]]
     return found
+
+
+def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
+    """Where a safe stop goes, and how fast; None as long as the supervisor has not told."""
+    if not {"safe_force_kn", "safe_rate_kn_per_s"} <= parameters.keys():
+        return None
+    return {"force_kn": parameters["safe_force_kn"], "rate_kn_per_s": parameters["safe_rate_kn_per_s"]}
 
 
 def beyond_trip(set_points: Mapping[str, float], parameters: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from math import degrees
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -152,6 +153,7 @@ class Watch:
 
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = reports_ros.progress(message), time.monotonic()
+        self.view.angle_deg = degrees(message.angle)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now_s = time.monotonic()

@@ -43,6 +43,8 @@ class WeldView:
         When the last command came, on the same clock; None before the first of a weld.
     good_s : dict of str to float
         When the last finite sample of each sensor came.
+    solve_ms, angle_deg : float
+        As last reported by the selected controller and by the programme; whoever hears them sets them.
     """
 
     def __init__(self, reference_at: Callable[[int], Reference | None]) -> None:
@@ -59,6 +61,7 @@ class WeldView:
         self._command = Command(nan, nan)
         self._latency_ms = nan
         self.solve_ms = nan
+        self.angle_deg = nan
         self.command_s: float | None = None
 
     def on_drives(self, stamp_ns: int, acting: Command, now_s: float) -> tuple[list[Row], bool]:
@@ -120,5 +123,6 @@ class WeldView:
             self._command.speed_rpm,
             self._latency_ms,
             self.solve_ms,
+            self.angle_deg,
         )
         return [Row(stamp_ns, values)]

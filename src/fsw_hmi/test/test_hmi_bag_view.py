@@ -39,6 +39,11 @@ def test_rows_are_those_of_the_live_page_with_mode_and_controller(bag: Path) -> 
     assert first["power_kw"] == pytest.approx(1052.9 * 42.78e-3, rel=1e-3)
     assert first["latency_ms"] == pytest.approx(9.1)
     assert first["solve_ms"] == pytest.approx(4.0)
+    assert [row[shown.columns.index("angle_deg")] for row in (shown.rows[0], shown.rows[150], shown.rows[-1])] == [
+        0.0,
+        10.0,
+        21.0,
+    ]
 
 
 def test_summary_tells_phases_events_and_figures(bag: Path) -> None:

@@ -3,6 +3,7 @@
 import threading
 from functools import partial
 from itertools import count
+from math import radians
 
 import pytest
 import rclpy
@@ -153,7 +154,9 @@ def test_ticks_reach_the_page(graph, page):
     graph.tick_until(lambda: "tick" in page.frames or page.receive()["t"] == "tick", "a tick")
     graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("torque_nm") == 1000.0, "a whole tick")
     assert page.value("depth_mm") == 2.66
-    assert page.value("temperature_c") is None
+    assert (page.value("temperature_c"), page.value("angle_deg")) == (None, None)
+    graph.progress.publish(WeldProgress(state="running", phase="joint_line", angle=radians(143.0)))
+    graph.tick_until(lambda: page.receive()["t"] == "tick" and page.value("angle_deg") == 143.0, "the angle")
 
 
 def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhile(graph, page):

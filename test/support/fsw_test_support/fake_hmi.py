@@ -59,7 +59,7 @@ def weld_row(time_s: float) -> list[float]:
     power = torque * speed * 2.0 * math.pi / 60_000.0
     return [
         *(time_s, depth, temperature, torque, force, speed, power, aim, 816.4, force + 0.1, speed + 0.3),
-        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0)),
+        *(14.0 + math.sin(time_s), 9.0 + 2.0 * math.sin(time_s / 3.0), 143.0 * min(time_s / 600.0, 1.0)),
     ]
 
 
@@ -82,6 +82,7 @@ class FakeHmi:
         self.measuring = True  #: whether ticks come
         self.emulator = True
         self.depth_offset_mm = self.temperature_offset_c = 0.0
+        self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
         self.actions: list[dict[str, Any]] = []
@@ -95,6 +96,10 @@ class FakeHmi:
             "angle_deg": 143.0,
             "length_mm": 1310.0,
             "time_left_s": 1660.0,
+            "depth_mm": 2.66,
+            "temperature_c": 816.4,
+            "left": False,
+            "way_back_s": 0.0,
         }
         self.start_s = time.time() - 600.0
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
@@ -203,6 +208,7 @@ class FakeHmi:
         row = weld_row(time_s)
         row[1] += self.depth_offset_mm
         row[2] += self.temperature_offset_c
+        row[4] = row[4] if self.force_kn is None else self.force_kn
         return row
 
     async def _socket(self, socket: WebSocket) -> None:
@@ -276,6 +282,7 @@ class FakeHmi:
             "columns": COLUMNS,
             "limits": LIMITS,
             "reference": REFERENCE,
+            "safe": {"force_kn": 65.0, "rate_kn_per_s": 2.0},
             **EMULATOR,
         }
 

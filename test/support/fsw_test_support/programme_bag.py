@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import radians
 from pathlib import Path
 
 import yaml
@@ -29,7 +30,7 @@ def write_programme_weld(folder: Path, phases: int = 2) -> None:
         messages.append((topic, START_NS + second * 10**9 + 300_000, data))
 
     for second, state, phase in PROGRESS if phases > 1 else PROGRESS[:1]:
-        add("/fsw/weld_progress", second, {"state": state, "phase": phase})
+        add("/fsw/weld_progress", second, {"state": state, "phase": phase, "angle": radians(second)})
     add("/fsw/operator_action", 25, ACTION)
     with BagWriter(folder) as writer:
         for topic in sample_topics():

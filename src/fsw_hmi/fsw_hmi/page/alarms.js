@@ -25,16 +25,16 @@ export class Alarms {
     this.update([]);
   }
 
-  /** @param alarms in the order to be shown @param reach `{ok, text}`: whether commands reach the machine */
+  /** @param {any[]} alarms in the order to be shown @param {{ok: boolean, text: string}?} reach whether commands reach the machine */
   update(alarms, reach = null) {
     this.waiting = alarms.filter(needsAcknowledging).map((alarm) => alarm.id);
     setText(this.count, alarms.length ? `${alarms.length}, ${this.waiting.length} to acknowledge` : "none");
     this.all.hidden = this.waiting.length === 0;
     this.reach.hidden = !reach?.text || reach.ok === false; // what is wrong is an alarm
     setText(this.reach, reach?.text ? `${reach.ok ? "✓ " : ""}${reach.text}` : "");
-    const focused = document.activeElement?.dataset.alarm;
+    const focused = /** @type {HTMLElement?} */ (document.activeElement)?.dataset.alarm;
     renew(this.list, JSON.stringify(alarms), () => alarms.map((alarm) => this.#entry(alarm)));
-    if (focused) this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`)?.focus();
+    if (focused) /** @type {HTMLElement?} */ (this.list.querySelector(`[data-alarm="${CSS.escape(focused)}"]`))?.focus();
     this.#announce(alarms);
   }
 

@@ -1,10 +1,11 @@
 // The page over recorded welds: scrub, play, zoom; two of them are drawn over each other.
-/* global uPlot */
 import { Bars } from "./bars.js";
 import { byId, el, panel, setText } from "./dom.js";
 import { clock, fixed, NONE, span, words } from "./format.js";
 import { Player } from "./player.js";
+import { countBefore } from "./store.js";
 import { drawTime, LINES, liveLines, Trends, withQuality } from "./trends.js";
+import { WeldMap } from "./weld_map.js";
 
 const SECOND = "#1f5f9e";
 const SPLITS = 6;
@@ -19,7 +20,7 @@ export async function startBag() {
     byId("status").replaceChildren();
     new BagPage(welds, limits);
   } catch (error) {
-    title.replaceChildren(el("strong", {}, `The bag cannot be read: ${error.message}`));
+    title.replaceChildren(el("strong", {}, `The bag cannot be read: ${/** @type {Error} */ (error).message}`));
   }
 }
 
@@ -31,16 +32,22 @@ async function get(path) {
 
 class BagPage {
   constructor(welds, limits) {
-    Object.assign(this, { welds, limits });
+    this.welds = welds;
+    this.limits = limits;
     this.first = welds[0];
     this.times = this.first.rows.map((row) => row[0]);
     this.durationS = Math.max(...welds.map((weld) => weld.duration_s));
+    this.timeS = 0;
+    /** @type {[number, number]} */
     this.range = [0, this.durationS];
     this.columns = overlaid(welds, limits);
     this.#head();
     this.#side();
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
+    const map = new WeldMap(byId("map"), this.first.columns, limits, (timeS) => this.player?.seek(timeS));
+    map.add(this.first.rows);
+    map.draw();
     this.player = new Player(byId("foot"), this.durationS, this.first.events, (timeS) => this.#show(timeS));
     this.#zoom(this.range);
   }
@@ -90,7 +97,7 @@ class BagPage {
 
   #events() {
     const all = this.welds.flatMap((weld) => weld.events.map((one) => ({ ...one, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
-    const entry = (one) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player.seek(one.time_s) }, el("time", {}, span(one.time_s)), ` ${this.welds.length > 1 ? `${one.of}: ` : ""}${one.text}`));
+    const entry = (one) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(one.time_s) }, el("time", {}, span(one.time_s)), ` ${this.welds.length > 1 ? `${one.of}: ` : ""}${one.text}`));
     return panel("events", "Events ", scroll("Events", el("ol", {}, ...all.map(entry))));
   }
 
@@ -116,21 +123,21 @@ class BagPage {
   #zoom([from, to]) {
     this.range = [Math.max(0, from), Math.min(this.durationS, to)];
     this.whole.disabled = this.range[0] === 0 && this.range[1] === this.durationS;
-    this.trends.draw(this.columns, ...this.range);
+    this.trends?.draw(this.columns, ...this.range);
   }
 
   #show(timeS) {
     this.timeS = timeS;
-    const row = this.first.rows[indexAt(this.times, timeS)] ?? [];
+    const row = this.first.rows[Math.max(0, countBefore(this.times, timeS + 1e-6) - 1)] ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
-    this.bars.update(values);
+    this.bars?.update(values);
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
     const phase = this.first.phases.find((one) => one.name !== "whole weld" && one.begin_s <= timeS && timeS < one.end_s);
     setText(this.phase, words(phase?.name) || NONE);
     setText(this.time, span(timeS));
     const [from, to] = this.range;
     if (timeS < from || timeS > to) this.#zoom([timeS, timeS + to - from]);
-    else this.trends.redraw();
+    else this.trends?.redraw();
   }
 }
 
@@ -148,19 +155,8 @@ function overlaid(welds, limits) {
   return Object.fromEntries(names.map((name, i) => [name, joined[i]]));
 }
 
-/** Index of the last time that is not after `timeS`. */
-function indexAt(times, timeS) {
-  let [low, high] = [0, times.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= timeS + 1e-6) low = middle + 1;
-    else high = middle;
-  }
-  return Math.max(0, low - 1);
-}
-
 function splits(min, max) {
-  const step = STEPS_S.find((one) => (max - min) / one <= SPLITS) ?? STEPS_S.at(-1);
+  const step = STEPS_S.find((one) => (max - min) / one <= SPLITS) ?? STEPS_S[STEPS_S.length - 1];
   const places = [];
   for (let at = Math.ceil(min / step) * step; at <= max; at += step) places.push(at);
   return places;

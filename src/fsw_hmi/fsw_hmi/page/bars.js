@@ -9,27 +9,35 @@ class Bar {
   constructor(spec, limits) {
     this.spec = spec;
     this.limits = limits;
-    [this.low, this.high] = limits[spec.key]?.range ?? [0, 1];
+    const [low, high] = limits[spec.key]?.range ?? [0, 1];
+    this.low = low;
+    this.high = high;
     this.tile = panel(`value-${spec.key}`, spec.name);
     this.tile.classList.add("tile", spec.big ? "tall" : "small");
     this.tile.firstChild.append(" ", el("span", { className: "unit" }, spec.unit));
     this.value = el("output", { className: "numeral" }, "–");
     this.aim = el("span", { className: "aim" });
     this.flag = el("span", { className: "flag" });
+    this.plan = el("span", { className: "plan" });
     this.scale = el("div", { className: "scale", role: "img" });
     this.tile.append(
       el("p", { className: "reading" }, this.value),
-      el("p", { className: "beside" }, this.aim, " ", this.flag),
+      el("p", { className: "beside" }, this.aim, " ", this.plan, " ", this.flag),
       el("div", { className: "gauge" }, this.scale),
     );
     this.#build();
   }
 
-  update(value, aim) {
+  /** `plan` is the programme's set-point, which need not be the one in force. */
+  update(value, aim, plan) {
     const { spec } = this;
     setText(this.value, fixed(value, spec.digits));
     const difference = spec.big && value !== null && aim !== null ? ` (${signed(value - aim, spec.digits)})` : "";
     setText(this.aim, spec.aim ? `${spec.aimName} ${fixed(aim, spec.digits)}${difference}` : "");
+    const differs = plan !== null && fixed(plan, spec.digits) !== fixed(aim, spec.digits);
+    setText(this.plan, plan === null ? "" : `${differs ? "≠" : "="} programme ${fixed(plan, spec.digits)}`);
+    this.plan.classList.toggle("differs", differs);
+    if (this.planned) this.#point(this.planned, differs ? plan : null);
     const verdict = judge(spec.key, this.limits, value, aim);
     this.tile.dataset.level = verdict.level ?? "";
     setText(this.flag, verdict.level ? `${ADVICE_SIGN[verdict.level]} ${verdict.text}` : "");
@@ -49,6 +57,7 @@ class Bar {
       if (high !== null) this.#limit(kind, high, this.high, high);
     }
     for (const [edge, name] of [[this.low, "lowest"], [this.high, "highest"]]) this.#label(edge, `end ${name}`);
+    if (this.spec.big) this.planned = this.#mark("planned");
     if (this.spec.aim) this.marker = this.#mark("marker");
     this.pointer = this.#mark("pointer");
     this.scale.setAttribute("aria-label", this.#describe(own));
@@ -119,8 +128,8 @@ export class Bars {
     root.replaceChildren(...this.bars.map((bar) => bar.tile));
   }
 
-  /** Show one row: an object by column name. */
-  update(values) {
-    for (const bar of this.bars) bar.update(values[bar.spec.key] ?? null, values[bar.spec.aim] ?? null);
+  /** Show one row, an object by column name, beside the programme's set-points. @param {Values} values @param {Programme?} programme */
+  update(values, programme = null) {
+    for (const bar of this.bars) bar.update(values[bar.spec.key] ?? null, values[bar.spec.aim] ?? null, /** @type {Values?} */ (programme)?.[bar.spec.key] ?? null);
   }
 }

@@ -3,7 +3,7 @@ import { el, panel, setText } from "./dom.js";
 import { choiceField, closeForm, notice, numberField, openForm, selectField, textField } from "./dialog.js";
 import { disturb, fault } from "./emulator.js";
 import { words } from "./format.js";
-import { setPoints, wayBack } from "./set_points.js";
+import { resume, setPoints } from "./set_points.js";
 
 const MODES = [
   { value: "auto", text: "auto", remark: "the controller commands" },
@@ -18,14 +18,22 @@ const TOUCH_MS = 20_000;
 const AGAIN_MS = 5000;
 
 export class Commands {
+  /** @type {{[kind: string]: string}?} */
   #credentials = null; // only here, so that a reload forgets them
+  /** @type {Control?} */
   #control = null; // as last told
   #due = 0; // until when control that is asked for must be answered
   #touched = -Infinity;
 
-  /** @param page what the page knows: hello, state, values, control, progress */
+  /**
+   * @param {import("./live.js").LivePage} page what the page knows: hello, state, values, control, progress
+   * @param {import("./connection.js").Connection} connection
+   * @param {import("./actions.js").Actions} actions
+   */
   constructor(page, connection, actions) {
-    Object.assign(this, { page, connection, actions });
+    this.page = page;
+    this.connection = connection;
+    this.actions = actions;
     this.safeStopButton = el("button", { type: "button", id: "safe-stop", "aria-keyshortcuts": "Control+.", onclick: () => this.safeStop() }, el("strong", {}, "SAFE STOP"), el("span", {}, "Ctrl + ."));
     this.control = el("p", { className: "control" });
     this.access = el("div", { className: "buttons" });
@@ -73,7 +81,7 @@ export class Commands {
     }
     this.safeStopButton.disabled = !live;
     setText(this.safeStopButton.lastChild, live ? "Ctrl + ." : "not connected: stop at the machine");
-    if (!live) closeForm();
+    if (!live && this.#control?.you) closeForm(); // a login may go on
   }
 
   /** Who has control, who asks for it, and what this page can do about it. */
@@ -138,7 +146,7 @@ export class Commands {
     else if (answer.outcome !== "done" && this.connection.live) setTimeout(() => this.page.control.authenticated || this.connected(), AGAIN_MS);
   }
 
-  /** @param then what to do once logged in, and `purpose` its name */
+  /** @param {(() => Promise<Answer>)?} then what to do once logged in, and `purpose` its name */
   logIn(then = null, purpose = "") {
     const kind = this.page.hello?.login ?? "token";
     const name = textField("Name", { autocomplete: "off", maxLength: 32, pattern: NAME, title: "letters a to z, digits and . _ -", value: this.#credentials?.name ?? this.page.control.name ?? "" });
@@ -194,7 +202,7 @@ export class Commands {
   changeMode() {
     const { hello, values, state } = this.page;
     const drive = (key, name, unit, step) => {
-      const [low, high] = hello.limits[key].range;
+      const [low, high] = hello?.limits[key].range ?? [];
       return numberField(`${name} in manual`, unit, values[`command_${key}`]?.toFixed(1), low, high, step);
     };
     const force = drive("force_kn", "Force", "kN", "any");
@@ -219,7 +227,7 @@ export class Commands {
   weld(action) {
     const send = () => this.ask(`${action} weld`, "weld", { action });
     if (action === "hold") return send();
-    if (action === "resume") return openForm({ title: "Resume the weld", summary: () => wayBack(this.page), confirm: "Resume the weld", run: send });
+    if (action === "resume") return resume(this, send);
     return openForm({ title: "Abort the weld", summary: () => "The programme ends and the weld goes into safe stop. This cannot be undone.", confirm: "Abort the weld", run: send });
   }
 

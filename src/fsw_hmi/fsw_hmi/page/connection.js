@@ -16,6 +16,7 @@ const NO_ROOM_MS = 10_000;
 export class Connection {
   #build;
   #on;
+  /** @type {WebSocket?} */
   #socket = null;
   #pending = new Map();
   #nextId = 1;
@@ -52,7 +53,7 @@ export class Connection {
     return new Promise((resolve) => {
       const timer = setTimeout(() => this.#answer({ id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
       this.#pending.set(id, { resolve, timer });
-      this.#socket.send(JSON.stringify({ id, do: what, ...fields }));
+      this.#socket?.send(JSON.stringify({ id, do: what, ...fields }));
     });
   }
 

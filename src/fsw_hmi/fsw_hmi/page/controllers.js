@@ -2,7 +2,7 @@
 import { el, panel, renew, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
-const HEADS = ["", "state", "latency (max) ms", "missed", "late", "rejected"];
+const HEADS = ["", "state", "ms (max)", "missed, late, rejected"];
 const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
 
 export class Controllers {
@@ -37,7 +37,7 @@ export class Controllers {
 function row(one, state) {
   const commands = one.name === state.actual_controller && state.actual_mode === "auto";
   const status = one.inhibited ? "inhibited" : !one.healthy ? "fails" : one.ready ? "ready" : "not ready";
-  const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, one.missed, one.late, one.rejected];
+  const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, `${one.missed}, ${one.late}, ${one.rejected}`];
   const made = el("tr", {}, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, String(text))));
   made.dataset.level = one.inhibited || !one.healthy ? "medium" : "";
   made.classList.toggle("commands", commands);

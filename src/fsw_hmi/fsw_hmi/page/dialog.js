@@ -1,6 +1,7 @@
 // Forms over the page. They are not modal: the safe stop stays within reach of one click.
 import { byId, el, setText } from "./dom.js";
 
+/** @type {any} */
 let opened = null;
 
 /**
@@ -8,8 +9,9 @@ let opened = null;
  *
  * `fields` are made by the functions below. `summary()` says what will be done; an empty text means that there is
  * nothing to do. `run()` resolves to `{outcome, message}`; the form closes when that is "done".
+ * @param {Form} form
  */
-export function openForm({ title, fields = [], summary = () => "", confirm, run }) {
+export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
   closeForm();
   const opener = document.activeElement;
   const heading = el("h2", { id: "dialog-title" }, title);
@@ -34,24 +36,25 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run 
     if (event.key === "Escape") closeForm();
   });
   byId("dialogs").append(dialog);
-  opened = { dialog, opener, send };
+  opened = { dialog, opener, closed };
   renew();
   dialog.show();
 }
 
 export function closeForm() {
   if (!opened) return;
-  const { dialog, opener } = opened;
+  const { dialog, opener, closed } = opened;
   opened = null;
   dialog.remove();
+  closed?.();
   opener?.focus?.();
 }
 
 /** Say something that wants an answer, beside a form that may be open, without taking the focus; null: no longer. */
 export function notice(key, text, ...buttons) {
   const root = byId("dialogs");
-  const shown = root.querySelector(".notice");
-  if (shown?.dataset.key === key) return setText(shown.firstChild, text);
+  const shown = /** @type {HTMLElement?} */ (root.querySelector(".notice"));
+  if (shown && shown.dataset.key === key) return setText(shown.firstChild, text);
   shown?.remove();
   if (!key) return;
   const dialog = el("dialog", { className: "notice", role: "alertdialog", "aria-label": "Request for control" }, el("p", { "aria-live": "assertive" }, text), el("p", { className: "buttons" }, ...buttons));

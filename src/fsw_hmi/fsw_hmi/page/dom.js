@@ -20,9 +20,10 @@ export function svg(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const byId = (id) => document.getElementById(id);
+/** What index.html has under this id. */
+export const byId = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
-export const meta = (name) => document.querySelector(`meta[name="${name}"]`).content;
+export const meta = (/** @type {string} */ name) => /** @type {HTMLMetaElement} */ (document.querySelector(`meta[name="${name}"]`)).content;
 
 /** Set a text only if it differs, so that nothing is laid out or announced again without need. */
 export function setText(node, text) {

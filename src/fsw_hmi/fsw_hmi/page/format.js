@@ -15,11 +15,6 @@ export function signed(value, digits) {
   return text === NONE || text.startsWith("−") || Number(text) === 0 ? text : `+${text}`;
 }
 
-/** Thousands apart by a thin space. */
-export function grouped(value) {
-  return fixed(value, 0).replace(/\B(?=(\d{3})+$)/g, "\u2009");
-}
-
 /** `server_s` as time of the server's day, in UTC: the browser's clock and time zone have no part in it. */
 export function clock(serverS) {
   return known(serverS) ? new Date(serverS * 1000).toISOString().slice(11, 19) : "--:--:--";

@@ -11,6 +11,7 @@ import { Status } from "./status.js";
 import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { verdict } from "./verdict.js";
+import { WeldMap } from "./weld_map.js";
 
 const NOBODY = { holder: null, you: false, request: null, name: "", authenticated: false, role: "", may_stop: false, note: "" };
 
@@ -18,14 +19,14 @@ export function startLive() {
   new LivePage().connection.start();
 }
 
-class LivePage {
-  hello = null;
-  state = null;
-  progress = null;
-  control = NOBODY;
-  values = {};
-  alarmList = [];
-  tickAgeS = null;
+export class LivePage {
+  /** @type {Hello?} */ hello = null;
+  /** @type {State?} */ state = null;
+  /** @type {Programme?} */ progress = null;
+  /** @type {Control} */ control = NOBODY;
+  /** @type {Values} */ values = {};
+  /** @type {any[]} */ alarmList = [];
+  /** @type {number?} */ tickAgeS = null;
 
   constructor() {
     this.connection = new Connection(meta("build"), {
@@ -44,7 +45,11 @@ class LivePage {
 
   #frames = {
     hello: (hello) => this.#begin(hello),
-    history: ({ rows }) => this.store?.prepend(rows),
+    history: ({ rows }) => {
+      this.store?.prepend(rows);
+      this.map?.add(rows);
+      this.map?.draw();
+    },
     tick: (tick) => this.#tick(tick),
     beat: ({ tick_age_s: age }) => {
       this.tickAgeS = age;
@@ -54,13 +59,15 @@ class LivePage {
     state: (state) => {
       this.state = state;
       this.status.tell(state);
+      this.status.progress.update(this);
       this.controllers.update(state);
+      this.map?.draw();
       this.commands.update();
       this.#judge();
     },
     progress: (progress) => {
       this.progress = progress;
-      this.status.progress.update(progress);
+      this.status.progress.update(this);
       this.commands.update();
     },
     alarms: ({ alarms, reach }) => {
@@ -85,17 +92,21 @@ class LivePage {
     this.bars = new Bars(byId("values"), hello.limits);
     this.trends?.destroy();
     this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
+    this.map?.destroy();
+    this.map = new WeldMap(byId("map"), hello.columns, hello.limits, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
     this.commands.update();
     if (isNew) this.commands.connected();
   }
 
   #tick(tick) {
-    if (!this.store) return;
-    this.store.append(tick.row);
-    this.trends.note(tick);
+    if (!this.hello) return;
+    this.store?.append(tick.row);
+    this.trends?.note(tick);
     this.values = Object.fromEntries(this.hello.columns.map((name, i) => [name, tick.row[i]]));
     this.tickAgeS = 0;
-    this.bars.update(this.values);
+    this.bars?.update(this.values, this.progress);
+    this.map?.add([tick.row]);
+    this.status.progress.update(this);
     this.#judge();
   }
 

@@ -1,6 +1,7 @@
 // The last 1, 5 or 45 minutes, and the controller's prediction ahead of now.
 import { el } from "./dom.js";
 import { clock } from "./format.js";
+import { TRENDS } from "./quantities.js";
 import { drawLine, drawTime, liveLines, Trends, withQuality } from "./trends.js";
 
 /** Redrawing a long window as often as a short one would cost much and change no pixel. */
@@ -12,17 +13,27 @@ const WINDOWS = [
 
 /** An older prediction says nothing about what comes. */
 const PREDICTION_MAX_AGE_S = 3;
+const PREVIEW = "#1f5f9e";
 
 export class LiveTrends {
   #window = WINDOWS[0];
+  /** @type {Ahead?} */
   #prediction = null;
+  /** @type {Ahead?} */
+  #preview = null; // what is about to be confirmed
+  /** @type {number?} */
+  #moment = null; // what is looked at, null: the present
+  /** @type {{now: number, window: any, moment: number?}} */
+  drawn = { now: NaN, window: null, moment: null };
   #toServerS = 0; // from the weld's clock to the server's
 
   constructor(root, store, limits) {
     this.store = store;
     this.limits = limits;
     this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
-    const bar = el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, legend());
+    this.legend = legend();
+    this.back = el("button", { type: "button", className: "primary", hidden: true, onclick: () => this.look(null) }, "Back to now");
+    const bar = el("div", { className: "toolbar", role: "group", "aria-label": "Length of the trends" }, ...this.buttons, this.back, this.legend);
     const plots = el("div", { className: "plots" });
     root.replaceChildren(bar, plots);
     this.trends = new Trends(plots, {
@@ -32,6 +43,7 @@ export class LiveTrends {
       overlay: (u, key) => this.#overlay(u, key),
     });
     this.#choose(this.#window);
+    this.preview(null);
   }
 
   note(tick) {
@@ -40,6 +52,25 @@ export class LiveTrends {
 
   predict(prediction) {
     this.#prediction = prediction;
+  }
+
+  /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
+  preview(ahead) {
+    this.#preview = ahead;
+    this.legend.lastElementChild?.toggleAttribute("hidden", !ahead);
+    if (ahead) this.#moment = null;
+    this.#draw(true);
+  }
+
+  /** Show a moment in the middle, null: the present. @param {number?} timeS */
+  look(timeS) {
+    this.#moment = timeS;
+    this.#draw(true);
+  }
+
+  /** A time of the weld as the server's. */
+  clock(timeS) {
+    return clock(timeS + this.#toServerS);
   }
 
   destroy() {
@@ -52,35 +83,42 @@ export class LiveTrends {
     this.buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(WINDOWS[i] === window)));
     clearInterval(this.timer);
     this.timer = setInterval(() => this.#draw(), window.redraw_ms);
-    this.#draw();
+    this.#draw(true);
   }
 
-  #draw() {
+  #draw(always = false) {
     const now = this.store.newest;
-    if (document.hidden || Number.isNaN(now) || now === this.drawn?.now && this.#window === this.drawn.window) return;
-    this.drawn = { now, window: this.#window };
-    const from = now - this.#window.length_s;
-    const columns = withQuality(this.store.since(from), this.limits);
-    this.trends.draw(columns, from, now + this.#window.ahead_s, this.#ahead() ?? {});
+    this.back.hidden = this.#moment === null;
+    if (document.hidden || Number.isNaN(now) || (now === this.drawn.now && !always)) return;
+    this.drawn = { now, window: this.#window, moment: this.#moment };
+    const half = this.#window.length_s / 2;
+    const preview = this.#preview;
+    const ahead = preview ? Math.max(this.#window.ahead_s, preview.time_s[preview.time_s.length - 1] - now) : this.#window.ahead_s;
+    const [from, to] = this.#moment === null ? [now - this.#window.length_s, now + ahead] : [this.#moment - half, this.#moment + half];
+    const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(preview?.[key] ?? [])]]));
+    this.trends.draw(withQuality(this.store.since(from), this.limits), from, to, held);
   }
 
   /** Fixed places, so that the axis does not crawl: the curves move below it. */
   #splits(min, max) {
-    const now = max - this.#window.ahead_s;
+    const [last, every] = this.drawn.moment === null ? [this.drawn.now, this.#window.every_s] : [max, this.#window.length_s / 3];
     const places = [];
-    for (let at = now; at >= min - 0.01; at -= this.#window.every_s) places.unshift(at);
+    for (let at = last; at >= min - 0.01; at -= every) places.unshift(at);
     return places;
   }
 
   #label(time) {
+    if (this.drawn.moment !== null) return this.clock(time);
     const back = this.drawn.now - time;
-    if (Math.abs(back / this.#window.every_s - Math.round(back / this.#window.every_s)) > 1e-6) return clock(time + this.#toServerS);
+    if (Math.abs(back / this.#window.every_s - Math.round(back / this.#window.every_s)) > 1e-6) return this.clock(time);
     if (back < 0.5) return "now";
     return this.#window.length_s > 60 ? `−${Math.round(back / 60)} min` : `−${Math.round(back)} s`;
   }
 
   #overlay(u, key) {
-    drawTime(u, this.drawn?.now, "#5a6268");
+    drawTime(u, this.drawn.now, "#5a6268");
+    if (this.drawn.moment !== null) drawTime(u, this.drawn.moment, "#000", [4, 3]);
+    if (this.#preview?.[key]) drawLine(u, this.#preview.time_s, this.#preview[key], PREVIEW);
     const ahead = this.#ahead();
     if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key]);
   }
@@ -93,5 +131,5 @@ export class LiveTrends {
 
 function legend() {
   const entry = (kind, text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
-  return el("ul", { className: "legend" }, entry("measured", "measured"), entry("aimed", "set-point"), entry("limit", "limit"), entry("predicted", "prediction"));
+  return el("ul", { className: "legend" }, entry("measured", "measured"), entry("aimed", "set-point"), entry("limit", "limit"), entry("predicted", "prediction"), entry("second", "to be confirmed"));
 }

@@ -9,11 +9,13 @@ const REDRAW_MS = 100;
 
 export class Player {
   #speed = 1;
-  #playing = null;
+  #playing = 0;
 
   /** @param onTime called with the time [s] whenever it changes */
   constructor(root, durationS, events, onTime) {
-    Object.assign(this, { durationS, onTime, timeS: 0 });
+    this.durationS = durationS;
+    this.onTime = onTime;
+    this.timeS = 0;
     this.play = el("button", { type: "button", id: "play", "aria-keyshortcuts": "Space", onclick: () => this.toggle() }, "▶ Play");
     const speed = el("select", { id: "speed", "aria-label": "Speed", onchange: () => (this.#speed = Number(speed.value)) }, ...SPEEDS.map((one) => el("option", { value: one, selected: one === 1 }, `${one} ×`)));
     this.slider = el("input", { type: "range", id: "scrub", min: 0, max: durationS, step: 0.1, value: 0, "aria-label": "Time in the weld", oninput: () => this.seek(this.slider.valueAsNumber) });
@@ -46,7 +48,7 @@ export class Player {
 
   #pause() {
     clearInterval(this.#playing);
-    this.#playing = null;
+    this.#playing = 0;
     setText(this.play, "▶ Play");
   }
 

@@ -4,6 +4,7 @@
  * `aim` is the column that the quantity should follow: a set-point, or for a drive the command.
  * `step` is the raster of a trend's scale, `span` its smallest extent.
  */
+/** @type {Spec[]} */
 export const QUANTITIES = [
   { key: "depth_mm", name: "Depth", unit: "mm", digits: 2, aim: "reference_depth_mm", aimName: "set-point", big: true, step: 0.1, span: 0.4 },
   { key: "temperature_c", name: "Temperature", unit: "°C", digits: 1, aim: "reference_temperature_c", aimName: "set-point", big: true, step: 5, span: 20 },
@@ -15,7 +16,8 @@ export const QUANTITIES = [
 
 export const TRENDS = ["depth_mm", "temperature_c", "force_kn", "speed_rpm"];
 
-export const quantity = (key) => QUANTITIES.find((one) => one.key === key);
+/** @returns {Spec} */
+export const quantity = (/** @type {string} */ key) => /** @type {Spec} */ (QUANTITIES.find((one) => one.key === key));
 
 /** The quality limits of a quantity, absolute; those of the depth are relative to its set-point. */
 export function qualityLimits(key, limits, aim) {

@@ -1,76 +1,53 @@
-// The last hour of ticks in typed arrays. Views share memory with the store: nothing is copied to draw.
+// The last hour of ticks, by column.
 
 export class Store {
-  #columns;
-  #kept;
-  #start;
-  #end;
-
   /**
-   * @param names columns of a row, the time first
-   * @param kept rows that are kept at least
+   * @param {string[]} names columns of a row, the time first
+   * @param {number} kept rows that are kept at least
    */
   constructor(names, kept = 3600 * 10) {
     this.names = names;
-    this.#kept = kept;
-    this.#columns = names.map(() => new Float64Array(2 * kept));
-    this.clear();
-  }
-
-  clear() {
-    this.#start = this.#end = this.#kept; // in the middle: older blocks go before, new ticks behind
-  }
-
-  get length() {
-    return this.#end - this.#start;
+    this.kept = kept;
+    /** @type {number[][]} */
+    this.columns = names.map(() => []);
   }
 
   /** Time of the newest row, NaN before the first. */
   get newest() {
-    return this.length ? this.#columns[0][this.#end - 1] : NaN;
+    const [times] = this.columns;
+    return times.length ? times[times.length - 1] : NaN;
   }
 
   /** Add the newest row. A clock that runs backwards begins a new weld. */
   append(row) {
     if (row[0] === this.newest) return;
-    if (row[0] < this.newest) this.clear();
-    if (this.#end === 2 * this.#kept) this.#moveTo(0, this.#end - this.#kept);
-    this.#write(this.#end++, row);
+    if (row[0] < this.newest) this.columns = this.names.map(() => []);
+    this.columns.forEach((column, i) => column.push(row[i] ?? NaN));
+    const surplus = this.columns[0].length - this.kept;
+    if (surplus > this.kept / 10) this.columns.forEach((column) => column.splice(0, surplus)); // seldom: it moves all
   }
 
   /** Add a block of rows, oldest first, before what is known; rows that are known already are left out. */
   prepend(rows) {
-    const oldest = this.length ? this.#columns[0][this.#start] : Infinity;
-    const older = rows.filter((row) => row[0] < oldest).slice(-Math.max(0, this.#kept - this.length));
-    if (older.length > this.#start) this.#moveTo(2 * this.#kept - this.length, this.#start);
-    this.#start -= older.length;
-    older.forEach((row, index) => this.#write(this.#start + index, row));
+    const oldest = this.columns[0][0] ?? Infinity;
+    const older = rows.filter((row) => row[0] < oldest);
+    this.columns = this.columns.map((column, i) => older.map((row) => row[i] ?? NaN).concat(column));
   }
 
   /** The columns from the time `fromS` on (one row earlier, so that a line begins at the edge). */
   since(fromS) {
-    const from = Math.max(this.#start, this.#search(fromS) - 1);
-    return Object.fromEntries(this.names.map((name, i) => [name, this.#columns[i].subarray(from, this.#end)]));
+    const from = Math.max(0, countBefore(this.columns[0], fromS) - 1);
+    return Object.fromEntries(this.names.map((name, i) => [name, this.columns[i].slice(from)]));
   }
+}
 
-  #write(index, row) {
-    for (let i = 0; i < this.#columns.length; i++) this.#columns[i][index] = row[i] ?? NaN;
+/** How many of the times, which are in order, are before `timeS`. @param {number[]} times @param {number} timeS */
+export function countBefore(times, timeS) {
+  let [low, high] = [0, times.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle] < timeS) low = middle + 1;
+    else high = middle;
   }
-
-  #moveTo(target, start) {
-    for (const column of this.#columns) column.copyWithin(target, start, this.#end);
-    this.#end = target + (this.#end - start);
-    this.#start = target;
-  }
-
-  #search(timeS) {
-    const times = this.#columns[0];
-    let [low, high] = [this.#start, this.#end];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (times[middle] < timeS) low = middle + 1;
-      else high = middle;
-    }
-    return low;
-  }
+  return low;
 }

@@ -1,5 +1,4 @@
 // Trends by uPlot, one below the other on one time axis.
-/* global uPlot */
 import { el } from "./dom.js";
 import { fixed } from "./format.js";
 import { qualityLimits, quantity, TRENDS } from "./quantities.js";
@@ -36,10 +35,11 @@ export function liveLines(key, limits) {
 
 export class Trends {
   /**
-   * @param options.lines lines of a quantity by its key
-   * @param options.label text of a time on the axis; `options.splits(min, max)` where the texts are
-   * @param options.zoom called with `[from, to]` when a range is drawn with the mouse; without it there is no zoom
-   * @param options.overlay `(uplot, key)`, draws on top
+   * @param {HTMLElement} root
+   * @param {any} options
+   *
+   * Options: `lines(key)` of a quantity; `label(time)` on the axis, and where, `splits(min, max)`; `zoom([from, to])`,
+   * called when a range is drawn with the mouse, without it there is no zoom; `overlay(uplot, key)` draws on top.
    */
   constructor(root, options) {
     this.options = options;
@@ -138,7 +138,7 @@ function extent(columns, times, from, to) {
 }
 
 /** Smallest scale on the quantity's raster that holds two values. */
-function verticalScale({ step, span }, low, high) {
+function verticalScale(/** @type {Spec} */ { step, span }, low, high) {
   if (low > high) return [0, span];
   const lacking = Math.max(0, span - (high - low)) / 2;
   const margin = lacking + 0.04 * Math.max(span, high - low);

@@ -35,7 +35,7 @@ function fromAlarms(priority) {
     const first = present.find((alarm) => alarm.priority === priority);
     if (!first) return null;
     const more = present.length > 1 ? `, ${present.length - 1} more` : "";
-    return { level: priority, text: first.text, detail: `${priority} alarm${more}${first.advice ? `: ${first.advice}` : ""}` };
+    return { level: priority, text: first.text, detail: `${priority} alarm${more}` };
   };
 }
 

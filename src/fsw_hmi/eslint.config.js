@@ -1,0 +1,20 @@
+// Habits of the page's modules. What is undefined or of the wrong type tsc finds.
+import js from "@eslint/js";
+
+export default [
+  js.configs.recommended,
+  {
+    linterOptions: { reportUnusedDisableDirectives: "error" },
+    rules: {
+      "no-undef": "off",
+      "no-unused-vars": ["error", { args: "after-used", argsIgnorePattern: "^_" }],
+      "consistent-return": "off",
+      eqeqeq: "error",
+      "no-eval": "error",
+      "no-implied-eval": "error",
+      "no-var": "error",
+      "prefer-const": "error",
+      "no-restricted-properties": ["error", ...["innerHTML", "outerHTML", "insertAdjacentHTML"].map((property) => ({ property, message: "Texts of others must stay texts." }))],
+    },
+  },
+];

@@ -1,0 +1,118 @@
+// The canister unrolled: the way welded so far by its quality, and where it was outside its limits, with the moment.
+import { el, setText, svg } from "./dom.js";
+import { fixed, span } from "./format.js";
+import { judge, quantity } from "./quantities.js";
+
+const WAY_DEG = 420; // a turn, the overlap, and the way out
+const TURN_DEG = 360;
+const STEP_DEG = 0.5;
+const LEVELS = ["good", "medium", "high"];
+const SIGNS = ["", "▲", "■"];
+/** Marks are for fingers: those that are nearer become one. */
+const MARK_PX = 48;
+
+export class WeldMap {
+  /** Of each step of the way the worst row, as `{rank, text, timeS}`. @type {({rank: number, text: string, timeS: number} | undefined)[]} */
+  #steps = new Array(WAY_DEG / STEP_DEG).fill(undefined);
+  #drawn = "";
+
+  /**
+   * @param {HTMLElement} root
+   * @param {string[]} names columns of a row
+   * @param {Limits} limits
+   * @param {(timeS: number) => void} onMoment called with the moment of a mark that is chosen
+   * @param {(timeS: number) => string} told a moment in words
+   */
+  constructor(root, names, limits, onMoment, told = span) {
+    this.root = root;
+    this.limits = limits;
+    this.onMoment = onMoment;
+    this.told = told;
+    this.columns = ["depth_mm", "temperature_c"].map((key) => ({ key, value: names.indexOf(key), aim: names.indexOf(quantity(key).aim) }));
+    this.angle = names.indexOf("angle_deg");
+    this.paths = LEVELS.map((level) => svg("path", { class: level }));
+    this.tool = svg("path", { class: "tool" });
+    this.picture = svg("svg", { viewBox: `0 0 ${WAY_DEG} 10`, preserveAspectRatio: "none", role: "img" }, svg("rect", { x: TURN_DEG, width: WAY_DEG - TURN_DEG, height: 10, class: "overlap" }), ...this.paths, this.tool);
+    this.detail = el("span", { className: "detail" });
+    this.marks = el("div", { className: "exceedances" });
+    const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg));
+    root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis));
+    root.hidden = true;
+    this.resizer = new ResizeObserver(() => this.draw());
+    this.resizer.observe(root);
+  }
+
+  /** Take rows, in whatever order. */
+  add(rows) {
+    for (const row of rows) {
+      const deg = row[this.angle];
+      if (deg === null || deg === undefined) continue;
+      const verdicts = this.columns.map(({ key, value, aim }) => ({ key, ...judge(key, this.limits, row[value], row[aim]) }));
+      const found = verdicts.find(({ level }) => level === "high") ?? verdicts.find(({ level }) => level);
+      const rank = LEVELS.indexOf(found?.level ?? "good");
+      const step = Math.min(Math.max(Math.floor(deg / STEP_DEG), 0), this.#steps.length - 1);
+      const before = this.#steps[step];
+      if (before && (before.rank > rank || (before.rank === rank && before.timeS <= row[0]))) continue;
+      this.#steps[step] = { rank, text: found ? `${quantity(found.key).name}: ${found.text}` : "", timeS: row[0] };
+    }
+  }
+
+  draw() {
+    const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
+    this.root.hidden = welded < 0;
+    const outside = this.#stretches((rank) => rank > 0);
+    setText(this.detail, `${fixed(welded, 0)}° welded, ${outside.length ? `${outside.length} times` : "nowhere"} outside the limits`);
+    this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
+    this.tool.setAttribute("d", `M${welded} 0v10`);
+    this.paths.forEach((path, level) => path.setAttribute("d", this.#stretches((rank) => rank === level).map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
+    this.#mark(outside);
+  }
+
+  /** Neighbouring steps whose rank is wanted, as `{from, to, worst}`. @param {(rank: number) => boolean} wanted */
+  #stretches(wanted) {
+    const found = /** @type {Stretch[]} */ ([]);
+    this.#steps.forEach((step, i) => {
+      if (!step || !wanted(step.rank)) return;
+      const last = found[found.length - 1];
+      if (last?.to !== i * STEP_DEG) found.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG, worst: step });
+      else Object.assign(last, { to: (i + 1) * STEP_DEG, worst: step.rank > last.worst.rank ? step : last.worst });
+    });
+    return found;
+  }
+
+  /** @param {Stretch[]} outside */
+  #mark(outside) {
+    const width = WAY_DEG / Math.max(1, Math.floor(this.marks.clientWidth / MARK_PX));
+    const key = JSON.stringify([width, outside]);
+    if (key === this.#drawn) return;
+    this.#drawn = key;
+    const places = new Map();
+    for (const one of outside) {
+      const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
+      places.set(place, [...(places.get(place) ?? []), one]);
+    }
+    const focused = [...this.marks.children].indexOf(/** @type {Element} */ (document.activeElement));
+    this.marks.replaceChildren(...[...places].map(([place, group]) => this.#button((place + 0.5) * width, group)));
+    /** @type {HTMLElement?} */ (this.marks.children[focused])?.focus();
+  }
+
+  /** A mark for one stretch, or for several, which it shows one after the other. @param {Stretch[]} group */
+  #button(deg, group) {
+    const rank = Math.max(...group.map(({ worst }) => worst.rank));
+    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${fixed(from, 0)}° to ${fixed(to, 0)}°, ${this.told(worst.timeS)}`);
+    let next = 0;
+    const sign = el("span", {}, SIGNS[rank], group.length > 1 ? String(group.length) : "");
+    const button = at(el("button", { type: "button", title: texts.join("\n"), "aria-label": texts.join("; "), onclick: () => this.onMoment(group[next++ % group.length].worst.timeS) }, sign), deg);
+    button.dataset.level = LEVELS[rank];
+    return button;
+  }
+
+  destroy() {
+    this.resizer.disconnect();
+  }
+}
+
+function at(node, deg) {
+  node.style.setProperty("--at", `${(100 * deg) / WAY_DEG}%`);
+  return node;
+}
