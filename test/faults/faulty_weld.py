@@ -289,15 +289,17 @@ class Weld(Spinner):
         """From truth number ``first`` on; the last ticks are left out, their commands may be on the way."""
         truths = self.truths[first:-3]
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in truths]
-        moves, before = [], None  # pairs: what acts or was commanded, and the command that follows
-        for stamp, truth in zip(stamps, truths, strict=True):
-            if truth.watchdog == PlantState.WATCHDOG_SAFE:  # the drives have left what was commanded
-                before = Command(units.kn_from_n(truth.axial_force), units.rpm_from_rad_s(truth.spindle_speed))
-            if stamp in self.commands:
-                command = convert.command(self.commands[stamp])
-                if before is not None:
-                    moves.append((before, command))
-                before = command
+        moves = []  # pairs: what acts or was commanded, and the command that follows
+        for (_, before), (truth, after) in itertools.pairwise(
+            (truth, self.commands.get(stamp)) for stamp, truth in zip(stamps, truths, strict=True)
+        ):
+            if after is None:
+                continue
+            if before is not None:
+                moves.append((convert.command(before), convert.command(after)))
+            else:  # after lost ticks it goes on from what acts, which the watchdog may have changed
+                acts = Command(units.kn_from_n(truth.axial_force), units.rpm_from_rad_s(truth.spindle_speed))
+                moves.append((acts, convert.command(after)))
         return Outcome(
             exact=self.lockstep,
             ticks=len(stamps),
