@@ -107,9 +107,10 @@ def weld(context: LaunchContext) -> list[Any]:
         parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
-    parameters["fsw_hmi"] = {"ros__parameters": {"port": _port(arguments["hmi_port"])}}
+    page = {"port": _port(arguments["hmi_port"]), "state_folder": str(folder / "hmi")}
+    parameters["fsw_hmi"] = {"ros__parameters": page}
     if speed is not None:
-        parameters["fsw_hmi"]["ros__parameters"]["use_sim_time"] = True
+        page["use_sim_time"] = True
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     actions = [node("fsw_recorder", "recorder", **_respawn())] if record else []
