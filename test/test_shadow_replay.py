@@ -60,7 +60,7 @@ def test_recorded_controller_proposes_again_what_it_proposed(tmp_path: Path, nam
 def test_another_tuning_is_told_from_what_was_applied(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report = shadow(tmp_path, "--set", "tuning=tight")
     applied = report["comparisons"][0]
-    assert applied["title"].endswith("what was applied") and applied["ticks"] == 10 * SECONDS
+    assert applied["title"].endswith("the applied commands") and applied["ticks"] == 10 * SECONDS
     assert applied["first_tick"] <= 5 and applied["force_kn"]["largest"] > 0.01
     assert applied["force_kn"]["mean"] <= applied["force_kn"]["largest"] < 10.0
     assert "compared with the applied commands" in capsys.readouterr().out

@@ -1,5 +1,7 @@
 """A browser for the tests of the page."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -18,14 +20,27 @@ def browser():
         yield made
 
 
+def _patient(route):
+    """Serve the script with a minute in place of a second: on a busy machine a page may stand still for some time."""
+    response = route.fetch()
+    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "60_000", response.text())
+    assert count == 2
+    route.fulfill(response=response, body=text)
+
+
 @pytest.fixture
 def open_page(browser):
-    """Function that opens an address at a size; errors of the page's scripts and policies fail the test."""
+    """Function that opens an address at a size; errors of the page's scripts and policies fail the test.
+
+    A ``patient`` page takes itself for disconnected after a minute of silence, not within a second.
+    """
     errors, contexts = [], []
 
-    def opened(url, width=1280, height=800):
+    def opened(url, width=1280, height=800, patient=True):
         contexts.append(browser.new_context(viewport={"width": width, "height": height}))
         page = contexts[-1].new_page()
+        if patient:
+            page.route("**/connection.js*", _patient)
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda line: errors.append(line.text) if "Content Security Policy" in line.text else None)

@@ -138,7 +138,7 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
 
 @pytest.mark.requirement("S16")
 def test_silent_connection_is_told_and_comes_back(fake, open_page):
-    page = ready(open_page(fake.url))
+    page = ready(open_page(fake.url, patient=False))
     fake.silent = True
     expect(page.locator("#veil-text")).to_contain_text("Frozen: no news since")
     fake.silent = False
@@ -148,7 +148,7 @@ def test_silent_connection_is_told_and_comes_back(fake, open_page):
 
 @pytest.mark.requirement("S16")
 def test_page_whose_script_hangs_is_veiled_without_it(fake, open_page):
-    page = ready(open_page(fake.url))
+    page = ready(open_page(fake.url, patient=False))
     # the animation runs towards the veil by itself; only news of the weld wind it back
     hang = """new Promise((done) => setTimeout(() => {
         const end = performance.now() + 1200;

@@ -29,6 +29,7 @@ def context(certificate: str, key: str) -> ssl.SSLContext | None:
     if b"PRIVATE KEY-----" not in read_private("tls_key", key_file):
         raise ValueError(f"tls_key: {key_file} holds no private key in PEM")
     made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    made.minimum_version = ssl.TLSVersion.TLSv1_2  # the default of some builds is older
     try:
         made.load_cert_chain(cert_file, key_file, password=lambda: "")
     except ssl.SSLError as error:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
@@ -39,7 +40,13 @@ def users():
 
 
 def run(scenario):
-    asyncio.run(asyncio.wait_for(scenario(), PATIENCE_S))
+    """In a thread of its own: where a browser's tests have run, this one has a loop already."""
+
+    async def bounded():
+        await asyncio.wait_for(scenario(), PATIENCE_S)
+
+    with ThreadPoolExecutor(1) as own_thread:
+        own_thread.submit(asyncio.run, bounded()).result()
 
 
 def test_clients_take_turns_one_check_at_a_time_in_a_thread_that_steps_back():
