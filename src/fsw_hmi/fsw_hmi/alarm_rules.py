@@ -126,6 +126,7 @@ class AlarmRules:
         self._setting = setting
         self._outside: set[str] = set()
         self._mute_since_s: float | None = None
+        self._stop: Alarm | None = None
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
@@ -214,9 +215,13 @@ class AlarmRules:
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
         why = because(state["reason"])
-        if mode == "safe_stop":
+        if mode != "safe_stop":
+            self._stop = None
+        elif self._stop is None or state["requested_by"] != "takeover":  # which changes who commands, not why it stops
             asked = state["requested_by"].startswith("operator")
-            found["safe_stop"] = replace(alarm("safe_stop", why=why), trip=not asked)
+            self._stop = replace(alarm("safe_stop", why=why), trip=not asked)
+        if self._stop is not None:
+            found["safe_stop"] = self._stop
         elif mode == "hold" and target_mode != "hold" and state["requested_by"] != "start":
             found["hold"] = alarm("hold", why=why)
         elif mode == "auto" and actual and target and actual != target:

@@ -147,6 +147,19 @@ def test_safe_stop_of_an_operator_is_no_trip(rules):
     assert not rules.present(situation(state=asked), 0.0)["safe_stop"].trip
 
 
+def test_takeover_does_not_change_why_the_weld_stops(rules):
+    def stop(requested_by, reason, mode="safe_stop"):
+        now = state(actual_mode=mode, requested_by=requested_by, reason=reason)
+        return rules.present(situation(state=now), 0.0).get("safe_stop")
+
+    asked = stop("operator", "operator asked for safe_stop")
+    assert not asked.trip
+    assert stop("takeover", "took over: 3 ticks went unanswered") == asked
+    assert stop("interlock", "depth too high").trip
+    assert stop("operator", "operator asked for auto", "auto") is None
+    assert "took over" in stop("takeover", "took over: 3 ticks went unanswered").text
+
+
 def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
     alarms = AlarmList(lambda count: Alarm("", "", "", "low"))
     tripped = state(actual_mode="safe_stop", requested_by="interlock", interlocks=["depth_high:trip"])
