@@ -145,7 +145,7 @@ class Disturb(Action):
         return self
 
     def __str__(self) -> str:
-        return f"disturb {self.channel} {self.shape} {self.amplitude:g}"
+        return f"disturb {self.channel} {self.shape} {self.amplitude:g}{_times(self.duration_s, self.period_s)}"
 
 
 class Fail(Action):
@@ -164,7 +164,12 @@ class Fail(Action):
         return self
 
     def __str__(self) -> str:
-        return f"fault {self.sensor} {self.kind} {self.magnitude:g}"
+        return f"fault {self.sensor} {self.kind} {self.magnitude:g}{_times(self.duration_s)}"
+
+
+def _times(duration_s: float, period_s: float = 0.0) -> str:
+    """Duration and period where there are any, for the record."""
+    return (f" for {duration_s:g} s" if duration_s else "") + (f", period {period_s:g} s" if period_s else "")
 
 
 #: by the request's name

@@ -416,3 +416,10 @@ def test_whatever_the_holder_sends_an_action_has_good_values(texts):
             assert 750.0 <= action.temperature_c <= 950.0
         if action is not None:
             str(action).encode()
+
+
+def test_record_of_an_event_says_how_long_it_lasts():
+    assert str(Disturb(channel="depth", shape="step", amplitude=0.1)) == "disturb depth step 0.1"
+    sine = Disturb(channel="depth", shape="sine", amplitude=0.1, period_s=2.0)
+    assert str(sine) == "disturb depth sine 0.1, period 2 s"
+    assert str(Fail(sensor="torque", kind="dropout", duration_s=4.0)) == "fault torque dropout 0 for 4 s"
