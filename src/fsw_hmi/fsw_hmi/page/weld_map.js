@@ -61,7 +61,7 @@ export class WeldMap {
     const welded = this.#steps.findLastIndex(Boolean) * STEP_DEG;
     this.root.hidden = welded < 0;
     const outside = this.#stretches((rank) => rank > 0);
-    setText(this.detail, `${fixed(welded, 0)}° welded, ${outside.length ? `${outside.length} times` : "nowhere"} outside the limits`);
+    setText(this.detail, `${fixed(welded, 0)}° welded, ${outside.length ? `${outside.length === 1 ? "once" : `${outside.length} times`}` : "nowhere"} outside the limits`);
     this.picture.setAttribute("aria-label", `Way around the canister: ${this.detail.textContent}`);
     this.tool.setAttribute("d", `M${welded} 0v10`);
     this.paths.forEach((path, level) => path.setAttribute("d", this.#stretches((rank) => rank === level).map(({ from, to }) => `M${from} 0H${to}V10H${from}z`).join("")));
