@@ -1,13 +1,15 @@
-"""The operator's page with many viewers: processor time of its server, and how old a tick is when it arrives.
+"""The operator's page with many viewers: processor time of its server, and how old a tick is when it is seen.
 
-Plant, both controllers, supervisor and the page's server run as processes in real time; the viewers are websockets in
-this process. A tick's age is from its stamp, at which the plant measures, to its arrival here.
+Plant, both controllers, supervisor and the page's server run as processes in real time; the server has kept 45 minutes
+of a weld. The viewers are websockets in this process, and one is a browser. A tick's age is from its stamp, at which
+the plant measures, to its arrival here, and in the browser to the first frame drawn with it.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
 import sys
 import tempfile
@@ -19,17 +21,21 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
 if __name__ == "__main__":
     from _bootstrap import ensure
 
-    ensure(extras=("hmi",))
+    ensure(dev=True, extras=("hmi",))
 
 import re
 from urllib.request import urlopen
 
+from hmi_page import WATCH
 from report import Figures, parser, save, show
 from websockets.asyncio.client import connect
 
 from fsw_control import weld
 from fsw_control.free_domain import free_domain
+from fsw_hmi.frames import COLUMNS
+from fsw_hmi.keeper import Keeper, Kept
 from fsw_scenario.launcher import Launcher
+from fsw_test_support.browser import CHROMIUM, chromium
 
 NODES = {
     "supervisor": "fsw_supervisor.supervisor_node",
@@ -37,7 +43,9 @@ NODES = {
     "nmpc": "fsw_nmpc.nmpc_node",
     "plant": "fsw_plant.plant_node",
 }
-VIEWERS = 50
+VIEWERS = 100
+#: rows of 45 minutes
+PAST = 27_000
 #: while the pages open and get the past
 WARM_UP_S = 3.0
 
@@ -95,8 +103,34 @@ async def watch(url: str, token: str, viewers: int, seconds: float, process: int
     }
 
 
+def keep_a_past(folder: Path) -> None:
+    """Write what a server keeps of 45 minutes."""
+    keeper = Keeper(folder, print)
+    keeper.load(0.0)
+    now_s = time.time()
+    for i in range(PAST):
+        keeper.add(json.dumps([now_s + 0.1 * (i - PAST), *[1.0 + 1e-3 * math.sin(0.01 * i)] * (len(COLUMNS) - 1)]))
+    keeper.keep(Kept(time.monotonic(), now_s))
+
+
+def watch_screen(url: str, seconds: float) -> Figures:
+    """Look at the page in a browser; nothing where there is none."""
+    if not CHROMIUM.exists():
+        return {}
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.add_init_script(WATCH.replace("frame.server_s", "frame.row[0]"))  # the plant's stamp
+        page.goto(url)
+        page.get_by_role("button", name="45 min", exact=True).click()
+        page.wait_for_timeout(1000.0 * WARM_UP_S)  # the measurement itself
+        page.evaluate("ages = []")
+        page.wait_for_timeout(1000.0 * seconds)
+        ages_ms = sorted(page.evaluate("ages"))
+    return {f"screen_age_p{p}_ms": ages_ms[int(p / 100.0 * len(ages_ms))] for p in (50, 99)}
+
+
 def measure(seconds: float) -> Figures:
-    """Run the graph, then watch it with one page and with many."""
+    """Run the graph, then watch it with one page and with many, and in a browser."""
     with (
         tempfile.TemporaryDirectory() as text,
         free_domain() as domain,
@@ -105,13 +139,16 @@ def measure(seconds: float) -> Figures:
         for name, module in NODES.items():
             settings = {"plant": f"wait_for_subscribers:={len(NODES) - 1}", "supervisor": "controller:=nmpc"}.get(name)
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
-        hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
+        keep_a_past(Path(text) / "page")
+        kept = ["--ros-args", "-p", f"state_folder:={text}/page"]
+        hmi = launcher.start("hmi", "fsw_hmi.main", ["--port", "0", *kept])
         url = launcher.wait_for_text("hmi", r"http://\S+")
         token = launcher.wait_for_text("hmi", r"token: \S+").split()[1]
         launcher.wait_for_text("supervisor", "taking over")
         figures: Figures = {"load_before": os.getloadavg()[0]}
         for viewers in (1, VIEWERS):
             figures |= asyncio.run(watch(url, token, viewers, seconds, hmi.process.pid))
+        figures |= watch_screen(url, seconds)
         figures["load_after"] = os.getloadavg()[0]
         return figures
 

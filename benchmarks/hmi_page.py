@@ -20,7 +20,7 @@ from fsw_test_support.browser import chromium
 from fsw_test_support.fake_hmi import FakeHmi
 
 #: told to the page before its scripts run: note each tick's age when it is drawn, and what handling it costs
-_WATCH = """
+WATCH = """
 window.ages = []; window.busy = [];
 const native = WebSocket;
 window.WebSocket = class extends native {
@@ -45,7 +45,7 @@ def measure(window: str, seconds: float) -> dict[str, Any]:
     try:
         with chromium() as browser:
             page = browser.new_page(viewport={"width": 1920, "height": 1080})
-            page.add_init_script(_WATCH)
+            page.add_init_script(WATCH)
             page.goto(server.url)
             page.get_by_role("button", name=window, exact=True).click()
             page.evaluate("window.ages = []; window.busy = []")

@@ -100,6 +100,8 @@ interface Spec {
   digits: number;
   aim?: any;
   aimName?: string;
+  /** how fast a set-point may move */
+  rampPerS?: number;
   big?: boolean;
   step?: any;
   span?: any;

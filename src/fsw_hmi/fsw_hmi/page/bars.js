@@ -34,8 +34,9 @@ class Bar {
     setText(this.value, fixed(value, spec.digits));
     const difference = spec.big && value !== null && aim !== null ? ` (${signed(value - aim, spec.digits)})` : "";
     setText(this.aim, spec.aim ? `${spec.aimName} ${fixed(aim, spec.digits)}${difference}` : "");
-    const differs = plan !== null && fixed(plan, spec.digits) !== fixed(aim, spec.digits);
-    setText(this.plan, plan === null ? "" : `${differs ? "≠" : "="} programme ${fixed(plan, spec.digits)}`);
+    const apart = plan === null ? 0 : Math.abs(plan - (aim ?? NaN));
+    const differs = plan !== null && !(apart <= (spec.rampPerS ?? 0)); // in a ramp the two are told up to a second apart
+    setText(this.plan, plan === null ? "" : `${differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈"} programme ${fixed(plan, spec.digits)}`);
     this.plan.classList.toggle("differs", differs);
     if (this.planned) this.#point(this.planned, differs ? plan : null);
     const verdict = judge(spec.key, this.limits, value, aim);

@@ -6,8 +6,8 @@
  */
 /** @type {Spec[]} */
 export const QUANTITIES = [
-  { key: "depth_mm", name: "Depth", unit: "mm", digits: 2, aim: "reference_depth_mm", aimName: "set-point", big: true, step: 0.1, span: 0.4 },
-  { key: "temperature_c", name: "Temperature", unit: "°C", digits: 1, aim: "reference_temperature_c", aimName: "set-point", big: true, step: 5, span: 20 },
+  { key: "depth_mm", name: "Depth", unit: "mm", digits: 2, aim: "reference_depth_mm", aimName: "set-point", big: true, rampPerS: 0.02, step: 0.1, span: 0.4 },
+  { key: "temperature_c", name: "Temperature", unit: "°C", digits: 1, aim: "reference_temperature_c", aimName: "set-point", big: true, rampPerS: 1, step: 5, span: 20 },
   { key: "force_kn", name: "Force", unit: "kN", digits: 1, aim: "command_force_kn", aimName: "command", step: 2, span: 6 },
   { key: "speed_rpm", name: "Speed", unit: "rpm", digits: 0, aim: "command_speed_rpm", aimName: "command", step: 5, span: 20 },
   { key: "torque_nm", name: "Torque", unit: "N·m", digits: 0 },
