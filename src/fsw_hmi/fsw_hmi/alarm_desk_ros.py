@@ -74,6 +74,7 @@ class AlarmDesk:
             sensor_reasons=watch.sensor_reasons,
             values=dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row else {},
             parts=watch.parts(),
+            pages=self._node.count_publishers("fsw/alarms"),
         )
 
     def _publish(self) -> None:

@@ -97,6 +97,8 @@ class Situation:
         The newest row by column; NaN where unknown.
     parts : mapping of str to (mapping of str to Part)
         By node and part.
+    pages : int
+        Servers of an operator's page in the graph.
     """
 
     state: Mapping[str, Any] | None = None
@@ -107,6 +109,7 @@ class Situation:
     sensor_reasons: Mapping[str, str] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)
+    pages: int = 1
 
     def value(self, column: str) -> float:
         """A value of the newest row."""
@@ -137,6 +140,8 @@ class AlarmRules:
         self._watchdog(now, found)
         self._values(now, found)
         self._parts(now, found)
+        if now.pages > 1:
+            found["other_page"] = alarm("other_page")
         return found
 
     def reach(self, now: Situation, found: Mapping[str, Alarm]) -> dict[str, Any]:

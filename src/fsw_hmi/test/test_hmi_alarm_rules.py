@@ -104,6 +104,7 @@ def test_no_alarm_in_a_good_weld(rules):
         ),
         ({"parts": {"fsw_plant": {"a": Part("stale", "")}}, "tick_age_s": 9.0}, "measurements", "high"),
         ({"parts": {"fsw_supervisor": {"command topic": Part("error", "a foreign writer")}}}, "foreign", "medium"),
+        ({"pages": 2}, "other_page", "medium"),
         ({"values": {"depth_mm": 2.77}}, "deviation:depth_mm", "medium"),
         ({"values": {"temperature_c": 813.0}}, "deviation:temperature_c", "medium"),
         ({"values": {"force_kn": 86.0}}, "deviation:force_kn", "medium"),
