@@ -145,7 +145,7 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
         ("mode hold", "done"),
         ("mode auto", "done"),
         ("disturb depth step 0.05", "done"),
-        ("fault torque bias 5", "done"),
+        ("fault torque bias 5 for 1 s", "done"),
         ("safe stop", "done"),
     ]
     assert {one.who for one in weld.actions} == {f"anna ({page.frames['hello']['session']})"}
