@@ -35,6 +35,7 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File
 
 from fsw.demo import parser as demo_parser
+from fsw.main import RUNNING
 from fsw.main import parser as operator_parser
 from fsw_campaign.definition import Campaign
 from fsw_control.parameters import ParameterSpec, parse
@@ -239,19 +240,7 @@ def json_schemas() -> dict[str, str]:
 def command_line() -> dict[str, str]:
     """All commands with their arguments: a page of the verbs for a running weld, of those for bags, and of the rest."""
     verbs = next(one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
-    running = (
-        "status",
-        "reference",
-        "disturb",
-        "fault",
-        "switch",
-        "controllers",
-        "mode",
-        "acknowledge",
-        "weld",
-        "param",
-        "hmi",
-    )
+    running = tuple(list(verbs)[: len(RUNNING)])  # each module adds one
     groups = {
         "command-line-weld": ("Command line: a running weld", running),
         "command-line-studies": ("Command line: simulate, study, export", [*(set(verbs) - {*running, "bag"})]),

@@ -9,23 +9,21 @@ from importlib import import_module
 
 from fsw.errors import exit_code
 
-#: modules of the commands, in the order of the help
-_COMMANDS = (
-    *(
-        "status",
-        "reference",
-        "disturb",
-        "fault",
-        "switch",
-        "controllers",
-        "mode",
-        "acknowledge",
-        "weld",
-        "params",
-        "hmi",
-    ),
-    *("simulate", "campaign", "model", "export", "identify", "tune"),
+#: modules of the commands for a running weld, in the order of the help
+RUNNING = (
+    "status",
+    "reference",
+    "disturb",
+    "fault",
+    "switch",
+    "controllers",
+    "mode",
+    "acknowledge",
+    "weld",
+    "params",
+    "hmi",
 )
+_COMMANDS = (*RUNNING, "simulate", "campaign", "model", "export", "identify", "tune")
 _BAG_COMMANDS = ("info", "recover", "kpi", "plot", "compare", "export", "verify", "shadow")
 
 
