@@ -138,10 +138,10 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     weld.until(lambda: len(weld.actions) == 10, "all actions")
     assert [(one.action, one.outcome) for one in weld.actions] == [
         ("take control", "done"),
-        ("set-points 2.66 mm, 816.4 degC", "done"),
+        ("set-points 2.66 mm, 816.4 °C", "done"),
         ("switch to nmpc", "done"),
         ("switch to nobody", "refused"),
-        ("set-points 2.68 mm, 818.4 degC, ramp", "done"),
+        ("set-points 2.68 mm, 818.4 °C, ramp", "done"),
         ("mode hold", "done"),
         ("mode auto", "done"),
         ("disturb depth step 0.05", "done"),
@@ -245,9 +245,9 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     with BagReader(graph.bag) as bag:
         recorded = [bag.decode(one) for one in bag.records(topics=["/fsw/operator_action"])]
     assert [(one.action, one.outcome) for one in recorded][-5:] == [
-        ("set-points 2.7 mm, 822 degC", "refused"),
+        ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),
-        ("set-points 2.7 mm, 822 degC", "done"),
+        ("set-points 2.7 mm, 822 °C", "done"),
         ("weld resume", "done"),
         ("weld abort", "done"),
     ]

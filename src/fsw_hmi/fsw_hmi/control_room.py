@@ -10,6 +10,7 @@ from typing import Any
 
 from fsw_hmi import security, tokens
 from fsw_hmi.control import DONE, REFUSED, TIMED_OUT, Answer, Control, Session
+from fsw_hmi.frames import readable
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, ROLES, User, Users, checked_name
 from fsw_schema.models import InputError
@@ -278,7 +279,7 @@ class ControlRoom:
         try:
             action = read(do, message)
         except InputError as error:
-            return Verdict(number, REFUSED, str(error)[:200], asked=do if known else "unknown request")
+            return Verdict(number, REFUSED, readable(str(error)), asked=do if known else "unknown request")
         if self.holder is not session:
             return Verdict(number, REFUSED, "you do not have control: take it first", asked=str(action))
         return Verdict(number, action=action, asked=str(action))

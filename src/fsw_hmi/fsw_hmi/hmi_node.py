@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from functools import partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,14 @@ from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.alarm_rules import NO_REPORT_S
 from fsw_hmi.control import DONE, REFUSED
 from fsw_hmi.control_room import ControlRoom, Rules
-from fsw_hmi.frames import frame, readable, row
+from fsw_hmi.frames import COLUMNS, frame, readable, row
 from fsw_hmi.keeper import Keeper, Kept
-from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, REFERENCE, beyond_trip, limits, safe_state
+from fsw_hmi.limits import DEVIATIONS, EMULATOR, PARAMETERS, limits, reference, safe_state
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
+from fsw_hmi.refusals import Known, why_not
 from fsw_hmi.reports_ros import NO_STATE
-from fsw_hmi.requests import Acknowledge, SetReference, Shelve, Unshelve
+from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage, Order
 from fsw_hmi.web_server import address, application, is_local, listen
@@ -191,7 +193,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             "commands": True,
             "emulator": self._emulator,
             "limits": limits(self._interlocks, {name: self._setting(name) for name in DEVIATIONS}),
-            "reference": REFERENCE,
+            "reference": reference(self._interlocks),
             "safe": safe_state(self._interlocks),
             **(EMULATOR if self._emulator else dict.fromkeys(EMULATOR)),
         }
@@ -260,23 +262,24 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._show_alarms()
             self._flush()
             answer(DONE if ok else REFUSED, words)
-        elif isinstance(action, SetReference) and (why := self._why_not(action)):
+        elif why := why_not(action, self._known()):
             answer(REFUSED, why)
         else:
             self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
 
-    def _why_not(self, action: SetReference) -> str:
-        """Why set-points are not even asked for; empty when they are."""
-        if self._programme_runs():
-            return "the programme of the weld runs and would override it: hold the programme first"
-        wanted = {"depth_mm": action.depth_mm, "temperature_c": action.temperature_c}
-        return beyond_trip(wanted, self._interlocks)
-
-    def _programme_runs(self) -> bool:
-        watch = self._watch
-        progress = watch.progress
-        running = progress is not None and progress["state"] == "running" and not progress["left"]
-        return running and time.monotonic() - watch.progress_s <= _PROGRAMME_SILENT_S
+    def _known(self) -> Known:
+        """What a request is compared with before it is sent."""
+        watch, now_s = self._watch, time.monotonic()
+        measured = watch.row is not None and now_s - (watch.view.tick_s or 0.0) <= NO_REPORT_S
+        values = dict(zip(COLUMNS[1:], watch.row.values, strict=True)) if watch.row and measured else {}
+        stays = values and not watch.references.coming
+        return Known(
+            watch.state if now_s - watch.state_s <= NO_REPORT_S else None,
+            watch.progress if now_s - watch.progress_s <= _PROGRAMME_SILENT_S else None,
+            values["reference_depth_mm"] if stays else nan,
+            values["reference_temperature_c"] if stays else nan,
+            self._interlocks,
+        )
 
     def _answer(self, order: Order, outcome: str, message: str) -> None:
         message = readable(message)

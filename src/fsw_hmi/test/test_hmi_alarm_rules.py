@@ -6,7 +6,7 @@ from fsw_control.parameters import defaults, load
 from fsw_hmi.alarm_rules import _TEXTS, AlarmRules, Part, Situation, alarm_id, because
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.frames import readable
-from fsw_hmi.limits import beyond_trip, limits
+from fsw_hmi.limits import limits
 from fsw_hmi.requests import Acknowledge
 
 SETTINGS = defaults(load("fsw_hmi", "hmi.yaml"))
@@ -294,22 +294,6 @@ def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
 )
 def test_texts_of_others_are_made_readable(text, shown):
     assert readable(text) == shown
-
-
-@pytest.mark.parametrize(
-    ("depth_mm", "temperature_c", "told"),
-    [
-        (2.66, 850.0, ""),
-        (3.69, 850.0, ""),
-        (3.7, 850.0, "depth 3.7 mm would trip the interlock: not above 3.7 mm, nor at it"),
-        (2.66, 790.0, "temperature 790 degC would trip the interlock: not below 790 degC, nor at it"),
-        (2.66, 911.0, "temperature 911 degC would trip the interlock: not above 910 degC, nor at it"),
-    ],
-)
-def test_set_points_beyond_a_trip_are_told(depth_mm, temperature_c, told):
-    trips = defaults(load("fsw_supervisor", "supervisor.yaml"))
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, trips) == told
-    assert beyond_trip({"depth_mm": depth_mm, "temperature_c": temperature_c}, {}) == ""
 
 
 def test_page_gets_the_limits_that_the_alarms_have():
