@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -67,7 +68,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         super().__init__("fsw_hmi", **arguments)
         self._settings = declare(self, "fsw_hmi", "hmi.yaml")
         values = self._settings.values
-        key, told = _key(values["users_file"], values["token_file"])
+        key, told = _key(values["users_file"], values["token_file"], self.get_logger().error)
         encrypted = tls.context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
         listening = listen(values["host"], values["port"], values["patience_s"])
@@ -83,11 +84,12 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._orders = Orders(self)
         self._wake = self.create_guard_condition(self._on_orders)
+        self._room = ControlRoom(
+            key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
+        )
         self._page = LivePage(
             files,
-            ControlRoom(
-                key, Rules(**{name: values[name] for name in ("local_stop", "idle_timeout_s", "handover_timeout_s")})
-            ),
+            self._room,
             self._deliver,
             request_timeout_s=values["request_timeout_s"],
             patience_s=values["patience_s"],
@@ -126,17 +128,24 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
             self._desk.list.restore(kept.alarms, now_s - kept.now_s - (wall_s - kept.wall_s), now_s)
             self._done.extend(kept.actions)
             self._page.restore(rows, kept.actions)
+            self._room.ended = kept.ended
+            if kept.holder:
+                self._room.restart(kept.holder)
         if rows:
             self._watch.view.newest_ns = round(float(rows[-1][1:].partition(",")[0]) * NANOSECONDS)
         self._show_alarms()
 
     def _keep(self) -> None:
-        self._keeper.keep(Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done)))
+        holder, ended = self._room.holder, self._room.ended
+        state = Kept(time.monotonic(), time.time(), self._desk.list.entries, list(self._done))
+        state.holder, state.ended = (holder.who, "") if holder else ("", ended)
+        self._keeper.keep(state)
 
     def destroy_node(self) -> None:
         """Close the pages, then end."""
         if hasattr(self, "_web"):
             self._web.stop()
+            self._on_orders()  # who has lost control by it
             self._keep()
         super().destroy_node()
 
@@ -300,7 +309,7 @@ class HmiNode(Node):  # type: ignore[misc]  # rclpy has no types everywhere
         )
 
 
-def _key(users_file: str, token_file: str) -> tuple[str | users.Users, bool]:
+def _key(users_file: str, token_file: str, warn: Callable[[str], object]) -> tuple[str | users.Users, bool]:
     """What who commands must know, and whether it has to be told: users, the token in a file, or a new one."""
     if users_file and token_file:
         raise ValueError("users_file, token_file: give one of them")
@@ -308,7 +317,4 @@ def _key(users_file: str, token_file: str) -> tuple[str | users.Users, bool]:
         return tokens.read(Path(token_file).expanduser()), False
     if not users_file:
         return tokens.new(), True
-    listed = users.read(Path(users_file).expanduser())
-    if not listed:
-        raise ValueError(f"users_file: {users_file} has no user: add one with 'fsw.py hmi user add'")
-    return users.Users(listed), False
+    return users.UsersFile(Path(users_file).expanduser(), warn), False
