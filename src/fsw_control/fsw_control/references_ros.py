@@ -22,6 +22,7 @@ from fsw_control.ranges import set_point_problem
 from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue
 from fsw_control.reports_ros import OK, WARN, Report
 from fsw_control.topics_ros import LATCHED, LATEST
+from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
 
@@ -29,6 +30,8 @@ from fsw_msgs.srv import SetReference
 _ANSWER_S = 2.0
 #: a ramp begins so much after the last tick, so that none of it comes late
 _LEAD_NS = 500_000_000
+#: later times of issue would leave no place in the order that a message can hold
+_LAST_NS = (2**31 - 1) * NANOSECONDS
 
 
 def reference_queue(node: Node, refuse: Callable[[str], object] = lambda _: None) -> ReferenceQueue:
@@ -54,9 +57,9 @@ def subscribe_sent(node: Node, queue: ReferenceQueue, received: Callable[[str], 
         reference = _converted(queue, message)
         if reference is None:
             return
-        stamp_ns, mark = convert.stamp_ns(message.header.stamp), message.header.frame_id
-        queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), mark)
-        received(mark)
+        stamp_ns = convert.stamp_ns(message.header.stamp)
+        queue.receive(stamp_ns, reference, info["source_timestamp"], time.time_ns(), message.mark)
+        received(message.mark)
 
     node.create_subscription(WeldReference, "fsw/reference", on_sent, LATCHED)
 
@@ -71,10 +74,13 @@ def _subscribe_stated(node: Node, queue: ReferenceQueue, topic: str) -> None:
     """Subscribe to what another listener states with a :class:`StatedReference`."""
 
     def on_stated(message: WeldReference) -> None:
-        reference = _converted(queue, message)
+        reference, issued_ns = _converted(queue, message), convert.stamp_ns(message.issued)
         if reference is None:
             return
-        queue.add(convert.stamp_ns(message.header.stamp), reference, convert.issued_ns(message))
+        if issued_ns >= _LAST_NS:
+            queue.refuse(f"set-points on {topic} refused: the time of issue {issued_ns} ns is out of range")
+            return
+        queue.add(convert.stamp_ns(message.header.stamp), reference, issued_ns)
 
     node.create_subscription(WeldReference, topic, on_stated, LATEST)
 
@@ -256,9 +262,7 @@ class KeptReference:
             plan = ramp_plan(start, goal, begin_ns)
         plans.publish(convert.reference_plan_message(plan, max(self._tick_ns, 0)))
         for stamp_ns, one in points:
-            message = convert.reference_message(one, stamp_ns)
-            message.header.frame_id = mark
-            sent.publish(message)
+            sent.publish(convert.reference_message(one, stamp_ns, mark=mark))
         words = f"set-points {goal.depth_mm:.4g} mm, {goal.temperature_c:.5g} degC"
         return words if start == goal else f"{words} by a ramp over {duration_s(start, goal):.1f} s"
 
