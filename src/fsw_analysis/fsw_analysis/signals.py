@@ -45,12 +45,10 @@ class _Ticks:
         """The tick that each message answers, if it answers any."""
         return np.minimum(np.searchsorted(self.stamp_ns, table.stamp_ns), self.stamp_ns.size - 1)
 
-    def align(self, table: Table, values: Column, first_wins: bool = False) -> Column:
-        """Values at the ticks, of several with one stamp the last; NaN or empty where there is none."""
+    def align(self, table: Table, values: Column) -> Column:
+        """Values at the ticks, of several with one stamp the first, as `JoinRules` says; NaN or empty without any."""
         rows = self._rows(table)
-        index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)
-        if first_wins:
-            index = index[::-1]
+        index = np.flatnonzero(self.stamp_ns[rows] == table.stamp_ns)[::-1]
         result = np.full(self.stamp_ns.size, "" if values.dtype == object else np.nan, dtype=values.dtype)
         result[rows[index]] = values[index]
         return result
@@ -114,7 +112,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
     state = messages.table("/fsw/supervisor/state", events.STATE)
     ticks = _Ticks(_sources(messages, list(sensors.values()), [truth, command]))
     depth, torque, temperature = (
-        ticks.align(table, table.column(SENSOR_FIELDS[name][1]), first_wins=True) for name, table in sensors.items()
+        ticks.align(table, table.column(SENSOR_FIELDS[name][1])) for name, table in sensors.items()
     )
     applied = ticks.group(ProposalSignals, command)
     depths_in_force, temperatures_in_force = _references(messages, ticks)

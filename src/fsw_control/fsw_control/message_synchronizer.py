@@ -15,6 +15,11 @@ class JoinRules(NamedTuple):
     Of several samples of one sensor with one stamp the first counts. A tick is complete when it has a sample of every
     sensor and, where they are waited for, of the drives, and when the tick before it is answered by a command.
 
+    What begins and ends a tick differs with its use: a controller gets it once it is complete (`MessageSynchronizer`);
+    the supervisor's begins with its first sample, as its deadline counts from there (`fsw_supervisor.ticks`); the
+    operator's page draws one for each sample of the drives (`fsw_hmi.weld_view`); in a bag all stamps are known
+    (`fsw_analysis.signals`).
+
     Attributes
     ----------
     jump_ns : int
