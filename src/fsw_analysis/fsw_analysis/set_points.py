@@ -1,8 +1,8 @@
 """Which set-points were in force at which tick of a recorded weld.
 
 The rule is that of the nodes, `fsw_control.references.ReferenceQueue`, which gets here what the recorder received: the
-set-points as sent and as the supervisor states them. What was published before the recording began counts from its
-first tick on. Which ones a controller followed, it states itself.
+set-points as sent and as the supervisor reports them. What was published before the recording began counts from its
+first tick on. Each controller reports which ones it followed.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from fsw_control.ranges import set_point_problem
 from fsw_control.references import OWN_CLOCK_NS, ReferencePlan, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
 
-#: topics of set-points: as sent, as the supervisor states them, and as announced
+#: topics of set-points: as sent, as the supervisor reports them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
-#: a recorder that joins has received what was sent before after this time
+#: time after which a new recorder has received what was sent before it joined
 _JOINING_NS = 2 * NANOSECONDS
 #: definition of the place in the order; bags recorded before version 0.2 have it as decimal text in the header's frame
 _ISSUED = "builtin_interfaces/Time issued"
@@ -47,7 +47,7 @@ class SetPoint(NamedTuple):
 
 
 def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
-    """Usable set-points that were sent (``SENT``) or stated (``HELD``, of a controller), in order of receipt."""
+    """Valid set-points that were sent (``SENT``) or reported (``HELD``, or by a controller), in order of receipt."""
     fields: dict[str, Kind] = {"depth": "number", "temperature": "number"}
     is_older = topic in messages.topics and _ISSUED not in messages.topics[topic].definition
     if topic != SENT:

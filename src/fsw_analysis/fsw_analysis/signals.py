@@ -147,7 +147,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
 
 
 def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:
-    """The tables whose stamps are the ticks: those of the sensors, without any what else has a message per tick."""
+    """The tables whose stamps are the ticks: the sensors' or, without any, others with a message per tick."""
     sources = [one for one in sensors if one] or [one for one in others if one]
     if not sources:
         needed = [topic for topic, _ in SENSOR_FIELDS.values()]
@@ -160,7 +160,7 @@ def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) 
 
 
 def _add_course(weld: WeldSignals, messages: WeldMessages, ticks: _Ticks) -> None:
-    """Add the programme that was played, its phases, alarms, and what operators did."""
+    """Add the programme that was played, its phases, alarms, and operators' actions."""
     journal = messages.table("/fsw/alarms", events.ALARM)
     weld.events += events.of_alarms(ticks.times_s(journal), journal)
     progress = messages.table("/fsw/weld_progress", events.PROGRESS)
