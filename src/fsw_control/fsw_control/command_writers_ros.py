@@ -1,4 +1,4 @@
-"""Which nodes publish commands, and which sources are accepted therefore."""
+"""Which nodes publish commands, and hence which sources are accepted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SUPERVISORS = 10
 
 
 class CommandWriters:
-    """Sets the gate's sources: with a second publisher of commands about, only those that the supervisor announces.
+    """Sets the gate's sources: while there is a second publisher of commands, only those announced by the supervisor.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class Measurement(NamedTuple):
 
 
 class Coming(NamedTuple):
-    """Set-points that are known beforehand, and when they begin, on the clock of ``Measurement.time_s``."""
+    """Set-points known in advance, and when they begin, on the clock of ``Measurement.time_s``."""
 
     at_s: float
     depth_mm: float

@@ -11,7 +11,7 @@ the drives' actual values.
 - While an interlock is tripped the mode is safe stop, from the tick in which it is judged: interlocks act by level. A
   safe stop is left only by the operator, with valid sensors, after an acknowledgement that no cause has followed. A
   restart goes on with it.
-- Nothing lasts for ever without control: start, hold and manual with an invalid sensor have time-outs that lead to
+- No state without control lasts indefinitely: start, hold and manual with an invalid sensor have time-outs that lead to
   safe stop.
 - Each request is answered once, with the reason if it is refused.
 """
@@ -133,7 +133,7 @@ class Arbiter:
     def on_status(
         self, name: str, tolerated_sensors: tuple[str, ...], selected: bool, now_s: float, applied_source: str = ""
     ) -> list[Decision]:
-        """Take what a controller declares of itself, and the source of the command that it has seen applied last."""
+        """Take a controller's status, and the source of the command that it has seen applied last."""
         self.ticks.pass_time(now_s)
         self.on_source(applied_source)
         if self.registry.on_status(name, tolerated_sensors):
@@ -141,7 +141,7 @@ class Arbiter:
         return self.ticks.decide()
 
     def on_time(self, now_s: float) -> list[Decision]:
-        """Let time pass; to be called at ``wakeup_s`` at the latest."""
+        """Process the passage of time; to be called at ``wakeup_s`` at the latest."""
         self.ticks.pass_time(now_s)
         decisions = self.ticks.decide()
         self.operator.expire(now_s)

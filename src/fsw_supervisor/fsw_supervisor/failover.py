@@ -12,13 +12,13 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.state_machine import TOOK_OVER
 from fsw_supervisor.tick import Decision, Tick
 
-#: after a start: listening so long for a leader [s]
+#: after a start: how long to listen for a leader [s]
 LISTEN_S = 0.25
 #: the same while another node publishes commands of which none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: leading, after a hold-up: commands are withheld so long in case there is another leader, in tick periods
+#: leading, after a stall: how long commands are withheld in case there is another leader, in tick periods
 _FENCE_TICKS = 1.0
-#: on standby, after a hold-up: so long the queues may take to drain, in tick periods
+#: on standby, after a stall: how long the queues may take to drain, in tick periods
 _DRAIN_TICKS = 0.3
 
 
@@ -168,7 +168,7 @@ class Failover:
         if tick is None or tick.answered or now_s < self._due_s or self.unanswered + 1 < self._needed:
             return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
-            # This process was held up: the messages in the queues are handled first.
+            # This process was stalled: the messages in the queues are handled first.
             self._drained = True
             self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False

@@ -97,7 +97,7 @@ class DriveOffset:
         self._follows = 0
 
     def learn(self, difference: float | None, move: float) -> None:
-        """Take feedback minus command at a tick (None: unknown); up to ``move`` the drive may be under way."""
+        """Take feedback minus command at a tick (None: unknown); within ``move`` the drive may still be moving."""
         last, self._last_difference = self._last_difference, difference
         if difference is None:
             self._stays = 0
