@@ -86,6 +86,11 @@ class ReferenceQueue:
         """Whether any reference is known."""
         return self._current is not None or bool(self._waiting)
 
+    @property
+    def coming(self) -> bool:
+        """Whether references are known that do not hold yet."""
+        return bool(self._waiting)
+
     def join(self, now_ns: int) -> None:
         """Note that the receiver begins to listen, on its computer's clock."""
         self._joined_ns = now_ns

@@ -186,14 +186,21 @@ class Arbiter:
             # A cause that is seen here keeps this supervisor in the safe stop, whatever the leader has missed.
             self.machine.mirror(source)
 
-    def follow_operator(self, controller: str, mode: str, inhibited: Mapping[str, str]) -> None:
-        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why."""
+    def follow_operator(
+        self, controller: str, mode: str, inhibited: Mapping[str, str], actual: tuple[str, str, str] = ("", "", "")
+    ) -> None:
+        """On standby: copy the operator's requests to the leader, and which controllers are inhibited there and why.
+
+        ``actual``: the leader's mode and controller, and why.
+        """
         self.machine.set_target(controller, Mode(mode) if mode in OPERATOR_TRIGGERS else None)
+        self.machine.mirror_reason(*actual)
         self.registry.mirror_inhibitions(inhibited)
 
     def lead(self, reason: str) -> list[Decision]:
         """Send from now on, beginning with the tick decided on standby; ``reason`` is empty at a start."""
         self.ticks.leading = True
+        self.watch.change_role()
         if reason:
             self.machine.lead(reason)
         self.operator.manual = self.applied  # the manual mode goes on with the command in force
@@ -204,6 +211,7 @@ class Arbiter:
         """Send nothing from now on, nor what was decided last."""
         self.ticks.take_back(unsent)
         self.ticks.leading = False
+        self.watch.change_role()
         # The last decision may not have been obeyed: the command in force comes from the leader or the drives.
         self.in_force.forget()
         if (tick := self.ticks.present) is not None:
