@@ -17,7 +17,6 @@ from fsw_plant import PlantConfig, PlantEmulator
 from fsw_test_support.machine_server import MachineServer
 from fsw_test_support.waiting import PATIENCE_S
 
-
 _reserved: list[socket.socket] = []
 
 
