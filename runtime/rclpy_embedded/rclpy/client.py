@@ -83,11 +83,9 @@ class Client(ServiceEndpoint):
 
     def service_is_ready(self) -> bool:
         """Return whether a server is there: a request reader and a reply writer with the same service id."""
-        self._check()
-        self._local_node.session.check("failed to check service availability")
-        reader = self._reader
-        replies = matched_ids(reader.get_matched_publications, reader.get_matched_publication_data, "service")
-        return bool(self._reader_ids("service") & replies)
+        with self.using("failed to check service availability") as reader:
+            replies = matched_ids(reader.get_matched_publications, reader.get_matched_publication_data, "service")
+            return bool(self._reader_ids("service") & replies)
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait for a server; return whether there is one. Without a timeout, wait without a limit."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from cyclonedds.core import DDSException
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.constants import INT64_MAX
 from rclpy.context import Context, context_or_default
 from rclpy.exceptions import InvalidHandle, NotInitializedException
@@ -55,7 +56,7 @@ async def _run(entity: Any, executor: Executor) -> None:
     try:
         try:
             callback = entity._take()
-        except (InvalidHandle, DDSException):  # destroyed in the meantime
+        except (InvalidHandle, RCLError):  # destroyed in the meantime
             return
         for future in getattr(entity, "_futures", ()):
             future._set_executor(executor)
@@ -82,7 +83,8 @@ class Executor:
         # Those of them that run before the next wait, the newest at the end.
         self._due: list[Task] = []
         self._ready: deque[tuple[Any, Any]] = deque()
-        self._conditions = ConditionSet(self.context.session)
+        with self.context.session.using("failed to create executor"):
+            self._conditions = ConditionSet(self.context.session)
         self._is_shutdown = False
         self._working = threading.RLock()
         self._entities_changed = True

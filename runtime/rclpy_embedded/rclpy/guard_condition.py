@@ -16,7 +16,6 @@ class GuardCondition(Destroyable):
     ) -> None:
         super().__init__()
         self._context = context_or_default(context)
-        self._context.session.check("failed to create guard condition")
         self.callback = callback
         self.callback_group = callback_group
         self._triggered = False

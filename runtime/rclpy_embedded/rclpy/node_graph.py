@@ -29,7 +29,6 @@ class NodeGraph:
 
     @property
     def __graph(self) -> Graph:
-        self._context.session.check("failed to look at the graph")
         return self._context.session.graph
 
     def __full_name(self, name: str, *, is_service: bool = False) -> str:

@@ -73,10 +73,10 @@ class Service(ServiceEndpoint):
         """Send a response to the request that `header` came with."""
         if not isinstance(response, self.srv_type.Response):
             raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
-        self._check()
-        if isinstance(header, RequestId):
-            self._send(header, response)
-        elif not isinstance(header, ServiceInfo):
+        if not isinstance(header, ServiceInfo | RequestId):
             raise TypeError(f"Expected the header of a request, got {type(header)}")
-        elif self._await_client(header):
-            self._send(header.request_id, response)
+        with self.using("failed to send response"):
+            if isinstance(header, RequestId):
+                self._send(header, response)
+            elif self._await_client(header):
+                self._send(header.request_id, response)

@@ -55,11 +55,12 @@ class Subscription(TopicEndpoint):
 
     def get_publisher_count(self) -> int:
         """Return how many publishers match."""
-        return len(matched(self.handle.get_matched_publications))
+        with self.using("failed to get publisher count") as reader:
+            return len(matched(reader.get_matched_publications))
 
     def take(self) -> tuple[Any, MessageInfo] | None:
         """Take the next message and what is known about it, None if there is none (or only a malformed one)."""
-        for sample in self.handle.take(1):
+        for sample in self._samples():
             info = sample.sample_info
             if not info.valid_data:
                 continue

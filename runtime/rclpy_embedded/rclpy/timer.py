@@ -46,7 +46,6 @@ class Timer(Destroyable):
             raise RCLError(f"failed to create timer: timer period must be non-negative, got {timer_period_ns} ns")
         super().__init__()
         self._context = context_or_default(context)
-        self._context.session.check("failed to create timer")
         self.clock = clock
         self._period_ns = int(timer_period_ns)
         self._canceled = not autostart
@@ -158,11 +157,9 @@ class Timer(Destroyable):
             return callback
         return lambda: callback(info)
 
-    def destroy(self) -> None:
-        super().destroy()
+    def _clean_up(self) -> None:
         if self._jumps is not None:
             self._jumps.unregister()
-            self._jumps = None
 
 
 class Rate:
@@ -184,8 +181,9 @@ class Rate:
 
     def destroy(self) -> None:
         """End it and wake all sleepers."""
-        self._is_destroyed = True
-        self._event.set()
+        with self._lock:
+            self._is_destroyed = True
+            self._event.set()
 
     def sleep(self) -> None:
         """Block until the timer fires. In a callback this would block the executor that runs the timer."""
@@ -203,7 +201,8 @@ class Rate:
         finally:
             with self._lock:
                 self._num_sleepers -= 1
-                if self._num_sleepers == 0:
+                # Once it is destroyed, whoever is about to sleep must not sleep.
+                if self._num_sleepers == 0 and not self._is_destroyed:
                     self._event.clear()
         if self._is_shutdown:
             self.destroy()

@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.arguments import parse
 from rclpy.constants import S_TO_NS
-from rclpy.context import Context, context_or_default, default_lock
+from rclpy.context import Context, context_or_default
 from rclpy.context import get_default_context as get_default_context
 
 
@@ -27,12 +27,7 @@ def shutdown(*, context: Context | None = None) -> None:
 
 def try_shutdown(*, context: Context | None = None) -> None:
     """Shut down a context (default: the global one) unless that was done already."""
-    if context is not None:
-        context.try_shutdown()
-        return
-    with default_lock:
-        get_default_context().try_shutdown()
-        get_default_context(shutting_down=True)
+    (get_default_context(shutting_down=True) if context is None else context).try_shutdown()
 
 
 def get_rmw_implementation_identifier() -> str:

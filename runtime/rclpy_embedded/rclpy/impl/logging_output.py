@@ -129,7 +129,8 @@ class LoggingSystem:
             publishers.remove(publish)
         if not publishers:
             self._publishers.pop(logger_name, None)
-            self._children = {name: entry for name, entry in self._children.items() if entry[0] is not publishers}
+            children = list(self._children.items())  # in one step, because another thread may add one
+            self._children = {name: entry for name, entry in children if entry[0] is not publishers}
 
     def add_child(self, parent_name: str, child: Any) -> None:
         """Publish the messages under the name of a child as those of its parent, as long as the child is in use."""
