@@ -81,6 +81,22 @@ def graph():
     one.end()
 
 
+def test_a_place_in_the_order_after_which_no_message_has_one_is_refused(graph):
+    graph.start_controller()
+    assert graph.ask(2.7, 820.0).ok
+    refused = []
+    graph.follows.refuse = refused.append
+    stated = convert.reference_message(Reference(2.9, 830.0), 0)
+    stated.issued.sec, stated.issued.nanosec = 2**31 - 1, 2**32 - 1
+    other = graph.nodes[2].create_publisher(WeldReference, "fsw/supervisor/reference", LATEST)
+    graph.until(lambda: other.get_subscription_count() == 2)
+    other.publish(stated)
+    graph.until(lambda: refused)
+    assert "out of range" in refused[0]
+    assert graph.ask(2.8).ok
+    assert graph.follows.at(graph.ticks * STEP_NS) == Reference(2.8, 820.0)
+
+
 @pytest.mark.requirement("S28")
 def test_what_is_accepted_is_in_force_and_what_is_not_says_why(graph):
     assert "no controller" in graph.ask(2.7, 820.0).message
