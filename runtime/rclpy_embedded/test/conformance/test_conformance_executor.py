@@ -287,7 +287,7 @@ def test_context_shutdown_ends_spin(context: Context, spinner: Any) -> None:
 def test_waiting_after_the_shutdown_of_the_context_is_an_error(context: Context, spinner: Any) -> None:
     context.shutdown()
     with pytest.raises(ExternalShutdownException):
-        spinner.executor.spin_once(timeout_sec=30)
+        spinner.executor.spin_once()
 
 
 def test_wait_for_ready_callbacks(node: Any, spinner: Any) -> None:
