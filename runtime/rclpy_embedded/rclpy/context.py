@@ -1,4 +1,4 @@
-"""A context: what happens between init and shutdown."""
+"""Contexts: everything between init and shutdown."""
 
 from __future__ import annotations
 
@@ -79,18 +79,18 @@ class Context:
         return self.session.domain_id
 
     def shutdown(self) -> None:
-        """Shut it down; RCLError if that was done before."""
+        """Shut it down; RCLError if it is shut down already."""
         if self._session is None:
             raise RuntimeError("Context must be initialized before it can be shutdown")
         if not self._shutdown():
             raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
 
     def try_shutdown(self) -> None:
-        """Shut it down unless that was done already."""
+        """Shut it down unless it is shut down already."""
         self._shutdown()
 
     def destroy(self) -> None:
-        """Shut it down and leave the graph, with whatever nodes are left."""
+        """Shut it down and leave the graph, even if it still has nodes."""
         self._shutdown()
         if self._session is not None:
             self._session.close()
@@ -123,7 +123,7 @@ class Context:
             waker.wake()
 
     def on_shutdown(self, callback: Callable[[], None]) -> None:
-        """Call `callback` at shutdown; at once if that has happened. Methods are held weakly."""
+        """Call `callback` at shutdown, or at once if it is shut down already. Methods are held weakly."""
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
         with self._lock:

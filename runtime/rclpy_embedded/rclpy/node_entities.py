@@ -1,4 +1,4 @@
-"""What a node creates and destroys: publishers, subscriptions, clients, services, timers, guard conditions."""
+"""The entities of a node: publishers, subscriptions, clients, services, timers, guard conditions."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -66,12 +66,12 @@ class NodeEntities:
 
     @property
     def waitables(self) -> Iterator[Waitable]:
-        """Event handlers, and what was added."""
+        """Event handlers, and the waitables that were added."""
         yield from self.__waitables
 
     @property
     def default_callback_group(self) -> CallbackGroup:
-        """The group of everything that is created without one."""
+        """The group of all entities that are created without one."""
         return self._default_callback_group
 
     def __make(self, entities: list[Entity], kind: type[Entity], *args: Any, **options: Any) -> Entity:
@@ -176,7 +176,7 @@ class NodeEntities:
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Create a timer that counts in the node's clock (or another one)."""
+        """Create a timer that runs on the node's clock, or on another one."""
         group, period_ns = callback_group or self._default_callback_group, int(float(timer_period_sec) * S_TO_NS)
         arguments = callback, group, period_ns, clock or self._clock
         return self.__make(self.timers, Timer, *arguments, context=self._context, autostart=autostart)
@@ -184,7 +184,7 @@ class NodeEntities:
     def create_guard_condition(
         self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
-        """Create a guard condition, whose callback is called after its ``trigger``."""
+        """Create a guard condition, which calls its callback after ``trigger``."""
         group = callback_group or self._default_callback_group
         return self.__make(self.guards, GuardCondition, callback, group, context=self._context)
 
@@ -196,12 +196,12 @@ class NodeEntities:
         return Rate(timer, context=self._context)
 
     def add_waitable(self, waitable: Waitable) -> None:
-        """Add something else for an executor to wait for."""
+        """Have the executor wait for a waitable, too."""
         self.__waitables.append(waitable)
         self._wake_executor()
 
     def remove_waitable(self, waitable: Waitable) -> None:
-        """Undo `add_waitable`."""
+        """Remove a waitable that was added."""
         self.__waitables.remove(waitable)
         self._wake_executor()
 
@@ -210,7 +210,7 @@ class NodeEntities:
         return self.publishers, self.subscriptions, self.clients, self.services, self.timers, self.guards
 
     def __destroy(self, entity: Any) -> bool:
-        """Destroy an entity of this node; return whether it was one."""
+        """Destroy an entity of this node; return False if it is not one."""
         if not any(_remove(entities, entity) for entities in self.__lists):
             return False
         for handler in getattr(entity, "event_handlers", ()):
@@ -223,13 +223,13 @@ class NodeEntities:
     destroy_service = destroy_timer = destroy_guard_condition = __destroy
 
     def destroy_rate(self, rate: Rate) -> bool:
-        """Destroy a rate of this node; return whether it was one."""
+        """Destroy a rate of this node; return False if it is not one."""
         done = self.__destroy(rate._timer)
         rate.destroy()
         return done
 
     def destroy_node(self) -> None:
-        """Destroy everything that is left."""
+        """Destroy all remaining entities."""
         for entities in self.__lists:
             for entity in list(entities):
                 self.__destroy(entity)

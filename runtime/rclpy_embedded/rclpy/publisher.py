@@ -12,7 +12,7 @@ from rclpy.impl.endpoint import TopicEndpoint
 from rclpy.impl.memory import LARGE, keep_freed_memory
 from rclpy.qos import ReliabilityPolicy
 
-# In between, Python gets the chance to handle a signal.
+# In between, Python can handle a signal.
 _LONGEST_WAIT_NS = 500_000_000
 
 
@@ -24,7 +24,7 @@ def _acked(writer: Any, timeout_ns: int) -> bool:
 
 
 class Publisher(TopicEndpoint):
-    """Sends messages on a topic; made by ``Node.create_publisher``."""
+    """Sends messages on a topic; created by ``Node.create_publisher``."""
 
     _is_writer = True
 

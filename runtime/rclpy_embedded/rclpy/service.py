@@ -14,7 +14,7 @@ _CLIENT_DISCOVERY_S = 0.1
 
 @dataclass(frozen=True)
 class ServiceInfo:
-    """What is known about a request or reply; times are nanoseconds since 1970."""
+    """Metadata of a request or reply; times are nanoseconds since 1970."""
 
     source_timestamp: int
     received_timestamp: int
@@ -23,7 +23,7 @@ class ServiceInfo:
 
 
 class Service(ServiceEndpoint):
-    """Answers requests; made by ``Node.create_service``."""
+    """Answers requests; created by ``Node.create_service``."""
 
     _is_server = True
 

@@ -20,16 +20,16 @@ _ANY_JUMP = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=Dura
 
 @dataclass(frozen=True)
 class TimerInfo:
-    """When a timer should have called and when it did."""
+    """When a call of a timer was due and when it took place."""
 
     expected_call_time: Time
     actual_call_time: Time
 
 
 class Timer(Destroyable):
-    """Calls back periodically, without drift: calls stay on the grid that creation or reset began.
+    """Calls back periodically, without drift: calls stay on the grid that starts at creation or reset.
 
-    The callback takes nothing, or a TimerInfo. Without `autostart` the timer begins with ``reset``.
+    The callback takes nothing, or a TimerInfo. Without `autostart` the timer starts with ``reset``.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Timer(Destroyable):
 
     @property
     def callback(self) -> Callable[..., Any] | None:
-        """What is called: with nothing, or with a TimerInfo if it takes an argument."""
+        """The function that is called, with a TimerInfo if it takes an argument."""
         return self._callback
 
     @callback.setter
@@ -139,7 +139,7 @@ class Timer(Destroyable):
         return max(0, remaining)
 
     def call(self) -> TimerInfo:
-        """Count a call: the next one is due at the next point of the grid that is still to come."""
+        """Record a call; the next one is due at the next point of the grid in the future."""
         now, expected = self.clock._now_ns(), self._next_call_ns
         self._last_call_ns = now
         self._next_call_ns += self._period_ns
@@ -163,7 +163,7 @@ class Timer(Destroyable):
 
 
 class Rate:
-    """Sleeps at a fixed rate, in a thread that does not spin; made by ``Node.create_rate``."""
+    """Sleeps at a fixed rate, in a thread that does not spin; created by ``Node.create_rate``."""
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
         self._timer = timer
@@ -186,7 +186,7 @@ class Rate:
             self._event.set()
 
     def sleep(self) -> None:
-        """Block until the timer fires. In a callback this would block the executor that runs the timer."""
+        """Block until the timer fires. In a callback it would block the executor, and with it the timer."""
         if self._is_shutdown:
             raise ROSInterruptException()
         if self._is_destroyed:

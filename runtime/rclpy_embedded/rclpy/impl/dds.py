@@ -1,4 +1,4 @@
-"""Cyclone DDS entities that carry ready-made CDR, with the QoS and USER_DATA of rmw_cyclonedds."""
+"""Cyclone DDS entities that carry serialized messages (CDR), with the QoS and USER_DATA of rmw_cyclonedds."""
 
 from __future__ import annotations
 

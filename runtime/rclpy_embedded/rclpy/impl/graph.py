@@ -1,4 +1,4 @@
-"""What is known of a domain: participants, nodes and endpoints, brought up to date at every query."""
+"""What is known about a domain: participants, nodes and endpoints, updated at every query."""
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -95,7 +95,7 @@ class Graph:
         self._announced: dict[bytes, list[Any]] = {}
 
     def tidy(self) -> None:
-        """Take what has come since the last query, so that it does not pile up between queries."""
+        """Take what has arrived since the last query, so that it does not accumulate between queries."""
         with self._lock:
             self._update()
 

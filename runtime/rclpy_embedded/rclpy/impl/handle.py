@@ -11,7 +11,7 @@ _Member = TypeVar("_Member")
 
 
 class Handle:
-    """May be held in a ``with`` block. Genuine rclpy puts off destruction until its end; here there is no delay."""
+    """Can be used in a ``with`` block. Genuine rclpy delays destruction until its end; here it is immediate."""
 
     def __enter__(self) -> Self:
         return self
