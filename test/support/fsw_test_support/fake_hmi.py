@@ -28,8 +28,8 @@ from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Rules, Verdict
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.limits import EMULATOR, REFERENCE, limits
-from fsw_hmi.page_files import UPLOT
 from fsw_hmi.security import Security
+from fsw_hmi.uplot import Uplot
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until
@@ -105,13 +105,14 @@ class FakeHmi:
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._uplot = Uplot()
         app = Starlette(
             routes=[
                 Route("/", self._index),
                 Route("/bags", self._bags),
                 Route("/bags/{n:int}", self._bag),
                 WebSocketRoute("/ws", self._socket),
-                Mount("/page/uplot", StaticFiles(directory=UPLOT)),
+                Route("/page/uplot/{name}", self._uplot_file),
                 Mount("/page", StaticFiles(directory=PAGE)),
             ],
             lifespan=self._run_ticks,
@@ -290,6 +291,11 @@ class FakeHmi:
         text = (PAGE / "index.html").read_text(encoding="utf-8")
         text = text.replace("{{build}}", BUILD).replace("{{source}}", self.source)
         return Response(text, media_type="text/html")
+
+    async def _uplot_file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        kind = "text/css" if name.endswith(".css") else "text/javascript"
+        return Response(await self._uplot.file(name), media_type=kind)
 
     async def _bags(self, request: Request) -> Response:
         infos = [{key: value for key, value in bag.items() if key != "rows"} for bag in self.bags]

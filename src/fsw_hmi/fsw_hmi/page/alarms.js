@@ -57,9 +57,9 @@ export class Alarms {
       made.dataset.alarm = `${name} ${id}`;
       return made;
     };
-    if (state === "shelved") return [button("Back", "Take back", () => this.ask("Take an alarm back", "unshelve", { alarm: id }))];
+    if (state === "shelved") return [button("Back", "Back", () => this.ask("Take an alarm back", "unshelve", { alarm: id }))];
     const shelve = priority === "high" ? [] : [button("Shelve", "Shelve", () => this.#shelve(alarm))];
-    return needsAcknowledging(alarm) ? [button("Ack", "Acknowledge", () => this.acknowledge([id])), ...shelve] : shelve;
+    return needsAcknowledging(alarm) ? [button("Ack", "Ack", () => this.acknowledge([id])), ...shelve] : shelve;
   }
 
   #shelve({ id, text }) {

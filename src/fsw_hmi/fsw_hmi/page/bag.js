@@ -4,7 +4,7 @@ import { byId, el, panel, setText } from "./dom.js";
 import { clock, fixed, NONE, span, words } from "./format.js";
 import { Player } from "./player.js";
 import { countBefore } from "./store.js";
-import { drawTime, LINES, liveLines, Trends, withQuality } from "./trends.js";
+import { drawTime, LINES, liveLines, Trends, uPlotReady, withQuality } from "./trends.js";
 import { WeldMap } from "./weld_map.js";
 
 const SECOND = "#1f5f9e";
@@ -17,6 +17,7 @@ export async function startBag() {
   try {
     const { bags, limits } = await get("bags");
     const welds = await Promise.all(bags.map(async (bag) => ({ ...bag, ...(await get(`bags/${bag.n}`)) })));
+    await uPlotReady.catch(() => {});
     byId("status").replaceChildren();
     new BagPage(welds, limits);
   } catch (error) {
@@ -149,7 +150,7 @@ function overlaid(welds, limits) {
     const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
     return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withQuality(columns, limits);
   });
-  if (tables.length === 1) return tables[0];
+  if (tables.length === 1 || !globalThis.uPlot) return tables[0];
   const joined = uPlot.join(tables.map((table) => Object.values(table)));
   const names = ["time_s", ...tables.flatMap((table) => Object.keys(table).slice(1))];
   return Object.fromEntries(names.map((name, i) => [name, joined[i]]));

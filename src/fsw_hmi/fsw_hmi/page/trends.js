@@ -9,6 +9,12 @@ const FONT = "13px system-ui, sans-serif";
 const DASHED = [6, 4];
 const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
+/** Resolves when uPlot is there: the server may still be installing it, which delays nothing else. */
+export const uPlotReady = new Promise((resolve, reject) => {
+  const [css, script] = ["uPlot.min.css", "uPlot.iife.min.js"].map((name) => new URL(`uplot/${name}`, import.meta.url).href);
+  document.head.append(el("link", { rel: "stylesheet", href: css }), el("script", { src: script, onload: resolve, onerror: reject }));
+});
+
 /** Lines of a trend: `{key, label, stroke, width, dash}`, keys as in the data. */
 export const LINES = {
   value: (key) => ({ key, stroke: INK, width: 2 }),
@@ -43,13 +49,21 @@ export class Trends {
    */
   constructor(root, options) {
     this.options = options;
-    this.charts = TRENDS.map((key, index) => this.#chart(root, key, index === TRENDS.length - 1));
+    this.charts = [];
     this.resizer = new ResizeObserver(() => this.charts.forEach((one) => this.#fit(one)));
+    uPlotReady.then(() => this.#begin(root), () => root.append(el("p", { className: "panel" }, "No trends: the server could not install uPlot, which draws them. What to do is in its log.")));
+  }
+
+  #begin(root) {
+    if (!root.isConnected) return; // another weld has begun meanwhile
+    this.charts = TRENDS.map((key, index) => this.#chart(root, key, index === TRENDS.length - 1));
     this.charts.forEach((one) => this.resizer.observe(one.plot));
+    if (this.drawn) this.draw(...this.drawn);
   }
 
   /** Draw `columns` (arrays by key, `time_s` first) between two times; the scales hold `extra[key]`, too. */
   draw(columns, from, to, extra = {}) {
+    this.drawn = [columns, from, to, extra]; // for charts that are made later
     for (const one of this.charts) {
       const range = extent(one.scaled.map((key) => columns[key]), columns.time_s, from, to);
       one.scale = verticalScale(one.spec, Math.min(range[0], ...(extra[one.key] ?? [])), Math.max(range[1], ...(extra[one.key] ?? [])));

@@ -1,7 +1,7 @@
 // What the server says to the page (fsw_hmi/frames.py, reports_ros.py, limits.py), for the type checker only.
 
-/** uPlot as a script of its own; of the package youplot. */
-declare const uPlot: any;
+/** uPlot is a script of its own. */
+declare const uPlot: typeof import("uplot").default;
 
 type Pair = [number | null, number | null];
 type Values = Record<string, any>;
