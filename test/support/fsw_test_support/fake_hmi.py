@@ -311,8 +311,12 @@ def sample_alarms(now_s: float) -> list[dict[str, Any]]:
     return [
         _alarm("depth:stale", "Depth sensor invalid: frozen", "high", "active", now_s - 15, count=3),
         _alarm("temperature_high:warn", "Temperature above 900 °C", "medium", "active", now_s - 20, first_out=True),
+        _alarm("failover", "decentral commands in place of nmpc: nmpc was late 3 times", "medium", "active", now_s - 9),
+        _alarm("force_kn", "Axial force does not follow the command", "medium", "acknowledged", now_s - 120),
         _alarm("nmpc:late", "nmpc answers late", "low", "acknowledged", now_s - 200),
-        _alarm("force_high:warn", "Force near the limit of the drive", "medium", "cleared", now_s - 90),
+        _alarm(
+            "force_high:warn", "Force near the limit of the drive and its load cell", "medium", "cleared", now_s - 90
+        ),
         _alarm("node:x", "x no longer reports", "low", "shelved", now_s - 300, shelved_until_s=now_s + 300),
     ]
 
@@ -342,9 +346,10 @@ def sample_bag(n: int, duration_s: float = 240.0, shift_mm: float = 0.0) -> dict
 def _alarm(name: str, text: str, priority: str, state: str, raised_s: float, **changed: Any) -> dict[str, Any]:
     return {
         **{"id": name, "text": text, "priority": priority, "state": state, "present": state != "cleared", "count": 1},
-        "consequence": "The controllers do without it for a short time only.",
-        "advice": "Check the sensor, then swap the controller or stop.",
+        "consequence": "The controllers do without it for a short time only",
+        "advice": "Check the sensor, then swap the controller or stop",
         **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s, "changed_s": raised_s},
+        "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,
     }
