@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -38,7 +39,9 @@ def make_npm(tmp_path, monkeypatch):
 
 
 def served(name):
-    return asyncio.run(asyncio.wait_for(Uplot().file(name), 60.0))
+    """In a thread of its own: a browser's tests leave the main thread with a running event loop."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(lambda: asyncio.run(asyncio.wait_for(Uplot().file(name), 60.0))).result()
 
 
 def test_packages_are_installed_once(make_npm, capsys):
