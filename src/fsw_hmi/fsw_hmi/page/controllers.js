@@ -3,10 +3,7 @@ import { el, panel, renew, scroll, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
-/** @type {Record<string, string>} */
-const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
-
-/** @typedef {{level: string, text: string}} Note */
+/** @type {Record<string, string>} */ const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
 
 export class Controllers {
   constructor() {
