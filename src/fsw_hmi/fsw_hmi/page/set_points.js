@@ -30,8 +30,7 @@ function ramp({ store, hello }, from, to, together) {
   if (!known(whole)) return null;
   const times = [0, ...Object.values(lasts), whole + AFTER_S].sort((a, b) => a - b);
   const line = (/** @type {"depth_mm" | "temperature_c"} */ key) => times.map((timeS) => from[key] + (to[key] - from[key]) * Math.min(1, timeS / Math.max(together ? whole : lasts[key], 1e-6)));
-  const now = store.newest + LEAD_S;
-  return { time_s: times.map((timeS) => now + timeS), depth_mm: line("depth_mm"), temperature_c: line("temperature_c") };
+  return { time_s: times.map((timeS) => store.newest + LEAD_S + timeS), depth_mm: line("depth_mm"), temperature_c: line("temperature_c") };
 }
 
 const inForce = (/** @type {Page} */ { values }) => ({ depth_mm: values.reference_depth_mm ?? NaN, temperature_c: values.reference_temperature_c ?? NaN });

@@ -94,7 +94,7 @@ export class Trends {
       scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(one, low, high) } },
       axes: [
         { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
-        { ...axis, size: 48, space: 28 },
+        { ...axis, size: 48, space: 20 },
       ],
       // distant limits would flatten what is measured
       series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
