@@ -39,9 +39,8 @@ def make_npm(tmp_path, monkeypatch):
 
 
 def served(name):
-    """In a thread of its own: a browser's tests leave the main thread with a running event loop."""
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(lambda: asyncio.run(asyncio.wait_for(Uplot().file(name), 60.0))).result()
+    with ThreadPoolExecutor() as thread:  # where no loop of another test's browser runs
+        return thread.submit(asyncio.run, asyncio.wait_for(Uplot().file(name), 60.0)).result()
 
 
 def test_packages_are_installed_once(make_npm, capsys):
