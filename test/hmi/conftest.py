@@ -5,11 +5,24 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi import npm
 from fsw_test_support.browser import CHROMIUM, chromium
+from fsw_test_support.uplot import uplot
+
+__all__ = ["uplot"]
 
 #: for conditions that come at once on an idle machine
-PATIENCE_MS = 45_000
+PATIENCE_MS = 150_000
 expect.set_options(timeout=PATIENCE_MS)
+
+
+@pytest.fixture(scope="session")
+def axe():
+    """The script of axe-core; without npm or its registry the tests that need it are skipped."""
+    try:
+        return (npm.install(npm.OWN) / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
+    except npm.NpmError as error:
+        pytest.skip(f"axe-core: {error}")
 
 
 @pytest.fixture(scope="session")
@@ -21,9 +34,9 @@ def browser():
 
 
 def _patient(route):
-    """Serve the script with a minute in place of a second: on a busy machine a page may stand still for some time."""
+    """Serve the script with ten minutes in place of a second: on a busy machine a page may stand still."""
     response = route.fetch()
-    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "60_000", response.text())
+    text, count = re.subn(r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", "600_000", response.text())
     assert count == 2
     route.fulfill(response=response, body=text)
 
@@ -32,7 +45,7 @@ def _patient(route):
 def open_page(browser):
     """Function that opens an address at a size; errors of the page's scripts and policies fail the test.
 
-    A ``patient`` page takes itself for disconnected after a minute of silence, not within a second.
+    A ``patient`` page takes itself for disconnected after ten minutes of silence, not within a second.
     """
     errors, contexts = [], []
 
