@@ -100,7 +100,7 @@ def test_alarms_are_ordered_announced_and_acknowledged(fake, open_page):
     expect(page.locator("#announce-alarms")).to_contain_text("high alarm: Depth sensor invalid")
     shot(page, "alarms")
     press(page, "Ack: Depth sensor invalid: frozen")
-    expect(page.locator("#actions .answer")).to_have_text("✓ Acknowledge alarm: done")
+    expect(page.locator("#actions .answer")).to_have_text("Acknowledge alarm: ✓ done")
     assert fake.requests[-1]["ids"] == ["depth:stale"]
 
 
@@ -117,11 +117,11 @@ def test_alarm_is_shelved_with_a_time_and_a_reason_and_taken_back(fake, open_pag
     page.get_by_label("20 min").check()
     page.get_by_label("Why").fill("set-point is being lowered")
     page.locator("dialog").get_by_role("button", name="Shelve").click()
-    expect(page.locator("#actions .answer")).to_have_text("✓ Shelve an alarm: done")
+    expect(page.locator("#actions .answer")).to_have_text("Shelve an alarm: ✓ done")
     asked = {"alarm": "temperature_high:warn", "minutes": 20, "reason": "set-point is being lowered"}
     assert fake.requests[-1] == fake.requests[-1] | asked | {"do": "shelve"}
     press(page, "Back: x no longer reports")
-    expect(page.locator("#actions .answer")).to_have_text("✓ Take an alarm back: done")
+    expect(page.locator("#actions .answer")).to_have_text("Take an alarm back: ✓ done")
     assert fake.requests[-1]["alarm"] == "node:x"
 
 

@@ -27,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_hmi.control import DONE, REFUSED, Session
 from fsw_hmi.control_room import ControlRoom, Rules, Verdict
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.limits import EMULATOR, REFERENCE, limits
+from fsw_hmi.limits import EMULATOR, limits, reference
 from fsw_hmi.security import Security
 from fsw_hmi.uplot import Uplot
 from fsw_hmi.users import Users
@@ -287,7 +287,7 @@ class FakeHmi:
             "emulator": self.emulator,
             "columns": COLUMNS,
             "limits": LIMITS,
-            "reference": REFERENCE,
+            "reference": reference(_INTERLOCKS),
             "safe": {"force_kn": 65.0, "rate_kn_per_s": 2.0},
             **EMULATOR,
         }
