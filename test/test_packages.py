@@ -21,6 +21,7 @@ MAY_IMPORT = {
     "fsw_schema": set(),
     "fsw_control": {"fsw_schema", "fsw_msgs"},
     "fsw_model": {"fsw_schema"},
+    "fsw_canister": {"fsw_schema", "fsw_model"},
     "fsw_nmpc": {"fsw_schema", "fsw_model", "fsw_control"},
     "fsw_decentral": {"fsw_schema", "fsw_control"},
     "fsw_plant": {"fsw_schema", "fsw_model", "fsw_control", "fsw_msgs"},
@@ -90,6 +91,9 @@ OPTIONAL = {
     "starlette",
     "uvicorn",
     "websockets",
+    "skfem",
+    "meshio",
+    "threadpoolctl",
 }
 
 
