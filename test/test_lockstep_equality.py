@@ -88,7 +88,10 @@ HEAT = """
 name: short_weld_in_heat
 controller: decentral
 announced: true
-plant: {process: canister, start: {temperature_c: 795.0}, canister: {lid_mm: 0.0, element_mm: 12.5, modes: 53}}
+plant:
+  process: canister
+  start: {temperature_c: 795.0}
+  canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
 phases:
   - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4}]}
   - {name: start, to_deg: 1.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
