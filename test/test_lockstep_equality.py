@@ -115,7 +115,15 @@ TRUTH = ("depth_mm", "temperature_c", "process_power_kw", "force_kn", "speed_rpm
 
 
 @pytest.mark.parametrize(
-    "text", [CLOSED, OPEN, FALLBACK, ALONE, WELD, HEAT], ids=["closed", "open", "fallback", "alone", "weld", "heat"]
+    "text",
+    [
+        pytest.param(CLOSED, id="closed"),
+        pytest.param(OPEN, id="open", marks=pytest.mark.full),
+        pytest.param(FALLBACK, id="fallback"),
+        pytest.param(ALONE, id="alone", marks=pytest.mark.full),
+        pytest.param(WELD, id="weld", marks=pytest.mark.full),
+        pytest.param(HEAT, id="heat"),
+    ],
 )
 def test_graph_in_lockstep_equals_one_process(text, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # of reduced canisters

@@ -1,22 +1,17 @@
 // The alarms, two lines each, one where it is gone; of the one that is open also what follows and what to do.
 import { choiceField, openForm, textField } from "./dialog.js";
 import { byId, el, panel, renew, scroll, setShort, setText } from "./dom.js";
-import { clock } from "./format.js";
+import { clock, SIGN } from "./format.js";
 
-const SIGN = { high: "■", medium: "▲", low: "●" };
 const STATE = { active: "not acknowledged", acknowledged: "acknowledged", cleared: "gone", shelved: "shelved" };
 const SHELVES_MIN = [5, 20, 60];
 const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active" || state === "cleared";
 
 export class Alarms {
-  /** @type {Set<string>} */
-  #told = new Set();
-  /** @type {string[]} */
-  #waiting = [];
-  /** @type {string?} */
-  #opened = null; // whose id was chosen; null: the first is open
-  /** @type {[Alarm[], Reach | null]} */
-  #latest = [[], null];
+  /** @type {Set<string>} */ #told = new Set();
+  /** @type {string[]} */ #waiting = [];
+  /** @type {string?} */ #opened = null; // whose id was chosen; null: the first is open
+  /** @type {[Alarm[], Reach | null]} */ #latest = [[], null];
 
   /** @param {import("./command.js").Commands} commands */
   constructor(commands) {

@@ -3,18 +3,16 @@ import { el, panel, renew, scroll, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
 const HEADS = ["", "state", "ms (max)", "missed, late, rej."];
-/** @type {Record<string, string>} */
-const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
-
-/** @typedef {{level: string, text: string}} Note */
+/** @type {Record<string, string>} */ const LEVEL_SIGN = { warn: "▲", error: "■", stale: "■" };
 
 export class Controllers {
   constructor() {
     this.rows = el("tbody");
     this.notes = el("ul", { className: "notes" });
-    this.timing = el("p", { className: "timing detail" }, "–");
+    this.timing = el("span", { className: "timing detail" }, "–");
     const head = el("tr", {}, ...HEADS.map((text) => el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
-    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes), this.timing);
+    this.root = panel("controllers", "Controllers", scroll("Health of controllers and parts", el("table", {}, el("thead", {}, head), this.rows), this.notes));
+    this.root.firstElementChild?.append(" ", this.timing);
   }
 
   update(/** @type {State} */ state) {
@@ -29,7 +27,7 @@ export class Controllers {
 
   /** @param {Values} values @param {Value} tickAgeS */
   time({ solve_ms: solveMs, latency_ms: latencyMs }, tickAgeS) {
-    setText(this.timing, `solve ${fixed(solveMs, 0)} ms · latency ${fixed(latencyMs, 0)} ms · tick age ${fixed(tickAgeS, 1)} s`);
+    setText(this.timing, `latency ${fixed(latencyMs, 0)} · solve ${fixed(solveMs, 0)} ms · age ${fixed(tickAgeS, 1)} s`);
   }
 }
 
@@ -43,7 +41,7 @@ function row(/** @type {Health} */ one, /** @type {State} */ state) {
 }
 
 function note(/** @type {Note} */ { level, text }) {
-  const made = el("li", {}, LEVEL_SIGN[level] ? `${LEVEL_SIGN[level]} ${text}` : text);
+  const made = el("li", { title: text }, LEVEL_SIGN[level] ? `${LEVEL_SIGN[level]} ${text}` : text);
   made.dataset.level = level;
   return made;
 }
